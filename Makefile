@@ -1,0 +1,33 @@
+# Each target makes the virtual environment it needs: nothing but Python 3.11, make and a C library is required.
+PYTHON ?= python3.11
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+.PHONY: setup fold test quick lint bench clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "foldcell needs Python 3.11 ('$(PYTHON)' was not found); set PYTHON=/path/to/python3.11"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	touch $@
+
+fold: setup            ## one-shot fold of a medium towel in the simulated cell
+	$(BIN)/foldcell fold medium_towel
+
+test: setup            ## lint, types, import floors and the whole test suite
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+quick: setup           ## the tests without the whole runs
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: setup
+	$(BIN)/ruff check . && $(BIN)/lint-imports && $(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build *.egg-info

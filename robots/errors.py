@@ -1,0 +1,116 @@
+"""One error tree for the whole cell: what happened, why, and what the operator can do.
+
+Skills do not raise for what a cell has to expect (a missed grasp, an unreachable target): they return
+an `Outcome` that carries a `Failure`. Exceptions are for what should not have happened: a broken
+driver, bad configuration, a bug. Both name the same `FailureKind`, so that recovery, reports and
+injected faults speak of one list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+__all__ = [
+    "CellError",
+    "ConfigurationError",
+    "DriverError",
+    "Failure",
+    "FailureKind",
+    "InternalError",
+    "StorageError",
+]
+
+
+class FailureKind(StrEnum):
+    """Everything that can go wrong in a fold, by name."""
+
+    # seeing
+    NO_GARMENT = "no_garment"
+    UNKNOWN_GARMENT = "unknown_garment"
+    CATEGORY_MISMATCH = "category_mismatch"
+    OUT_OF_VIEW = "out_of_view"
+    NOT_FLAT = "not_flat"
+    LOW_CONFIDENCE = "low_confidence"
+    CAMERA_FAULT = "camera_fault"
+    # planning
+    OPTIMISER_FAILED = "optimiser_failed"
+    PREDICTION_POOR = "prediction_poor"
+    UNREACHABLE = "unreachable"
+    IN_COLLISION = "in_collision"
+    LIMIT_EXCEEDED = "limit_exceeded"
+    # moving
+    START_MISMATCH = "start_mismatch"
+    TRACKING_ERROR = "tracking_error"
+    STALE_STATE = "stale_state"
+    # gripping
+    NO_CONTACT = "no_contact"
+    MISSED_GRASP = "missed_grasp"
+    SLIPPED = "slipped"
+    STUCK_ON_FINGER = "stuck_on_finger"
+    GRIPPER_FAULT = "gripper_fault"
+    # judging a fold (the paper's failure kinds)
+    DRIFT = "drift"
+    PILING = "piling"
+    SAG = "sag"
+    MISSED_LAYER = "missed_layer"
+    DROPPED_CORNER = "dropped_corner"
+    OFF_TARGET = "off_target"
+    # the cell itself
+    STOPPED = "stopped"
+    ABORTED = "aborted"
+    HARDWARE_FAULT = "hardware_fault"
+    SKILL_CRASHED = "skill_crashed"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An expected failure, as a value: its kind, what was seen, and what helps."""
+
+    kind: FailureKind
+    what: str
+    hint: str = ""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """The figures behind it (JSON-able, SI units in the key), for the ledger and the report."""
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.what}" + (f" ({self.hint})" if self.hint else "")
+
+
+class CellError(Exception):
+    """Root of the tree. `what` happened, with its values; `hint` says what the operator can do."""
+
+    def __init__(self, what: str, hint: str = "", **values: Any) -> None:
+        super().__init__(what)
+        self.what = what
+        self.hint = hint
+        self.values = values
+
+    def __str__(self) -> str:
+        return f"{self.what}\n  {self.hint}" if self.hint else self.what
+
+
+class ConfigurationError(CellError):
+    """A file or an argument that the user gave is wrong. Nothing moved; nothing was written."""
+
+
+class DriverError(CellError):
+    """The hardware (or its simulation) refused or went silent. `kind` says which failure it is."""
+
+    def __init__(self, kind: FailureKind, what: str, hint: str = "", **values: Any) -> None:
+        super().__init__(what, hint, **values)
+        self.kind = kind
+
+    def failure(self) -> Failure:
+        """The same fact as a value, for the executive's table."""
+        return Failure(self.kind, self.what, self.hint, self.values)
+
+
+class StorageError(CellError):
+    """Logs, ledger or recording cannot be written. Raised before anything moves."""
+
+
+class InternalError(CellError):
+    """A broken invariant of our own: always a bug. Not a failure of the garment or the robot."""

@@ -1,0 +1,233 @@
+"""The few values that cross rooms. All frozen; arrays read-only; metres, radians, seconds.
+
+Everything here is stated in the table frame (see robots.ports): x forward, y left, z = 0 on the table.
+A point "on the garment" is named either by where it lies now (table frame) or by its material
+coordinates: where it lay when the garment was flat, before the first fold. The two agree until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, CameraFrame, Intrinsics, Side, frozen
+
+__all__ = [
+    "Array",
+    "CameraCalibration",
+    "CameraFrame",
+    "Failure",
+    "FailureKind",
+    "FoldLine",
+    "FoldStep",
+    "GarmentState",
+    "Grasp",
+    "GraspTrajectory",
+    "Intrinsics",
+    "Material",
+    "Outcome",
+    "PredictedShape",
+    "Side",
+    "Table",
+    "ToolPath",
+    "frozen",
+]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[T]):
+    """What a skill returns: a value or a failure, never both. `notes` are figures for the record."""
+
+    value: T | None = None
+    failure: Failure | None = None
+    notes: Mapping[str, float | int | str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.value is None) == (self.failure is None):
+            raise ValueError("an Outcome has either a value or a failure")
+
+    @property
+    def ok(self) -> bool:
+        return self.failure is None
+
+    def unwrap(self) -> T:
+        if self.value is None:
+            raise ValueError(f"unwrapped a failure: {self.failure}")
+        return self.value
+
+
+@dataclass(frozen=True)
+class Table:
+    """The table's top: its height in the base frame and its extent in the table frame [m]."""
+
+    height: float
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    @property
+    def T_base_table(self) -> Array:
+        T = np.eye(4)
+        T[2, 3] = self.height
+        return T
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """What the executive believes of its camera. T_table_camera: (4, 4), camera to table.
+
+    head_pan: the angle at which it was calibrated; looking at another angle is refused [rad].
+    """
+
+    intrinsics: Intrinsics
+    T_table_camera: Array
+    head_pan: float = 0.0
+
+
+@dataclass(frozen=True)
+class Material:
+    """A fabric by what a lab can measure; friction belongs to garment and surface together.
+
+    areal_mass [kg/m2]; stretch_fraction: elongation of the hung garment, (L1 - L2) / L2 (the paper's
+    shear_frac); bending_length: Peirce's cantilever bending length [m]; thickness of one layer [m];
+    friction coefficients with the table and between layers (Coulomb).
+    """
+
+    areal_mass: float
+    stretch_fraction: float
+    bending_length: float
+    thickness: float
+    friction_static: float
+    friction_dynamic: float
+    friction_layers: float
+    assumed: tuple[str, ...] = ()
+    """Names of the fields that nobody measured for this garment."""
+
+    def with_friction(self, mu: float) -> Material:
+        """The same fabric on a table with static coefficient `mu`, dynamic in the same proportion."""
+        return replace(self, friction_static=mu, friction_dynamic=mu * self.friction_dynamic / self.friction_static)
+
+
+@dataclass(frozen=True, eq=False)
+class GarmentState:
+    """What perception says lies on the table.
+
+    contour: (n, 2) counter-clockwise, not closed. keypoints: name -> (2,) position.
+    confidence in 0..1. ambiguous: symmetries that the picture cannot resolve, by name.
+    """
+
+    category: str
+    contour: Array
+    keypoints: Mapping[str, Array]
+    confidence: float
+    ambiguous: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FoldLine:
+    """A directed line: what lies to the LEFT of point -> point + direction moves, the rest stays.
+
+    Stated where the garment lies at that step. point: (2,), direction: (2,) unit.
+    """
+
+    point: Array
+    direction: Array
+
+    @property
+    def normal(self) -> Array:
+        """(2,) unit, towards the moving side."""
+        return np.array([-self.direction[1], self.direction[0]])
+
+    def signed_distance(self, xy: Array) -> Array:
+        """(..., 2) -> (...,): positive on the moving side."""
+        return (np.asarray(xy) - self.point) @ self.normal
+
+    def reflect(self, xy: Array) -> Array:
+        """(..., 2) -> (..., 2): mirror image in the line."""
+        d = self.signed_distance(xy)
+        return np.asarray(xy) - 2.0 * np.multiply.outer(d, self.normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """Where one arm takes hold, and how.
+
+    point: (2,) where the held line's middle lies now, in the table frame. heading: direction of the
+    held line (the tool's x) in the table plane [rad]. layers: how many layers the pinch shall take.
+    height: of the stack's top under the tool before the grasp [m].
+    """
+
+    side: Side
+    point: Array
+    heading: float
+    layers: int
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
+class FoldStep:
+    """One fold: where to take hold, where to put it, and what shall come of it.
+
+    index counts from 0. line: the fold line. earlier: the lines of the steps before, in order: the
+    target shape is the flat outline folded by `earlier` and then by `line`. grasps and targets: one per
+    arm used; targets[side] is (3,): where the tool centre point releases, z above the stack.
+    """
+
+    name: str
+    index: int
+    line: FoldLine
+    earlier: tuple[FoldLine, ...]
+    grasps: Mapping[Side, Grasp]
+    targets: Mapping[Side, Array]
+
+    @property
+    def lines(self) -> tuple[FoldLine, ...]:
+        return (*self.earlier, self.line)
+
+
+@dataclass(frozen=True, eq=False)
+class GraspTrajectory:
+    """The path of the held line's middle for each arm: Bezier control points (n + 1, 3) in the table frame.
+
+    source: 'library' or 'optimised'. cost: C(x) of the paper; dissimilarity: its D [m].
+    duration: of the motion from grasp to release [s].
+    """
+
+    control_points: Mapping[Side, Array]
+    duration: float
+    source: str
+    cost: float
+    dissimilarity: float
+    simulations: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Where one tool goes, sampled: what the arms execute and what the cloth simulation predicts with.
+
+    t: (n,) [s] from 0; position: (n, 3) of the tool centre point, table frame; heading, pitch, roll: (n,).
+    Orientation R_table_tool = Rz(heading) @ diag(1, -1, -1) @ Rx(pitch) @ Ry(roll): all zero is a hand that
+    points straight down with its held line along table x.
+    """
+
+    t: Array
+    position: Array
+    heading: Array
+    pitch: Array
+    roll: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedShape:
+    """A garment's shape as a triangle mesh: vertices (n, 3) table frame, triangles (m, 3), and the material
+    coordinates (n, 2) of its vertices."""
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+    material: Array
