@@ -36,6 +36,7 @@ __all__ = [
     "Table",
     "ToolPath",
     "frozen",
+    "tool_rotation",
 ]
 
 T = TypeVar("T")
@@ -207,6 +208,21 @@ class GraspTrajectory:
     simulations: int = 0
 
 
+def tool_rotation(heading: Array, pitch: Array, roll: Array) -> Array:
+    """R_table_tool = Rz(heading) @ diag(1, -1, -1) @ Rx(pitch) @ Ry(roll); (n,) each [rad] -> (n, 3, 3)."""
+    h, p, r = np.broadcast_arrays(heading, pitch, roll)
+    ch, sh, cp, sp, cr, sr = np.cos(h), np.sin(h), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
+    zero, one = np.zeros_like(ch), np.ones_like(ch)
+
+    def stack(*rows: Array) -> Array:
+        return np.stack(rows, axis=-1).reshape(*ch.shape, 3, 3)
+
+    Rz_down = stack(ch, sh, zero, sh, -ch, zero, zero, zero, -one)
+    Rx = stack(one, zero, zero, zero, cp, -sp, zero, sp, cp)
+    Ry = stack(cr, zero, sr, zero, one, zero, -sr, zero, cr)
+    return Rz_down @ Rx @ Ry
+
+
 @dataclass(frozen=True, eq=False)
 class ToolPath:
     """Where one tool goes, sampled: what the arms execute and what the cloth simulation predicts with.
@@ -221,6 +237,11 @@ class ToolPath:
     heading: Array
     pitch: Array
     roll: Array
+
+    @property
+    def rotation(self) -> Array:
+        """(n, 3, 3) R_table_tool."""
+        return tool_rotation(self.heading, self.pitch, self.roll)
 
 
 @dataclass(frozen=True, eq=False)
