@@ -1,0 +1,132 @@
+"""Putting a cell together from its settings: models, thresholds, garments, library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Set
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import metadata
+
+import numpy as np
+
+from cell.calibration_file import camera_calibration
+from cell.commands import CommandQueue
+from cell.config import CellSettings
+from cell.context import Context
+from cell.execution import ExecutionLimits
+from cell.garments import list_garments, load_garment
+from cell.library import add_entry, load_library
+from cell.recorder import Recorder
+from cell.requests import FoldRequest
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.model import JointLimits, RobotModel
+from robots.ports import Ports
+from skills.garments.garment import Garment
+from skills.motion.collision import CollisionChecker
+from skills.trajectory.library import Library, entry_from
+from skills.vocabulary import FoldStep, GraspTrajectory
+
+__all__ = ["assemble", "joint_limits", "load_robot"]
+
+
+def load_robot(settings: CellSettings) -> RobotModel:
+    """The robot that the settings name."""
+    from robots.baxter.model import load_model  # the only robot yet: settings.robot is validated
+
+    return load_model()
+
+
+def joint_limits(settings: CellSettings, robot: RobotModel) -> JointLimits:
+    """The set that the settings name; the planning set's velocities are 0.8 of the robot's own."""
+    motion = settings.motion
+    limits = robot.planning if motion.accelerations == "planning" else robot.commissioning
+    return replace(limits, velocity=np.minimum(limits.velocity, robot.protective.velocity * motion.velocity_scale))
+
+
+def assemble(
+    request: FoldRequest,
+    robot: RobotModel,
+    ports: Ports,
+    recorder: Recorder,
+    commands: CommandQueue,
+    workers: ThreadPoolExecutor,
+    prompt: Callable[[Set[Event], Context], None],
+    tell: Callable[[str], None],
+) -> Workcell:
+    """Everything that a run works with. Raises ConfigurationError for a file that cannot be used."""
+    settings = request.settings
+    expected = None if request.garment == "auto" else load_garment(request.garment, settings.surface)
+    shipped = [load_garment(name, settings.surface) for name in list_garments()]
+    garments = [g for g in shipped if expected is None or g.name != expected.name]
+    library = _RunLibrary(request)
+    return Workcell(
+        ports=ports,
+        settings=settings,
+        table=settings.table,
+        calibration=camera_calibration(settings),
+        robot=robot,
+        checker=CollisionChecker(robot, settings.table),
+        limits=joint_limits(settings, robot),
+        execution=_execution(settings),
+        garments=tuple([*([expected] if expected else []), *garments]),
+        expected=expected,
+        grasp=settings.grasp.settings(),
+        perception=settings.perception.settings(),
+        inspection=settings.inspection.settings(settings.perception),
+        library=library.present,
+        keep=library.keep,
+        recorder=recorder,
+        commands=commands,
+        workers=workers,
+        attended=request.approve,
+        approve=request.approve,
+        prompt=prompt,
+        tell=tell,
+        rng=_generators(),
+    )
+
+
+class _RunLibrary:
+    """The trajectories known at the run's start, and those that it adds to the user's file."""
+
+    def __init__(self, request: FoldRequest) -> None:
+        self._logs = request.logs
+        self._library = load_library(request.logs).library
+
+    def present(self) -> Library:
+        return self._library
+
+    def keep(
+        self, trajectory: GraspTrajectory, step: FoldStep, garment: Garment, notes: Mapping[str, float | int | str]
+    ) -> None:
+        entry = entry_from(
+            trajectory,
+            step,
+            category=garment.category,
+            variant=garment.plan[step.index].variants[0].name,
+            garment=garment.name,
+            material=garment.material,
+            size_m=garment.size_m,
+            edge_length=0.025,
+            method=str(notes["method"]),
+            dissimilarity_initial=float(notes["dissimilarity_initial_m"]),
+            max_tool_speed=garment.max_tool_speed,
+            version=metadata.version("foldcell"),
+        )
+        self._library = self._library.with_entry(entry)
+        add_entry(self._logs, entry)
+
+
+def _generators() -> Callable[[int], np.random.Generator]:
+    """The motion planner's own draws: the same in every run, another one for each further try."""
+    return lambda draw=0: np.random.default_rng([1, draw])
+
+
+def _execution(settings: CellSettings) -> ExecutionLimits:
+    motion = settings.motion
+    return ExecutionLimits(
+        start=float(np.deg2rad(motion.start_tolerance_deg)),
+        tracking=motion.tracking_tolerance,
+        stale_s=motion.state_age,
+    )

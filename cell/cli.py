@@ -1,0 +1,301 @@
+"""The commands: names, flags and exit codes. What a command does stands in cell/subcommands, one file each,
+and is imported only when it is called, so that `foldcell --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from robots.errors import CellError, ConfigurationError, StorageError
+
+__all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
+
+OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
+"""Done; ended safe but not done; fault; bad usage or configuration; SIGINT. (143, SIGTERM: cell/run.py.)"""
+
+EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage or configuration,
+            130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code. Never raises, and never shows a traceback."""
+    try:
+        options = build_parser().parse_args(arguments)
+    except SystemExit as e:  # argparse: --help is 0, a bad line USAGE
+        code = int(e.code or 0)
+        if code and "--json" in (sys.argv[1:] if arguments is None else arguments):
+            print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}), flush=True)
+        return code
+    try:
+        command = importlib.import_module(f"cell.subcommands.{options.module}")
+        code = int(command.run(options))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # `foldcell runs | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except KeyboardInterrupt:
+        return _fail(options, INTERRUPTED, "interrupted", "")
+    except CellError as e:
+        wrong_input = isinstance(e, ConfigurationError | StorageError)
+        return _fail(options, USAGE if wrong_input else FAULT, e.what, e.hint)
+    except Exception as e:
+        kept = _keep_traceback(options)
+        where = f"the details are in {kept}" if kept else traceback.format_exc()
+        return _fail(options, FAULT, f"this is a bug in foldcell: {type(e).__name__}: {e}", where)
+
+
+def _fail(options: argparse.Namespace, code: int, what: str, hint: str) -> int:
+    """Say what is wrong to the person and, with --json, to the program that called."""
+    print(f"foldcell: {what}" + (f"\n  {hint}" if hint else ""), file=sys.stderr, flush=True)
+    if getattr(options, "json", False):
+        print(json.dumps({"error": what, "hint": hint, "exit_code": code}), flush=True)
+    return code
+
+
+def _keep_traceback(options: argparse.Namespace) -> Path | None:
+    """Write the traceback among the logs, or else among temporary files."""
+    from cell.paths import logs_directory
+
+    name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"
+    for folder in (logs_directory(getattr(options, "logs", None)), Path(tempfile.gettempdir())):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / name
+            path.write_text(f"foldcell {' '.join(sys.argv[1:])}\n\n{traceback.format_exc()}", encoding="utf-8")
+            return path
+        except OSError:
+            continue
+    return None
+
+
+# the command line
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """A bad line is a usage error like any other: 64, not argparse's 2 (which means 'not folded' here)."""
+        self.print_usage(sys.stderr)
+        self.exit(USAGE, f"{self.prog}: {message}\n  see {self.prog} --help\n")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="foldcell",
+        description="The executive of a garment-folding robot cell.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and leave")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for add in (
+        _fold,
+        _supervise,
+        _trials,
+        _perceive,
+        _optimise,
+        _library,
+        _garment,
+        _runs,
+        _report,
+        _replay,
+        _doctor,
+    ):
+        add(commands)
+    return parser
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"foldcell {version('foldcell')}")
+        except PackageNotFoundError:
+            print("foldcell (not installed)")
+        parser.exit()
+
+
+Commands = argparse._SubParsersAction  # the only name that argparse has for it
+
+
+def _add(commands: Commands, name: str, module: str, about: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=about, description=about[:1].upper() + about[1:] + ".", allow_abbrev=False
+    )
+    parser.set_defaults(module=module)
+    return parser
+
+
+def _json_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line of standard output")
+
+
+def _logs_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="where runs are kept (else FOLDCELL_LOGS)")
+
+
+def _cell_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--cell", type=Path, metavar="FILE", help="settings of the cell; else the shipped ones")
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > 2**31 - 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no seed; a whole number from 0 to {2**31 - 1} is")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 to 10000 is expected")
+    return int(text)
+
+
+def _driver_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
+    parser.add_argument("--world", choices=["xpbd"], default="xpbd", help="cloth body of the simulated cell")
+
+
+def _run_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("garment", metavar="GARMENT", help="name or file of the garment expected, or auto")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the simulated cell (0)")
+    _driver_options(parser)
+    _cell_option(parser)
+    _logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
+
+
+def _fold(commands: Commands) -> None:
+    parser = _add(commands, "fold", "fold", "fold one garment, from a picture of it to a picture of the result")
+    _run_options(parser)
+    parser.add_argument("--approve", action="store_true", help="ask before each fold")
+    parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
+    _json_option(parser)
+
+
+def _supervise(commands: Commands) -> None:
+    parser = _add(
+        commands, "supervise", "fold", "fold under an operator's eyes: each fold is shown and approved first"
+    )
+    _run_options(parser)
+    parser.set_defaults(approve=True, realtime=True)
+    _json_option(parser)
+
+
+def _trials(commands: Commands) -> None:
+    parser = _add(commands, "trials", "trials", "repeat runs over seeds and garments, with Wilson intervals")
+    parser.add_argument("--garments", default="all", metavar="A,B", help="names with commas between, or all (all)")
+    parser.add_argument("--n", type=_count, default=10, metavar="N", help="runs of each garment (10)")
+    parser.add_argument("--first-seed", type=_seed, default=1, metavar="N", help="(1)")
+    parser.add_argument("--workers", type=_count, default=1, metavar="N", help="runs at a time (1)")
+    _driver_options(parser)
+    _cell_option(parser)
+    _logs_option(parser)
+    _json_option(parser)
+
+
+def _perceive(commands: Commands) -> None:
+    parser = _add(commands, "perceive", "perceive", "key points of the garment in a picture, and an overlay PNG")
+    parser.add_argument("image", type=Path, metavar="IMAGE", help="colour picture from the cell's camera")
+    parser.add_argument("--depth", type=Path, help="its depth: 16-bit PNG in millimetres, or .npy in metres")
+    parser.add_argument("--garment", default="auto", metavar="G", help="what is expected, or auto (auto)")
+    parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
+    parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
+    parser.add_argument("--output", type=Path, metavar="PNG", help="the overlay (IMAGE-perceived.png)")
+    _cell_option(parser)
+    _json_option(parser)
+
+
+def _optimise(commands: Commands) -> None:
+    parser = _add(commands, "optimise", "optimise", "find the trajectory of a garment's folds by cloth simulation")
+    parser.add_argument("garment", metavar="GARMENT", help="name or file")
+    parser.add_argument("--step", type=_count, metavar="N", help="only the N-th fold, from 1 (all)")
+    parser.add_argument(
+        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+    )
+    parser.add_argument("--budget", type=_count, metavar="N", help="simulations of one fold (of the settings)")
+    parser.add_argument("--export", type=Path, metavar="FILE", help="tool poses and times, as .csv or .json")
+    _cell_option(parser)
+    _json_option(parser)
+
+
+def _library(commands: Commands) -> None:
+    parser = _add(commands, "library", "library", "the library of optimised trajectories")
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    build = _add(actions, "build", "library", "optimise every fold of the garments and keep the trajectories")
+    build.add_argument("garments", nargs="*", metavar="GARMENT", help="names or files (all that are shipped)")
+    build.add_argument(
+        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+    )
+    build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, among the logs)")
+    show = _add(actions, "show", "library", "what the library holds")
+    for action, name in ((build, "build"), (show, "show")):
+        action.set_defaults(action=name)
+        _cell_option(action)
+        _logs_option(action)
+        _json_option(action)
+
+
+def _garment(commands: Commands) -> None:
+    parser = _add(commands, "garment", "garment", "the garments that the cell knows")
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    listed = _add(actions, "list", "garment", "names, sizes and folds")
+    check = _add(actions, "check", "garment", "say whether garment files are good, and draw them")
+    check.add_argument("garments", nargs="+", metavar="FILE", help="files or names")
+    show = _add(actions, "show", "garment", "all that is known of one garment")
+    show.add_argument("garments", nargs=1, metavar="GARMENT", help="name or file")
+    for action in (check, show):
+        action.add_argument(
+            "--draw", type=Path, metavar="DIR", help="draw outline and folds as PNG into this folder"
+        )
+    for action, name in ((listed, "list"), (check, "check"), (show, "show")):
+        action.set_defaults(action=name)
+        _cell_option(action)
+        _json_option(action)
+
+
+def _runs(commands: Commands) -> None:
+    parser = _add(commands, "runs", "runs", "the runs in the ledger and how each ended")
+    parser.add_argument("--last", type=_count, metavar="N", help="only the last N")
+    _logs_option(parser)
+    _json_option(parser)
+
+
+def _run_name(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="RUN", help="id or the beginning of one, a run's folder, or last")
+
+
+def _report(commands: Commands) -> None:
+    parser = _add(commands, "report", "report", "what happened in a run, and where its report page is")
+    _run_name(parser)
+    _logs_option(parser)
+    _json_option(parser)
+
+
+def _replay(commands: Commands) -> None:
+    parser = _add(commands, "replay", "replay", "open a run's recording in the Rerun viewer")
+    _run_name(parser)
+    parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
+    _logs_option(parser)
+    _json_option(parser)
+
+
+def _doctor(commands: Commands) -> None:
+    parser = _add(commands, "doctor", "doctor", "what is installed, what is missing, and what to do")
+    _logs_option(parser)
+    _json_option(parser)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

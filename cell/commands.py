@@ -1,0 +1,48 @@
+"""What an operator (or a script) says to a running cell: one queue, whoever speaks.
+
+The stop does not come this way: it is out of band (robots.ports.Stop).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Set
+from threading import Condition
+
+from cell.states import Event
+
+__all__ = ["OPERATOR_EVENTS", "CommandQueue"]
+
+OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
+
+
+class CommandQueue:
+    """Commands in the order given. Any thread puts, the executive's takes."""
+
+    def __init__(self) -> None:
+        self._queue: deque[Event] = deque()
+        self._lock = Condition()
+
+    def put(self, command: Event) -> None:
+        """Raises ValueError for what is not an operator's to say."""
+        if command not in OPERATOR_EVENTS:
+            raise ValueError(f"'{command}' is no command; there are {', '.join(sorted(OPERATOR_EVENTS))}")
+        with self._lock:
+            self._queue.append(command)
+            self._lock.notify_all()
+
+    def take(self, wanted: Set[Event]) -> Event | None:
+        """The first command in the queue that is wanted now; what came before it is out of date and dropped."""
+        with self._lock:
+            for i, command in enumerate(self._queue):
+                if command in wanted:
+                    for _ in range(i + 1):
+                        self._queue.popleft()
+                    return command
+        return None
+
+    def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
+        """As `take`, but give a person `seconds` of real time to say it."""
+        with self._lock:
+            self._lock.wait_for(lambda: any(c in wanted for c in self._queue), seconds)
+        return self.take(wanted)

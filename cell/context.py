@@ -1,0 +1,140 @@
+"""What the executive believes during a run: one frozen value, replaced by each effect.
+
+Nothing in it comes from anywhere but the ports, the files of the cell, and the skills.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.recovery import Adjustment
+from cell.states import Event
+from robots.errors import Failure
+from robots.ports import Array, CameraFrame, Side
+from skills.cloth.mesh import ClothMesh
+from skills.garments.garment import Garment
+from skills.grasping.confirm import Held
+from skills.grasping.zero import Zero
+from skills.motion.plan import FoldMotion
+from skills.perception.inspect import Inspection
+from skills.perception.perceive import Perception
+from skills.vocabulary import FoldStep, Grasp, GraspTrajectory, PredictedShape, ToolPath
+
+__all__ = ["Context", "Result", "StepNote"]
+
+
+@dataclass(frozen=True, eq=False)
+class StepNote:
+    """One fold as it was made, for the report. Shapes (k, 2) contours and (n, 3) meshes in the table frame."""
+
+    name: str
+    source: str
+    dissimilarity_m: float
+    predicted_iou: float
+    observed_iou: float
+    drift_m: float
+    grasps: int
+    predicted: PredictedShape
+    observed: Array
+    plan_frames: Array
+    pictures: tuple[CameraFrame, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """The run's knowledge. Fields are filled in the order in which a run comes to know them."""
+
+    reference: CameraFrame | None = None
+    """The empty table."""
+    frame: CameraFrame | None = None
+    """The latest picture."""
+    previous: CameraFrame | None = None
+    """The one before: a camera that repeats itself is frozen."""
+    overlay: NDArray[np.uint8] | None = None
+    """The picture with what was recognised drawn over it."""
+    perception: Perception | None = None
+    garment: Garment | None = None
+    """The garment as its file describes it: named on the command line, or recognised."""
+    steps: tuple[FoldStep, ...] = ()
+    index: int = 0
+    """Which step is under way."""
+    mesh: ClothMesh | None = None
+    """The predictor's own mesh of the garment, from the perceived contour."""
+    vertices: Array | None = None
+    """(n, 3) where the predictor believes the garment to lie before this step."""
+    trajectory: GraspTrajectory | None = None
+    motion: FoldMotion | None = None
+    predicted: PredictedShape | None = None
+    """The garment after this step, predicted with the tool path that the arms execute."""
+    dissimilarity_m: float = float("nan")
+    """D of that prediction against the ideal fold."""
+    grasps: int = 0
+    """How often this fold was tried."""
+    plan_frames: Array | None = None
+    """(k, n, 3) the predicted motion at evenly spaced moments, for the report."""
+    pictures: tuple[CameraFrame, ...] = ()
+    """What the camera saw at those moments."""
+    planned_step: FoldStep | None = None
+    """The step as this try makes it (grasps moved by recoveries), and its tool paths by grasp."""
+    planned_paths: Mapping[Side, ToolPath] = field(default_factory=dict)
+    tool_speed: float = 0.3
+    """Cap of the tools' speed while they hold the garment [m/s]."""
+    zeros: Mapping[Side, Zero] = field(default_factory=dict)
+    """The tactile cells' zero of each hand in use, taken above the garment."""
+    held: Mapping[Side, Held] = field(default_factory=dict)
+    """What each hand was confirmed to hold."""
+    inspection: Inspection | None = None
+    failure: Failure | None = None
+    attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)
+    """How often a failure kind was met in a step: (step index, kind) -> count."""
+    adjustments: tuple[Adjustment, ...] = ()
+    """What recoveries changed for the present step, in order."""
+    recoveries: tuple[tuple[int, str], ...] = ()
+    """Every recovery so far: (step index, failure -> what was tried)."""
+    done: tuple[StepNote, ...] = ()
+    """The folds that count as made."""
+    waited_s: float = 0.0
+    """Cell time spent waiting for an operator."""
+
+    @property
+    def step(self) -> FoldStep:
+        return self.steps[self.index]
+
+    @property
+    def known_garment(self) -> Garment:
+        assert self.garment is not None
+        return self.garment
+
+    def grasp_of(self, arm: Side) -> Grasp:
+        """The grasp that an arm takes in this try: the motion planner may have swapped them."""
+        assert self.motion is not None and self.planned_step is not None
+        return self.planned_step.grasps[self.motion.postures[arm].path]
+
+    def adjustments_of(self, *wanted: Adjustment) -> bool:
+        """Whether a recovery asked for any of these in this step."""
+        return any(a in self.adjustments for a in wanted)
+
+    @property
+    def recoveries_in_step(self) -> int:
+        return sum(1 for index, _ in self.recoveries if index == self.index)
+
+    def count(self, adjustment: Adjustment) -> int:
+        return self.adjustments.count(adjustment)
+
+    def with_failure(self, failure: Failure) -> Context:
+        """The failure noted and counted."""
+        key = (self.index, failure.kind.value)
+        return replace(self, failure=failure, attempts={**self.attempts, key: self.attempts.get(key, 0) + 1})
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """How an effect ended: the event for the machine, the new belief, and figures for the record."""
+
+    event: Event
+    context: Context
+    record: Mapping[str, object] = field(default_factory=dict)

@@ -1,0 +1,260 @@
+"""What is installed, what is missing, and what to do about it. Every check is a value; nothing is changed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import metadata
+from pathlib import Path
+
+from cell.paths import free_bytes, ledger_path, repository_root, user_cache
+from robots.errors import CellError
+
+__all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
+
+LEAST_MEMORY = 3 * 2**30
+LEAST_DISK = 2**30
+
+
+class Verdict(StrEnum):
+    GOOD = "good"
+    WARNING = "warning"
+    """The cell runs, though not as it was tested, or something that is not needed for a run is missing."""
+    BAD = "bad"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at: what was found, and what to do unless it is good."""
+
+    name: str
+    verdict: Verdict
+    found: str
+    hint: str = ""
+
+
+def examine(logs: Path) -> list[Check]:
+    """All checks. A check that breaks is itself bad: the doctor never falls ill."""
+    checks: list[Callable[[], Iterable[Check]]] = [
+        _python,
+        _packages,
+        _native_modules,
+        _robot_model,
+        lambda: _writable("compile cache", numba_cache_folder(), "compiled again at every start"),
+        lambda: _writable("user cache", user_cache(), "robot meshes are converted again at every start"),
+        lambda: _logs(logs),
+        lambda: _disk(logs),
+        _memory,
+        _cores,
+        _garments,
+        _viewer,
+    ]
+    return [check for work in checks for check in _safely(work)]
+
+
+def _safely(work: Callable[[], Iterable[Check]]) -> list[Check]:
+    try:
+        return list(work())
+    except Exception as e:
+        hint = e.hint if isinstance(e, CellError) else "make setup installs everything anew"
+        name = getattr(work, "__name__", "check").strip("_<>").replace("_", " ")
+        return [Check(name, Verdict.BAD, f"{type(e).__name__}: {e}", hint)]
+
+
+def _python() -> Iterable[Check]:
+    version = ".".join(map(str, sys.version_info[:3]))
+    good = sys.version_info[:2] == (3, 11)
+    hint = "" if good else "foldcell needs Python 3.11: make setup PYTHON=/path/to/python3.11"
+    yield Check("python", Verdict.GOOD if good else Verdict.BAD, f"{version} ({sys.executable})", hint)
+
+
+# packages
+
+
+def required_packages() -> list[str]:
+    """What foldcell itself says that it needs, without what only its developers need."""
+    lines = metadata.requires("foldcell") or []
+    names = [line.split(";")[0].strip() for line in lines if "extra ==" not in line]
+    return [_name(n) for n in names]
+
+
+def pinned_versions(text: str) -> dict[str, str]:
+    """`constraints.txt` as name -> version."""
+    lines = (line.split("#")[0].strip() for line in text.splitlines())
+    return {_name(n): v.strip() for n, _, v in (line.partition("==") for line in lines) if v}
+
+
+def _name(text: str) -> str:
+    for c in "<>=!~[ ;":
+        text = text.split(c)[0]
+    return text.strip().lower().replace("_", "-")
+
+
+def _packages() -> Iterable[Check]:
+    root = repository_root()
+    pins: Mapping[str, str] = {}
+    if root is not None and (root / "constraints.txt").is_file():
+        pins = pinned_versions((root / "constraints.txt").read_text(encoding="utf-8"))
+    for name in required_packages():
+        yield _package(name, pins.get(name))
+
+
+def _package(name: str, pin: str | None) -> Check:
+    try:
+        version = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return Check(
+            name, Verdict.BAD, "not installed", f"pip install {name}{f'=={pin}' if pin else ''} (or make setup)"
+        )
+    if pin is not None and version != pin:
+        hint = f"tested with {pin}: make setup, or pip install -c constraints.txt {name}"
+        return Check(name, Verdict.WARNING, version, hint)
+    return Check(name, Verdict.GOOD, version + (" as pinned" if pin else ""))
+
+
+NATIVE = ("pinocchio", "coal", "ruckig", "toppra", "numba", "scipy.linalg", "cv2", "pybullet", "rerun", "shapely")
+"""Modules with compiled parts, which can be installed and still not load."""
+
+
+def _native_modules() -> Iterable[Check]:
+    """Each is loaded in a process of its own: one that crashes does not take the doctor along."""
+    started = {
+        name: subprocess.Popen(
+            [sys.executable, "-c", f"import {name}"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        for name in NATIVE
+    }
+    broken = []
+    for name, process in started.items():
+        _, said = process.communicate()
+        if process.returncode:
+            lines = said.strip().splitlines()
+            broken.append(Check(f"import {name}", Verdict.BAD, lines[-1] if lines else f"crashed ({process.returncode})",
+                                "make setup installs it anew; a missing system library is named in the message"))  # fmt: skip
+    yield from broken or [Check("compiled modules", Verdict.GOOD, f"all {len(NATIVE)} load")]
+
+
+# what a run reads and writes
+
+
+def _robot_model() -> Iterable[Check]:
+    from robots.baxter.model import baxter_urdf_path, load_model
+
+    path = baxter_urdf_path()
+    if not path.is_file():
+        yield Check(
+            "Baxter model", Verdict.BAD, f"no file {path}", "pip install --force-reinstall example-robot-data"
+        )
+        return
+    load_model()
+    yield Check("Baxter model", Verdict.GOOD, str(path))
+
+
+def numba_cache_folder() -> Path:
+    """Where compiled functions are kept: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        return Path(named)
+    import skills.cloth
+
+    return Path(next(iter(skills.cloth.__path__))) / "__pycache__"
+
+
+def _writable(name: str, folder: Path, without: str) -> Iterable[Check]:
+    problem = _write_problem(folder)
+    if problem is None:
+        yield Check(name, Verdict.GOOD, str(folder))
+    else:
+        yield Check(name, Verdict.WARNING, f"{folder}: {problem}", f"make it writable; otherwise: {without}")
+
+
+def _logs(logs: Path) -> Iterable[Check]:
+    problem = _write_problem(logs)
+    if problem is not None:
+        yield Check(
+            "logs", Verdict.BAD, f"{logs}: {problem}", "choose another folder: --logs DIR or FOLDCELL_LOGS"
+        )
+        return
+    yield Check("logs", Verdict.GOOD, str(logs))
+    ledger = ledger_path(logs)
+    if not ledger.exists():
+        return
+    from cell.journal import Journal
+
+    with Journal.open(ledger, readonly=True) as journal:
+        state = journal.check()
+        runs = journal.runs()
+    hint = "" if state == "ok" else f"keep a copy of {ledger} and move it aside"
+    verdict = Verdict.GOOD if state == "ok" else Verdict.BAD
+    yield Check("ledger", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
+
+
+def _write_problem(folder: Path) -> str | None:
+    """Why nothing can be written there, or None. Folders that do not exist are judged by the nearest one above."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if not folder.is_dir():
+        return f"{folder} is not a folder"
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as e:
+        return str(e.strerror)
+
+
+def _disk(logs: Path) -> Iterable[Check]:
+    free = free_bytes(logs)
+    good = free >= LEAST_DISK
+    yield Check(
+        "disk", Verdict.GOOD if good else Verdict.WARNING, f"{free / 2**30:.1f} GiB free at {logs}",
+        "" if good else "a run takes up to 100 MB: remove old runs, or choose another --logs DIR",
+    )  # fmt: skip
+
+
+def _memory() -> Iterable[Check]:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        yield Check("memory", Verdict.GOOD, "not measured on this system")
+        return
+    free = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    good = free >= LEAST_MEMORY
+    hint = "" if good else f"a run needs about {LEAST_MEMORY / 2**30:.0f} GiB: close other programs"
+    yield Check("memory", Verdict.GOOD if good else Verdict.WARNING, f"{free / 2**30:.1f} GiB free", hint)
+
+
+def _cores() -> Iterable[Check]:
+    cores = len(os.sched_getaffinity(0))
+    hint = "" if cores >= 2 else "two cores halve the time of optimising"
+    yield Check(
+        "processor", Verdict.GOOD if cores >= 2 else Verdict.WARNING, f"{cores} cores; no GPU is needed", hint
+    )
+
+
+def _garments() -> Iterable[Check]:
+    from cell.config import load_settings
+    from cell.garments import list_garments, load_garment
+
+    surface = load_settings().surface
+    names = list_garments()
+    for name in names:
+        load_garment(name, surface)
+    yield Check(
+        "garments",
+        Verdict.GOOD if names else Verdict.BAD,
+        ", ".join(names) or "none",
+        "" if names else "make setup",
+    )
+
+
+def _viewer() -> Iterable[Check]:
+    beside = Path(sys.executable).parent / "rerun"
+    found = str(beside) if beside.is_file() else shutil.which("rerun")
+    hint = "" if found else "pip install rerun-sdk; without it recordings are written but cannot be opened here"
+    yield Check("viewer", Verdict.GOOD if found else Verdict.WARNING, found or "no rerun program", hint)

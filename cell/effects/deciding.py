@@ -1,0 +1,79 @@
+"""Effects that only decide: what to try after a failure, by table or by the operator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cell.context import Context, Result
+from cell.execution import TICK_S, stopped, wait
+from cell.recovery import Adjustment, Recovery, choose_recovery
+from cell.states import Event
+from cell.workcell import Workcell
+
+__all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
+
+
+def choose_next(cell: Workcell, context: Context) -> Result:
+    """The recovery for the failure at hand: the table's, within the bounds of the settings."""
+    assert context.failure is not None
+    kind = context.failure.kind
+    attempt = context.attempts[(context.index, kind.value)]
+    bounds = cell.settings.recovery
+    if (
+        context.recoveries_in_step >= bounds.attempts_per_step
+        or len(context.recoveries) >= bounds.attempts_per_run
+    ):
+        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
+    else:
+        recovery = choose_recovery(kind, attempt, cell.attended)
+    dwell = max(recovery.dwell_s, bounds.dwell)
+    if dwell > 0:
+        failure = wait(cell.ports, dwell)
+        if failure:
+            return Result(Event.FAILED, context.with_failure(failure))
+    record = {
+        "kind": kind.value,
+        "attempt": attempt,
+        "recovery": recovery.event.value,
+        "change": recovery.adjust.value,
+    }
+    if recovery.event in {Event.ASK, Event.GIVE_UP}:
+        return Result(recovery.event, context, record)
+    note = f"{kind.value} -> {recovery.event.value}" + (
+        f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
+    )
+    adjustments = context.adjustments
+    if recovery.adjust is not Adjustment.NONE:
+        adjustments = (*adjustments, recovery.adjust)
+    recoveries = (*context.recoveries, (context.index, note))
+    return Result(recovery.event, replace(context, adjustments=adjustments, recoveries=recoveries), record)
+
+
+def ask_approval(cell: Workcell, context: Context) -> Result:
+    return _await_command(cell, context, {Event.APPROVE, Event.RETRY, Event.ABORT})
+
+
+def ask_operator(cell: Workcell, context: Context) -> Result:
+    return _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
+
+
+def pause(cell: Workcell, context: Context) -> Result:
+    return _await_command(cell, context, {Event.RESUME, Event.ABORT})
+
+
+def _await_command(cell: Workcell, context: Context, wanted: set[Event]) -> Result:
+    """Hold still until the operator says one of `wanted`. Waiting is not charged to the robot's time."""
+    start = cell.ports.clock.now()
+    cell.prompt(wanted, context)
+    while True:
+        failure = stopped(cell.ports)
+        if failure:
+            return Result(Event.FAILED, _waited(cell, context.with_failure(failure), start))
+        command = cell.commands.wait(frozenset(wanted), TICK_S)
+        if command is not None:
+            return Result(command, _waited(cell, context, start), {"command": command.value})
+        cell.ports.clock.sleep_until(cell.ports.clock.now() + TICK_S)
+
+
+def _waited(cell: Workcell, context: Context, start: float) -> Context:
+    return replace(context, waited_s=context.waited_s + cell.ports.clock.now() - start)

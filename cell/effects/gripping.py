@@ -1,0 +1,247 @@
+"""Effects that take hold, fold and let go: where the arms and the hands' controllers work together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context, Result
+from cell.effects.moving import move
+from cell.execution import TICK_S, Tick, Watch, stopped, stream
+from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
+from cell.recovery import Adjustment
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import Failure
+from robots.ports import Array, CameraFrame, Side, arm_slice
+from skills.grasping.close import close, start_close
+from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
+from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
+from skills.grasping.lift import check_lift, start_lift_check
+from skills.grasping.reading import HandReading
+from skills.grasping.release import release, start_release
+from skills.grasping.settings import GraspSettings
+from skills.grasping.slip import start_slip_watch, watch_slip
+from skills.grasping.zero import start_zero, zero
+from skills.motion.plan import Descent, plan_arc, plan_withdrawal
+from skills.vocabulary import Outcome
+
+__all__ = ["fold", "grasp", "lift", "release_garment"]
+
+RELEASE_OPENING = 0.020
+"""Wide enough to let go, too narrow to sweep the stack [m]."""
+DEEPER = 0.002
+"""How much lower each further try presses [m]."""
+STRONGER = 1.4
+PRESS_S = 0.4
+
+
+def grip_settings(cell: Workcell, context: Context) -> GraspSettings:
+    """The settings, with the force that recoveries have raised."""
+    return replace(cell.grasp, grip_force=cell.grasp.grip_force * STRONGER ** context.count(Adjustment.STRONGER))
+
+
+def grasp(cell: Workcell, context: Context) -> Result:
+    """Down until the tips touch, press into the stack, close, and feel what is held."""
+    assert context.motion is not None
+    ways = context.motion.descend
+    settings = grip_settings(cell, context)
+    zeros = each_hand(cell, {s: start_zero(settings) for s in ways}, lambda side, r, s: zero(r, s))
+    if zeros.failure:
+        return Result(Event.FAILED, context.with_failure(zeros.failure))
+    context = replace(context, zeros=zeros.unwrap())
+    contacts = _descend(cell, context, ways, settings)
+    if contacts.failure:
+        return Result(Event.FAILED, context.with_failure(contacts.failure))
+    failure = _press(cell, context, ways)
+    if failure:
+        return Result(Event.FAILED, context.with_failure(failure))
+    held = _close_and_confirm(cell, context, settings)
+    record = {"contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()}}
+    if held.failure:
+        return Result(Event.FAILED, context.with_failure(held.failure), record)
+    record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
+    return Result(Event.DONE, replace(context, held=held.unwrap()), record)
+
+
+def lift(cell: Workcell, context: Context) -> Result:
+    """A little way straight up; what was held must still be held."""
+    q = cell.ports.arms.state().q
+    sides = tuple(context.held)
+    up = plan_withdrawal(
+        cell.robot, cell.checker, q, sides, height=cell.settings.grasp.lift_height, limits=cell.limits
+    )
+    failure = up.failure or move(cell, up.unwrap().retreat, fingertips=True)
+    if failure:
+        return Result(Event.FAILED, context.with_failure(failure))
+    checks = {s: start_lift_check(cell.grasp, context.zeros[s], held) for s, held in context.held.items()}
+    kept = each_hand(cell, checks, lambda side, r, s: check_lift(r, s))
+    if kept.failure:
+        return Result(Event.FAILED, context.with_failure(kept.failure))
+    return Result(Event.DONE, replace(context, held=kept.unwrap()))
+
+
+def fold(cell: Workcell, context: Context) -> Result:
+    """Along the arc, from where the hands really are, watching for a slip and taking the key pictures."""
+    assert context.motion is not None
+    arc = plan_arc(
+        cell.robot, cell.checker, cell.table, context.planned_paths, context.motion.postures,
+        cell.ports.arms.state().q, limits=cell.limits, tool_speed=context.tool_speed, rng=cell.rng(),
+    )  # fmt: skip
+    if arc.failure:
+        return Result(Event.FAILED, context.with_failure(arc.failure))
+    trajectory = arc.unwrap().fold
+    pictures: list[CameraFrame] = []
+    moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
+    watch = _all_of(_slip_watch(cell, context), _photographer(cell, moments, pictures))
+    moved = stream(cell.ports, trajectory, cell.execution, telemetry(cell, watch))
+    context = replace(context, pictures=tuple(pictures))
+    if moved.failure:
+        return Result(Event.FAILED, context.with_failure(moved.failure))
+    return Result(Event.DONE, context, {"duration_s": trajectory.duration})
+
+
+def release_garment(cell: Workcell, context: Context) -> Result:
+    """Open just wide enough above the stack."""
+    state = cell.ports.arms.state()
+    states = {s: start_release(cell.grasp, RELEASE_OPENING, read_hand(cell, s, state)) for s in context.held}
+
+    def tick(side: Side, reading: HandReading, state):  # type: ignore[no-untyped-def]
+        command, after = release(reading, state)
+        command_grip(cell, side, command)
+        return after
+
+    opened = each_hand(cell, states, tick)
+    if opened.failure:
+        return Result(Event.FAILED, context.with_failure(opened.failure))
+    return Result(Event.DONE, replace(context, held={}))
+
+
+def _descend(
+    cell: Workcell, context: Context, ways: Mapping[Side, Descent], settings: GraspSettings
+) -> Outcome[dict[Side, Contact]]:
+    assert context.motion is not None
+    state = cell.ports.arms.state()
+    top = {s: tool_height(cell, s, state.q) for s in ways}
+    goals = {s: _goal(cell, context, s, top[s] - float(way.depth[-1])) for s, way in ways.items()}
+    states = {s: start_descent(settings, goals[s], context.zeros[s], read_hand(cell, s, state)) for s in ways}
+    heights = dict(top)
+
+    def tick(side: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
+        command, after = descend(reading, before)
+        heights[side] = command.height
+        return after
+
+    q0 = state.q
+
+    def arms(_: Mapping[Side, DescentState]) -> Array:
+        return _lowered(q0, ways, {s: top[s] - h for s, h in heights.items()})
+
+    return each_hand(cell, states, tick, arms)
+
+
+def _goal(cell: Workcell, context: Context, side: Side, lowest: float) -> DescentGoal:
+    """Contact is expected on top of the stack under the hand; the bottom is what the arm can reach."""
+    height = context.grasp_of(side).height
+    return DescentGoal(contact=height, bottom=min(max(lowest, -0.008), height))
+
+
+def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, float]) -> Array:
+    q = np.array(q0)
+    for side, way in ways.items():
+        q[arm_slice(side)] = way.at(depths[side])
+    return q
+
+
+def _press(cell: Workcell, context: Context, ways: Mapping[Side, Descent]) -> Failure | None:
+    """From the touch to the middle of the lowest layer that is to be taken, deeper at each further try."""
+    state = cell.ports.arms.state()
+    depth0 = {s: _depth_at(cell, s, ways[s], state.q) for s in ways}
+    deeper = DEEPER * context.count(Adjustment.LOWER)
+    depth1 = {}
+    for s in ways:
+        g = context.grasp_of(s)
+        # measured from the touch, not from the table: the table's height is known to a few millimetres only
+        depth1[s] = depth0[s] + (g.layers - 0.5) * context.known_garment.material.thickness + deeper
+    q0 = state.q
+    n = round(PRESS_S / TICK_S)
+    record = telemetry(cell)
+    t0 = cell.ports.clock.now()
+    last = _lowered(q0, ways, depth0)
+    for k in range(1, n + 1):
+        share = k / n
+        q = _lowered(q0, ways, {s: (1 - share) * depth0[s] + share * depth1[s] for s in ways})
+        cell.ports.arms.command(q, (q - last) / TICK_S)
+        last = q
+        cell.ports.clock.sleep_until(t0 + k * TICK_S)
+        if stopped(cell.ports):
+            return stopped(cell.ports)
+        record(Tick(k * TICK_S, cell.ports.arms.state()))
+    return None
+
+
+def _depth_at(cell: Workcell, side: Side, way: Descent, q: Array) -> float:
+    """How far down its way a hand stands [m], by the measured joints."""
+    top = np.zeros(14)
+    top[arm_slice(side)] = way.q[0]
+    return tool_height(cell, side, top) - tool_height(cell, side, q)
+
+
+def _close_and_confirm(cell: Workcell, context: Context, settings: GraspSettings) -> Outcome[dict[Side, Held]]:
+    state = cell.ports.arms.state()
+    states = {s: start_close(settings, zero, read_hand(cell, s, state)) for s, zero in context.zeros.items()}
+
+    def tick(side: Side, reading: HandReading, before):  # type: ignore[no-untyped-def]
+        command, after = close(reading, before)
+        command_grip(cell, side, command)
+        return after
+
+    closed = each_hand(cell, states, tick)
+    if closed.failure:
+        return Outcome(failure=closed.failure)
+    thickness = context.known_garment.material.thickness
+    confirmations = {
+        s: start_confirm(settings, zero, Expectation(thickness, context.grasp_of(s).layers))
+        for s, zero in context.zeros.items()
+    }
+    return each_hand(cell, confirmations, lambda side, r, s: confirm(r, s))
+
+
+def _slip_watch(cell: Workcell, context: Context) -> Watch:
+    watches = {s: start_slip_watch(cell.grasp, context.zeros[s], held) for s, held in context.held.items()}
+
+    def look(tick: Tick) -> Failure | None:
+        for side, watch in watches.items():
+            after = watch_slip(read_hand(cell, side, tick.state), watch)
+            if isinstance(after, Outcome):
+                return after.failure
+            watches[side] = after
+        return None
+
+    return look
+
+
+def _photographer(cell: Workcell, moments: Array, pictures: list[CameraFrame]) -> Watch:
+    """Takes a picture at each moment: for the record only, nothing looks at them during the fold."""
+
+    def look(tick: Tick) -> Failure | None:
+        if len(pictures) < len(moments) and tick.t >= moments[len(pictures)]:
+            frame = cell.ports.camera.capture()
+            pictures.append(frame)
+            cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+        return None
+
+    return look
+
+
+def _all_of(*watches: Watch) -> Watch:
+    def look(tick: Tick) -> Failure | None:
+        for watch in watches:
+            failure = watch(tick)
+            if failure:
+                return failure
+        return None
+
+    return look

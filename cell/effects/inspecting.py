@@ -1,0 +1,145 @@
+"""Effects that judge a fold: what lies there against what the simulation predicted, and what follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context, Result, StepNote
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, frozen
+from skills.perception.inspect import Inspection, inspect
+from skills.planning.plan import rigid_motion, translate_plan
+from skills.vocabulary import Outcome, PredictedShape
+
+__all__ = ["find_folded", "inspect_fold", "next_step"]
+
+HINTS = {
+    FailureKind.DRIFT: "the garment moved as a whole: a rougher table or a slower fold",
+    FailureKind.PILING: "cloth is heaped up: a lower arc near the target",
+    FailureKind.SAG: "the part between the hands hung: hold it wider apart",
+    FailureKind.DROPPED_CORNER: "a corner was lost on the way: grip lower or harder",
+    FailureKind.MISSED_LAYER: "not all layers were taken: grip lower",
+}
+
+
+def inspect_fold(cell: Workcell, context: Context) -> Result:
+    """Accept the fold, or name what went wrong with it."""
+    assert context.predicted is not None
+    outcome = _compare(cell, context, context.predicted)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    seen = outcome.unwrap()
+    context = replace(context, inspection=seen)
+    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
+    if seen.diagnosis is None:
+        ended = next_step(cell, context)
+        return replace(ended, record={**figures(seen), **ended.record})
+    failure = Failure(
+        seen.diagnosis,
+        f"fold {context.step.name}: overlap {seen.iou_aligned:.2f}, drift {seen.drift_m * 1e3:.0f} mm, "
+        f"{seen.extra_height_m * 1e3:.0f} mm too high",
+        HINTS.get(seen.diagnosis, "compare the observed with the predicted shape in the recording"),
+        figures(seen),
+    )
+    return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+
+
+def next_step(cell: Workcell, context: Context) -> Result:
+    """The fold at hand counts as done: what was predicted is now believed, moved to where it is seen."""
+    context = _moved(_noted(context), context.inspection)
+    index = context.index + 1
+    if index >= len(context.steps):
+        return Result(Event.ALL_FOLDED, context)
+    fresh = replace(
+        context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
+        inspection=None, pictures=(), plan_frames=None,
+    )  # fmt: skip
+    return Result(Event.NEXT_FOLD, fresh)
+
+
+def find_folded(cell: Workcell, context: Context) -> Result:
+    """Between two folds: the garment is where the believed shape lies best over what is seen."""
+    assert context.mesh is not None and context.vertices is not None
+    believed = PredictedShape(context.vertices, context.mesh.triangles, context.mesh.rest)
+    outcome = _compare(cell, context, believed)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    seen = outcome.unwrap()
+    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
+    if seen.iou_aligned < cell.settings.inspection.iou:
+        failure = Failure(
+            FailureKind.NOT_FLAT,
+            f"the garment does not lie as the last fold left it (overlap {seen.iou_aligned:.2f})",
+            "lay it back as it was, or start again",
+            figures(seen),
+        )
+        return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+    return Result(Event.DONE, _moved(context, seen), figures(seen))
+
+
+def figures(seen: Inspection) -> dict[str, float]:
+    """An inspection as plain numbers."""
+    return {
+        "iou": seen.iou,
+        "iou_aligned": seen.iou_aligned,
+        "drift_m": seen.drift_m,
+        "drift_rad": seen.drift_rad,
+        "extra_height_m": seen.extra_height_m,
+        "edge_deviation_m": seen.edge_deviation_m,
+        "confidence": seen.confidence,
+    }
+
+
+def _compare(cell: Workcell, context: Context, shape: PredictedShape) -> Outcome[Inspection]:
+    assert context.frame is not None
+    frame = context.frame
+    return cell.compute(
+        cell.settings.computing.inspection_s,
+        lambda: inspect(
+            frame, cell.calibration, cell.table, context.reference, shape,
+            context.step, cell.inspection, context.previous,
+        ),
+    )  # fmt: skip
+
+
+def _noted(context: Context) -> Context:
+    """The fold on record, with the predicted shape as the belief of where the garment lies."""
+    seen, predicted, trajectory = context.inspection, context.predicted, context.trajectory
+    if seen is None or predicted is None or trajectory is None:  # skipped by an operator before it was made
+        return context
+    note = StepNote(
+        name=context.step.name,
+        source=trajectory.source,
+        dissimilarity_m=context.dissimilarity_m,
+        predicted_iou=seen.iou_aligned,
+        observed_iou=seen.iou,
+        drift_m=seen.drift_m,
+        grasps=context.grasps,
+        predicted=predicted,
+        observed=seen.contour,
+        plan_frames=context.plan_frames if context.plan_frames is not None else np.zeros((0, 0, 3)),
+        pictures=context.pictures,
+    )
+    return replace(context, done=(*context.done, note), vertices=predicted.vertices)
+
+
+def _moved(context: Context, seen: Inspection | None) -> Context:
+    """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
+    if seen is None or context.mesh is None or context.vertices is None:
+        return context
+    centre = context.vertices[:, :2].mean(axis=0)
+
+    def move(xy: Array) -> Array:
+        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, centre))
+
+    vertices = frozen(np.column_stack([move(context.vertices[:, :2]), context.vertices[:, 2]]))
+    return replace(
+        context,
+        steps=translate_plan(context.steps, seen.drift, seen.drift_rad, centre),
+        mesh=replace(context.mesh, rest=move(context.mesh.rest)),
+        vertices=vertices,
+    )

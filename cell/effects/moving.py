@@ -1,0 +1,152 @@
+"""Effects that move the arms through the air: prepare, approach, retreat, clear, make safe, hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context, Result
+from cell.execution import fresh_state, hold, stopped, stream, wait
+from cell.hands import command_grip, each_hand, telemetry
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import ArmTrajectory, Side
+from skills.grasping.reading import GripCommand
+from skills.grasping.stuck import check_stuck, start_stuck_check
+from skills.motion.check import check_trajectory
+from skills.motion.plan import Withdrawal, plan_free_motion, plan_withdrawal
+from skills.vocabulary import Outcome
+
+__all__ = ["approach", "clear", "hold_still", "make_safe", "move", "prepare", "retreat"]
+
+HEAD_TURN_S = 1.5
+
+
+def move(cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False) -> Failure | None:
+    """Check a trajectory against where the arms are now, then stream it."""
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return state.failure
+    checked = check_trajectory(
+        cell.robot, cell.checker, trajectory, state.unwrap().q, cell.limits,
+        allow_fingertips=fingertips, start_tolerance=cell.execution.start,
+    )  # fmt: skip
+    if checked.failure:
+        return checked.failure
+    return stream(cell.ports, trajectory, cell.execution, telemetry(cell)).failure
+
+
+def prepare(cell: Workcell, context: Context) -> Result:
+    """Motors on, grippers calibrated and open, head where the camera was calibrated, arms parked."""
+    ports = cell.ports
+    failure = stopped(ports)
+    if failure is None:
+        ports.arms.enable()
+        ports.head.command_pan(cell.calibration.head_pan)
+        for gripper in ports.grippers.values():
+            gripper.calibrate()
+        _open(cell)
+        failure = wait(ports, HEAD_TURN_S, telemetry(cell)) or _park(cell)
+    return _ended(context, failure)
+
+
+def approach(cell: Workcell, context: Context) -> Result:
+    """To above the grasps, hands open."""
+    assert context.motion is not None
+    _open(cell)
+    failure = move(cell, context.motion.approach)
+    return _ended(replace(context, grasps=context.grasps + 1), failure)
+
+
+def retreat(cell: Workcell, context: Context) -> Result:
+    """Straight up from the released garment, see that nothing clings, then park."""
+    away = _withdrawal(cell, tuple(context.zeros))
+    if away.failure:
+        return _ended(context, away.failure)
+    failure = move(cell, away.unwrap().retreat, fingertips=True)
+    if failure is None:
+        checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in context.zeros.items()}
+        failure = each_hand(cell, checks, lambda side, reading, state: check_stuck(reading, state)).failure
+    return _ended(context, failure or move(cell, away.unwrap().park))
+
+
+def clear(cell: Workcell, context: Context) -> Result:
+    """After a failure near the garment: let go, rise, park."""
+    return _ended(context, _let_go_and_park(cell))
+
+
+def make_safe(cell: Workcell, context: Context) -> Result:
+    """Let go and park whatever happened; a driver that refuses ends in FAULT with the arms held."""
+    try:
+        failure = _let_go_and_park(cell)
+    except DriverError as e:
+        failure = e.failure()
+    if failure is None:
+        return Result(Event.DONE, context)
+    return Result(Event.FAILED, context, {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint})
+
+
+def hold_still(cell: Workcell, context: Context) -> Result:
+    """Speed zero. A stopped robot holds itself; what else can be told is told to hold."""
+    if not cell.ports.stop.state().stopped:
+        try:
+            hold(cell.ports)
+        except DriverError as e:
+            return Result(Event.DONE, context, {"kind": e.kind.value, "what": e.what})
+    return Result(Event.DONE, context)
+
+
+def _ended(context: Context, failure: Failure | None) -> Result:
+    if failure is None:
+        return Result(Event.DONE, context)
+    return Result(Event.FAILED, context.with_failure(failure))
+
+
+def _open(cell: Workcell) -> None:
+    for side, gripper in cell.ports.grippers.items():
+        command_grip(cell, side, GripCommand(gripper.max_opening, cell.grasp.release_force))
+
+
+OPENING_S = 0.8
+
+
+def _let_go_and_park(cell: Workcell) -> Failure | None:
+    _open(cell)
+    return wait(cell.ports, OPENING_S, telemetry(cell)) or _park(cell)
+
+
+def _park(cell: Workcell) -> Failure | None:
+    """Straight to the parked pose where the way is free, else first straight up."""
+    q = cell.ports.arms.state().q
+    if np.abs(q - cell.robot.q_park).max() < cell.execution.settled:
+        return None
+    if cell.checker.contact(q) is None:
+        way = plan_free_motion(cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng())
+        if way.ok:
+            return move(cell, way.unwrap())
+    away = _withdrawal(cell, tuple(Side))
+    if away.failure:
+        return away.failure
+    return move(cell, away.unwrap().retreat, fingertips=True) or move(cell, away.unwrap().park)
+
+
+def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return Outcome(failure=state.failure)
+    q = state.unwrap().q
+    rng = cell.rng()
+    away = plan_withdrawal(cell.robot, cell.checker, q, sides, limits=cell.limits, rng=rng)
+    if away.ok or sides != tuple(Side):
+        return away
+    for side in Side:  # a hand that cannot rise stays where it is while the other one does
+        one = plan_withdrawal(cell.robot, cell.checker, q, (side,), limits=cell.limits, rng=rng)
+        if one.ok:
+            return one
+    return Outcome(
+        failure=Failure(
+            FailureKind.UNREACHABLE, f"no way up and home was found: {away.failure}", "jog the arms by hand"
+        )
+    )

@@ -1,0 +1,225 @@
+"""Effects that think: fold steps, the trajectory of a step, and the arms' motion with its predicted outcome."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context, Result
+from cell.library import EDGE_LENGTH
+from cell.recovery import Adjustment
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, frozen
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.predict import FoldPrediction, predict_fold
+from skills.garments.garment import Garment
+from skills.motion.plan import FoldMotion, plan_fold_motion
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+from skills.trajectory.library import lookup, trajectory_from
+from skills.trajectory.objective import dissimilarity
+from skills.trajectory.optimise import optimise_fold
+from skills.trajectory.paths import tool_paths
+from skills.vocabulary import FoldStep, GraspTrajectory, Outcome, PredictedShape, ToolPath
+
+__all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
+
+INWARD = 0.012
+"""How much further inside each further try takes hold [m]."""
+POOR = 0.06
+"""A fold predicted to miss the ideal one by more than this share of the garment's diagonal is not worth making."""
+KEY_FRAMES = 6
+LIFT_SPEED = 0.04  # [m/s]
+
+
+def plan_steps(cell: Workcell, context: Context) -> Result:
+    """The fold steps, and the predictor's own mesh of what was seen. After the first fold the plan stands."""
+    if context.index > 0:
+        return Result(Event.DONE, context)
+    assert context.perception is not None
+    garment = _garment(cell, context)
+    state = context.perception.state
+    planned = plan_folds(state, garment)
+    if planned.failure:
+        return Result(Event.FAILED, context.with_failure(planned.failure))
+    cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
+    steps = planned.unwrap()
+    mesh = mesh_from_contour(state.contour, EDGE_LENGTH, garment.layers)
+    for step in steps:
+        cell.recorder.plan(cell.ports.clock.now(), step)
+    context = replace(
+        context, steps=steps, mesh=mesh, vertices=mesh.lay_flat(garment.material.thickness), garment=garment,
+        trajectory=None,
+    )  # fmt: skip
+    return Result(Event.DONE, context, {"steps": [s.name for s in steps], "vertices": len(mesh.rest)})
+
+
+def choose_trajectory(cell: Workcell, context: Context) -> Result:
+    """Look the arc up; optimise it where the library has none, or where a recovery asks for it."""
+    garment, step = context.known_garment, context.step
+    settings = cell.settings.optimiser
+    if settings.use_library and not context.adjustments_of(Adjustment.OPTIMISE, Adjustment.PLAIN_ARC):
+        found = _look_up(cell, garment, step)
+        if found is not None:
+            cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
+            return Result(Event.DONE, replace(context, trajectory=found), _described(found))
+    mesh, vertices = context.mesh, context.vertices
+    assert mesh is not None and vertices is not None
+    method = "initial" if context.count(Adjustment.PLAIN_ARC) else settings.method
+    now = cell.ports.clock.now()
+
+    def progress(done: int, budget: int, best: float) -> None:
+        cell.recorder.optimiser(now + done * cell.settings.computing.simulation_s, done, best)
+        cell.tell(f"simulation {done} of {budget}: best D {best * 1e3:.1f} mm")
+
+    def charge(outcome: Outcome[GraspTrajectory]) -> float:
+        return float(outcome.notes.get("simulations", 1)) * cell.settings.computing.simulation_s
+
+    outcome = cell.compute(
+        charge,
+        lambda: optimise_fold(
+            step, mesh, vertices, garment.material, method,
+            None if method == "initial" else settings.simulations,
+            threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
+        ),
+    )  # fmt: skip
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure), dict(outcome.notes))
+    trajectory = outcome.unwrap()
+    cell.keep(trajectory, step, garment, outcome.notes)
+    return Result(Event.DONE, replace(context, trajectory=trajectory), {**_described(trajectory), **outcome.notes})
+
+
+def plan_motion(cell: Workcell, context: Context) -> Result:
+    """Both arms' motion for the step, and the garment's shape that it is predicted to leave."""
+    assert context.trajectory is not None
+    garment = context.known_garment
+    trajectory, step = _inwards(context.trajectory, context.step, INWARD * context.count(Adjustment.INWARD))
+    speed = _tool_speed(cell, garment)
+    paths = tool_paths(trajectory, step, speed)
+    q_now = cell.ports.arms.state().q
+    rng = cell.rng(context.count(Adjustment.OTHER_SEARCH))
+    planned = cell.compute(
+        cell.settings.computing.motion_s,
+        lambda: plan_fold_motion(
+            cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
+            approach_height=cell.settings.motion.approach_height, rng=rng,
+        ),
+    )  # fmt: skip
+    if planned.failure:
+        return Result(Event.FAILED, context.with_failure(planned.failure))
+    motion = planned.unwrap()
+    context = replace(context, motion=motion, planned_paths=paths, planned_step=step, tool_speed=speed)
+    cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
+    prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, context, motion))
+    context, missed = _believed(context, prediction)
+    assert context.predicted is not None
+    cell.recorder.predicted(cell.ports.clock.now(), context.predicted)
+    record = {
+        "postures": {s.value: {"path": p.path.value, "turned": p.turned, "pitch_rad": p.pitch, "roll_rad": p.roll}
+                     for s, p in motion.postures.items()},
+        "fold_s": motion.fold.duration,
+        "dissimilarity_m": missed,
+        "search": dict(planned.notes),
+    }  # fmt: skip
+    if missed > POOR * float(np.linalg.norm(np.ptp(garment.template, axis=0))):
+        failure = Failure(
+            FailureKind.PREDICTION_POOR,
+            f"fold {step.name} would miss its target by {missed * 1e3:.0f} mm on average",
+            "another trajectory, or a garment laid flatter",
+            {"dissimilarity_m": missed},
+        )
+        return Result(Event.FAILED, context.with_failure(failure), record)
+    return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
+
+
+def _garment(cell: Workcell, context: Context) -> Garment:
+    """The garment that was named, or the one that was recognised."""
+    assert context.perception is not None
+    if cell.expected is not None:
+        return cell.expected
+    return next(g for g in cell.garments if g.name == context.perception.garment)
+
+
+def _tool_speed(cell: Workcell, garment: Garment) -> float:
+    return min(garment.max_tool_speed, cell.settings.motion.tool_speed)
+
+
+def _look_up(cell: Workcell, garment: Garment, step: FoldStep) -> GraspTrajectory | None:
+    entry = lookup(cell.library(), garment.category, step.name, garment.material, garment.size_m)
+    if entry is None:
+        return None
+    return trajectory_from(entry, step, garment.material.thickness, _tool_speed(cell, garment))
+
+
+def _described(trajectory: GraspTrajectory) -> dict[str, object]:
+    return {
+        "source": trajectory.source,
+        "dissimilarity_m": trajectory.dissimilarity,
+        "simulations": trajectory.simulations,
+        "control_points_m": {s.value: np.round(c, 4).tolist() for s, c in trajectory.control_points.items()},
+    }
+
+
+def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple[GraspTrajectory, FoldStep]:
+    """The same fold with every grasp `inset` [m] nearer to the fold line, and its target likewise."""
+    if inset == 0.0:
+        return trajectory, step
+    shift = inset * step.line.normal
+    grasps = {s: replace(g, point=frozen(g.point - shift)) for s, g in step.grasps.items()}
+    targets = {s: frozen(t + np.append(shift, 0.0)) for s, t in step.targets.items()}
+    controls = {}
+    for side, c in trajectory.control_points.items():
+        share = np.linspace(-1.0, 1.0, len(c))[:, None]
+        controls[side] = frozen(c + share * np.append(shift, 0.0))
+    return replace(trajectory, control_points=controls), replace(step, grasps=grasps, targets=targets)
+
+
+def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPrediction:
+    """The step simulated with the tool paths that the arms execute: lift, arc, orientation and time law."""
+    assert context.mesh is not None and context.vertices is not None
+    height = cell.settings.grasp.lift_height
+    executed = {
+        posture.path: _lifted(motion.tool_paths[arm], height)
+        for arm, posture in motion.postures.items()
+    }
+    return predict_fold(
+        context.mesh, context.vertices, context.known_garment.material, executed,
+        keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
+    )  # fmt: skip
+
+
+def _lifted(executed: ToolPath, height: float) -> ToolPath:
+    """The straight lift, then the executed arc, whose start the lift has moved up; the offset fades along it."""
+    n = max(2, int(np.ceil(height / LIFT_SPEED * 60)))
+    up = np.linspace(0.0, 1.0, n, endpoint=False)
+    lift_s = height / LIFT_SPEED
+    fade = np.linspace(1.0, 0.0, len(executed.t))
+    fade = fade**2 * (3 - 2 * fade)
+    arc = executed.position + np.outer(fade, (0.0, 0.0, height))
+    start = executed.position[0] + np.outer(up, (0.0, 0.0, height))
+
+    def held(x: Array) -> Array:
+        return np.concatenate([np.full(n, x[0]), x])
+
+    return ToolPath(
+        t=frozen(np.concatenate([up * lift_s, lift_s + executed.t])),
+        position=frozen(np.vstack([start, arc])),
+        heading=frozen(held(executed.heading)),
+        pitch=frozen(held(executed.pitch)),
+        roll=frozen(held(executed.roll)),
+    )
+
+
+def _believed(context: Context, prediction: FoldPrediction) -> tuple[Context, float]:
+    """The context with the predicted shape, and how far it is from the ideal fold: D [m]."""
+    mesh = context.mesh
+    assert mesh is not None
+    target = target_vertices(mesh, context.step.lines, context.known_garment.material)
+    missed = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
+    shape = PredictedShape(prediction.vertices, mesh.triangles, mesh.rest)
+    context = replace(context, predicted=shape, plan_frames=prediction.keyframes, dissimilarity_m=missed)
+    return context, missed

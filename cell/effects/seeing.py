@@ -1,0 +1,94 @@
+"""Effects that look: the empty table, the garment, and what a fold has come to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cell.context import Context, Result
+from cell.effects.inspecting import find_folded
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import CameraFrame
+from skills.perception.overlay import draw_on_camera
+from skills.perception.perceive import perceive
+from skills.vocabulary import Outcome
+
+__all__ = ["await_garment", "look", "photograph_table", "recognise"]
+
+HEAD_TOLERANCE = 0.01  # [rad]: a turned head moves the picture by 10 mm on the table
+
+
+def _capture(cell: Workcell) -> Outcome[CameraFrame]:
+    """A picture, if the head stands where the camera was calibrated."""
+    pan = cell.ports.arms.state().head_pan
+    if abs(pan - cell.calibration.head_pan) > HEAD_TOLERANCE:
+        return Outcome(
+            failure=Failure(
+                FailureKind.CAMERA_FAULT,
+                f"the head stands at {pan:.3f} rad; the camera was calibrated at {cell.calibration.head_pan:.3f}",
+                "turn the head back, or calibrate the camera where the head stands",
+                {"head_pan_rad": pan},
+            )
+        )
+    frame = cell.ports.camera.capture()
+    cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+    return Outcome(frame)
+
+
+def photograph_table(cell: Workcell, context: Context) -> Result:
+    """The empty table, against which the garment is told from it."""
+    if cell.settings.camera.reference == "none":
+        return Result(Event.DONE, context)
+    shot = _capture(cell)
+    if shot.failure:
+        return Result(Event.FAILED, context.with_failure(shot.failure))
+    return Result(Event.DONE, replace(context, reference=shot.unwrap()))
+
+
+def await_garment(cell: Workcell, context: Context) -> Result:
+    """Somebody lays the garment on the table."""
+    cell.ports.attendant.lay_garment()
+    return Result(Event.DONE, context)
+
+
+def look(cell: Workcell, context: Context) -> Result:
+    shot = _capture(cell)
+    if shot.failure:
+        return Result(Event.FAILED, context.with_failure(shot.failure))
+    return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=context.frame))
+
+
+def recognise(cell: Workcell, context: Context) -> Result:
+    """Before the first fold: which garment, and where its key points are. Later: where the folded garment lies."""
+    assert context.frame is not None
+    if context.index > 0:
+        return find_folded(cell, context)
+    frame, expected = context.frame, cell.expected
+    seen = cell.compute(
+        cell.settings.computing.perception_s,
+        lambda: perceive(
+            frame,
+            cell.calibration,
+            cell.table,
+            context.reference,
+            cell.garments,
+            expected.name if expected else None,
+            cell.perception,
+            context.previous,
+        ),
+    )
+    if seen.failure:
+        return Result(Event.FAILED, context.with_failure(seen.failure), {"wall": dict(seen.notes)})
+    perception = seen.unwrap()
+    state = perception.state
+    overlay = draw_on_camera(perception, frame.rgb)
+    cell.recorder.perception(cell.ports.clock.now(), perception, overlay)
+    record = {
+        "garment": perception.garment,
+        "category": state.category,
+        "confidence": state.confidence,
+        "keypoints_m": {k: [round(float(c), 4) for c in p] for k, p in state.keypoints.items()},
+        "wall": dict(seen.notes),
+    }
+    return Result(Event.DONE, replace(context, perception=perception, overlay=overlay), record)

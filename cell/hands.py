@@ -1,0 +1,100 @@
+"""Both hands in one loop: read, let each hand's controller decide, command, one tick on.
+
+The controllers of skills.grasping are pure; this is where they meet the ports. A loop ends when every hand
+has ended, or with the first failure; the arms are commanded on every tick, so that they never time out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from cell.execution import TICK_S, Watch, stopped
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, JointState, Side, arm_slice
+from skills.grasping.reading import GripCommand, HandReading
+from skills.motion.ik import tool_pose
+from skills.vocabulary import Outcome
+
+__all__ = ["command_grip", "each_hand", "read_hand", "telemetry", "tool_height"]
+
+S = TypeVar("S")
+V = TypeVar("V")
+
+LONGEST_LOOP_S = 30.0
+
+
+def tool_height(cell: Workcell, side: Side, q: Array) -> float:
+    """Height of a tool centre point over the table [m] at joints q (14,)."""
+    return float(tool_pose(cell.robot.chains[side], q[arm_slice(side)])[2, 3] - cell.table.height)
+
+
+def read_hand(cell: Workcell, side: Side, state: JointState) -> HandReading:
+    """One hand's sensors, recorded."""
+    tactile, gripper = cell.ports.tactile[side].reading(), cell.ports.grippers[side].state()
+    cell.recorder.tactile(tactile)
+    cell.recorder.gripper(gripper)
+    cut = arm_slice(side)
+    return HandReading(
+        cell.ports.clock.now(), tactile, gripper, tool_height(cell, side, state.q), state.effort[cut]
+    )
+
+
+def command_grip(cell: Workcell, side: Side, command: GripCommand) -> None:
+    gripper = cell.ports.grippers[side]
+    gripper.command(min(command.opening, gripper.max_opening), command.force)
+
+
+def telemetry(cell: Workcell, watch: Watch | None = None) -> Watch:
+    """A watch that records the arms and both hands, and then watches as `watch` does."""
+
+    def look(tick):  # type: ignore[no-untyped-def]
+        cell.recorder.joints(tick.state)
+        for side in Side:
+            cell.recorder.tactile(cell.ports.tactile[side].reading())
+            cell.recorder.gripper(cell.ports.grippers[side].state())
+        return watch(tick) if watch else None
+
+    return look
+
+
+def each_hand(
+    cell: Workcell,
+    states: Mapping[Side, S],
+    tick: Callable[[Side, HandReading, S], S | Outcome[V]],
+    arms: Callable[[Mapping[Side, S]], Array] | None = None,
+) -> Outcome[dict[Side, V]]:
+    """Run one controller a hand until all have ended.
+
+    tick: (side, reading, state) -> next state or outcome. arms: the set-point (14,) to command given the
+    states of the hands that still run; None: the arms stand still. Failures: the first hand's that fails, STOPPED.
+    """
+    ports = cell.ports
+    running, values = dict(states), dict[Side, V]()
+    q = ports.arms.state().q
+    t0 = ports.clock.now()
+    for k in range(1, round(LONGEST_LOOP_S / TICK_S)):
+        goal = arms(running) if arms else q
+        ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))
+        q = goal
+        ports.clock.sleep_until(t0 + k * TICK_S)
+        failure = stopped(ports)
+        if failure:
+            return Outcome(failure=failure)
+        state = ports.arms.state()
+        cell.recorder.joints(state)
+        for side in tuple(running):
+            after = tick(side, read_hand(cell, side, state), running[side])
+            if not isinstance(after, Outcome):
+                running[side] = after
+                continue
+            if after.failure:
+                return Outcome(failure=after.failure)
+            values[side] = after.unwrap()
+            del running[side]
+        if not running:
+            return Outcome(values)
+    return Outcome(failure=Failure(FailureKind.GRIPPER_FAULT, f"a hand has not ended in {LONGEST_LOOP_S:.0f} s"))

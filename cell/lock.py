@@ -1,0 +1,131 @@
+"""One owner at a time, by a lock file: who drives a cell, and which run is still alive.
+
+The lock is the kernel's (`flock`): it ends with the process that holds it, however that process ends, so no
+stale file ever keeps a cell shut. A forked child gives its copy up at once: a renderer that outlives a killed
+executive does not hold the cell. The file's text, the owner's pid, is for messages only.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import time
+import weakref
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from robots.errors import ConfigurationError, StorageError
+
+__all__ = ["CellBusyError", "OwnerLock", "is_held"]
+
+_PATIENCE_S = 0.2
+"""`is_held` takes the lock for an instant to look: that must not refuse an owner."""
+
+
+class CellBusyError(ConfigurationError):
+    """Another process owns what was asked for. Nothing moved; nothing was written. `values["pid"]` says who."""
+
+
+class OwnerLock:
+    """An exclusive lock on `path`, held from `acquire` to `release` or to the end of the process.
+
+    Raises CellBusyError when another owner holds it, StorageError when the file cannot be made.
+    """
+
+    def __init__(self, path: Path, what: str = "the cell") -> None:
+        self.path = path
+        self.what = what
+        self._file: int | None = None
+
+    @property
+    def held(self) -> bool:
+        return self._file is not None
+
+    def acquire(self) -> Self:
+        if self._file is not None:
+            return self
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as e:
+            raise StorageError(
+                f"cannot make the lock file {self.path}: {e.strerror}",
+                "choose another folder with --logs DIR or FOLDCELL_LOGS",
+                path=str(self.path),
+            ) from e
+        try:
+            self._lock(file)
+            os.ftruncate(file, 0)
+            os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
+        except BaseException:
+            os.close(file)
+            raise
+        self._file = file
+        _HELD.add(self)
+        return self
+
+    def release(self) -> None:
+        """Give the lock up. The file stays: removing it would let two owners in."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+            _HELD.discard(self)
+
+    def __enter__(self) -> Self:
+        return self.acquire()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def _lock(self, file: int) -> None:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as e:
+                if time.monotonic() < deadline:
+                    time.sleep(0.01)
+                    continue
+                pid = _pid(file)
+                raise CellBusyError(
+                    f"{self.what} is in use by process {pid or 'unknown'} ({self.path})",
+                    "wait for it or stop it"
+                    + (f" (kill -TERM {pid} makes the cell safe first)" if pid else "")
+                    + ", or give this run another --logs DIR",
+                    pid=pid,
+                    path=str(self.path),
+                ) from e
+
+
+def is_held(path: Path) -> bool:
+    """Whether some process holds the lock now. False where there is no such file."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
+def _pid(file: int) -> int | None:
+    text = os.pread(file, 32, 0).decode("ascii", "replace").strip()
+    return int(text) if text.isdigit() else None
+
+
+_HELD: weakref.WeakSet[OwnerLock] = weakref.WeakSet()
+
+
+def _give_up_in_child() -> None:
+    for lock in list(_HELD):
+        lock.release()
+
+
+os.register_at_fork(after_in_child=_give_up_in_child)

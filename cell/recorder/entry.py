@@ -1,0 +1,66 @@
+"""What goes into a recording, already encoded: the same entry is written to the file and to a live viewer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import rerun as rr
+
+from robots.ports import Array
+
+__all__ = ["TIMELINE", "Columns", "Entry", "Log", "Robot"]
+
+TIMELINE = "cell_time"
+
+
+class Entry(Protocol):
+    """One thing to write. essential: a viewer that misses it cannot make sense of what follows."""
+
+    @property
+    def essential(self) -> bool: ...
+
+    def write(self, stream: rr.RecordingStream) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Archetypes at one entity path and cell time [s]; t None: holds for all times."""
+
+    path: str
+    t: float | None
+    parts: tuple[Any, ...]
+    essential: bool = False
+
+    def write(self, stream: rr.RecordingStream) -> None:
+        if self.t is None:
+            stream.log(self.path, *self.parts, static=True)
+        else:
+            stream.set_time(TIMELINE, duration=self.t)
+            stream.log(self.path, *self.parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A batch of rows for one entity: t (n,) [s] and component columns of n rows."""
+
+    path: str
+    t: Array
+    columns: tuple[Any, ...]
+    essential: bool = False
+
+    def write(self, stream: rr.RecordingStream) -> None:
+        times = rr.TimeColumn(TIMELINE, duration=np.asarray(self.t, dtype=np.float64))
+        stream.send_columns(self.path, indexes=[times], columns=list(self.columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot's meshes and fixed frames, from a `rerun.urdf.UrdfTree`."""
+
+    tree: Any
+    essential: bool = True
+
+    def write(self, stream: rr.RecordingStream) -> None:
+        self.tree.log_urdf_to_recording(stream)

@@ -1,0 +1,96 @@
+"""The fallback table as data: what failed, and how often by now -> what to try next. No code but the look-up.
+
+The tries of a row are taken one after the other, counted per fold step and failure kind; after the last
+one the cell asks the operator, or gives up when nobody attends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from cell.states import Event
+from robots.errors import FailureKind
+
+__all__ = ["RECOVERIES", "Adjustment", "Recovery", "choose_recovery"]
+
+
+class Adjustment(StrEnum):
+    """How the next try differs from the one that failed."""
+
+    NONE = "none"
+    LOWER = "lower"  # press the tips deeper into the garment
+    INWARD = "inward"  # take hold further inside the edge
+    STRONGER = "stronger"  # squeeze harder
+    OPTIMISE = "optimise"  # do not take the library's trajectory
+    PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
+    OTHER_SEARCH = "other_search"  # another draw of the motion planner
+    FOLLOW_DRIFT = "follow_drift"  # move what is left of the plan to where the garment lies now
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """The event that leads on from RECOVERING, what to change, how long to wait before [s of cell time]."""
+
+    event: Event
+    adjust: Adjustment = Adjustment.NONE
+    dwell_s: float = 0.0
+
+
+K, A = FailureKind, Adjustment
+
+_LOOK_TWICE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
+_GRASP_AGAIN = (
+    Recovery(Event.GRASP_AGAIN, A.LOWER),
+    Recovery(Event.GRASP_AGAIN, A.INWARD),
+    Recovery(Event.LOOK_AGAIN),
+)
+_MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
+_OTHER_WAY = (Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH), Recovery(Event.GRASP_AGAIN, A.INWARD))
+_HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
+_FOLD_ANEW = (Recovery(Event.LOOK_AGAIN, A.OPTIMISE),)
+
+RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
+    # seeing
+    K.NO_GARMENT: _LOOK_TWICE,
+    K.LOW_CONFIDENCE: _LOOK_TWICE,
+    K.NOT_FLAT: _LOOK_TWICE,
+    K.CAMERA_FAULT: _LOOK_TWICE,
+    # planning
+    K.OPTIMISER_FAILED: (Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC),),
+    K.PREDICTION_POOR: (
+        Recovery(Event.OPTIMISE_AGAIN, A.OPTIMISE),
+        Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC),
+    ),
+    K.UNREACHABLE: _OTHER_WAY,
+    K.IN_COLLISION: _OTHER_WAY,
+    # moving
+    K.START_MISMATCH: _MOVE_AGAIN,
+    K.TRACKING_ERROR: _MOVE_AGAIN,
+    K.STALE_STATE: _MOVE_AGAIN,
+    # gripping
+    K.NO_CONTACT: _GRASP_AGAIN,
+    K.MISSED_GRASP: _GRASP_AGAIN,
+    K.SLIPPED: _HOLD_BETTER,
+    K.DROPPED_CORNER: _HOLD_BETTER,
+    K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
+    # the fold itself
+    K.DRIFT: (Recovery(Event.CARRY_ON, A.FOLLOW_DRIFT),),
+    K.OFF_TARGET: _FOLD_ANEW,
+    K.PILING: _FOLD_ANEW,
+    K.SAG: _FOLD_ANEW,
+    K.MISSED_LAYER: _FOLD_ANEW,
+}
+
+
+def choose_recovery(kind: FailureKind, attempt: int, attended: bool) -> Recovery:
+    """What to do after the `attempt`-th failure (from 1) of this kind in this step.
+
+    What stands in no row (a stop, a hardware fault, a garment that is not the one expected) is never
+    retried by itself.
+    """
+    tries = RECOVERIES.get(kind, ())
+    if attempt <= len(tries):
+        return tries[attempt - 1]
+    return Recovery(Event.ASK if attended else Event.GIVE_UP)

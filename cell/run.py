@@ -1,0 +1,248 @@
+"""One run, from a request to a result: open the cell, run the machine, score, report, close.
+
+Whatever happens, the ledger is ended, the recording closed and the result written. Ctrl-C and a termination
+signal trigger the stop circuit, and the machine ends in a declared state.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Set
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from cell.assembly import assemble, load_robot
+from cell.commands import CommandQueue
+from cell.context import Context
+from cell.effects import EFFECTS
+from cell.garments import load_garment
+from cell.journal import Journal, RunJournal
+from cell.lock import OwnerLock
+from cell.observers import RecorderObserver
+from cell.paths import ledger_path
+from cell.progress import ProgressLines
+from cell.recorder import Recorder
+from cell.requests import FoldRequest, FoldResult
+from cell.runner import Observer, RunEnd, Runner
+from cell.states import Event, State
+from cell.terminal import TerminalOperator
+from robots.errors import ConfigurationError, StorageError
+from robots.ports import Ports
+
+__all__ = ["FoldRequest", "FoldResult", "fold_once"]
+
+RESULTS = {
+    State.FOLDED: "folded",
+    State.NOT_FOLDED: "not_folded",
+    State.STOPPED: "not_folded",
+    State.FAULT: "fault",
+}
+VERSIONED = (
+    "foldcell", "pin", "coal", "ruckig", "toppra", "numpy", "scipy", "numba", "opencv-python-headless", "pybullet",
+    "transitions", "rerun-sdk",
+)  # fmt: skip
+
+Script = Callable[[Ports, CommandQueue], None]
+
+
+def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
+    """Perform one run. `script` gets ports and command queue before the first effect (tests, HIL scripts).
+
+    Raises ConfigurationError and StorageError before anything moves.
+    """
+    began = time.monotonic()
+    if request.garment != "auto":
+        load_garment(request.garment, request.settings.surface)
+    with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
+        run = journal.begin_run(
+            garment=request.garment,
+            seed=request.seed,
+            driver=request.driver,
+            settings_hash=request.settings.fingerprint(),
+            versions={name: metadata.version(name) for name in VERSIONED},
+        )
+        try:
+            result = _perform(request, run, began, script)
+        except BaseException:
+            run.abandon()
+            raise
+        run.end(result.result, result.as_json())
+    return result
+
+
+def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script | None) -> FoldResult:
+    write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
+    robot = load_robot(request.settings)
+    recorder = _recorder(request, run)
+    commands = CommandQueue()
+    try:
+        with _opened(request) as ports, ThreadPoolExecutor(1, "skill") as workers, _signals(ports) as received:
+            lines = None if request.quiet else ProgressLines(sys.stdout)
+            cell = assemble(
+                request, robot, ports, recorder, commands, workers, _prompt(request, commands), _teller(request)
+            )
+            witness = _witness(request, ports, recorder)
+            observers: list[Observer] = [RecorderObserver(recorder), *([lines] if lines else [])]
+            if script is not None:
+                script(ports, commands)
+            end = Runner(cell, EFFECTS, run, commands, tuple(observers)).run()
+            score = witness.score(end) if witness else None
+            frames = witness.key_frames if witness else ()
+    finally:
+        kept = recorder.close()
+    recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": list(kept.errors)}
+    result = _result(request, run, began, end, score, received, recording)
+    if request.record:
+        from cell.reporting import report
+
+        report(run.directory, request, end, result, frames)
+    write_whole(run.directory / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
+    return result
+
+
+def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
+    if not request.record:
+        return Recorder.silent()
+    from robots.baxter.meshes import baxter_visual
+
+    table = request.settings.table
+    return Recorder.open(run.directory / "run.rrd", run.id, table, live=request.live, robot=baxter_visual())
+
+
+@contextmanager
+def _opened(request: FoldRequest) -> Iterator[Ports]:
+    if request.driver != "sim":
+        raise ConfigurationError(f"there is no driver '{request.driver}' yet", "the only one is 'sim'")
+    from cell.simulation import SimulationSettings, close_cell, open_cell
+
+    settings = request.settings
+    ports = open_cell(
+        SimulationSettings(
+            garment=request.garment,
+            surface=settings.surface,
+            table=settings.table,
+            realtime=request.realtime,
+            world=request.world,
+        ),
+        request.seed,
+    )
+    try:
+        yield ports
+    finally:
+        close_cell(ports)
+
+
+@contextmanager
+def _signals(ports: Ports) -> Iterator[list[int]]:
+    """SIGINT and SIGTERM trigger the stop. Off the main thread nothing is installed."""
+    received: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        received.append(number)
+        ports.stop.trigger(signal.Signals(number).name)
+
+    try:
+        before = {n: signal.signal(n, stop) for n in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:
+        before = {}
+    try:
+        yield received
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, handler)
+
+
+def _prompt(request: FoldRequest, commands: CommandQueue) -> Callable[[Set[Event], Context], None]:
+    """Starts to listen at the terminal when somebody attends."""
+    if request.approve and not request.quiet:
+        TerminalOperator(commands, sys.stdin, sys.stderr).start()
+    return lambda wanted, context: None
+
+
+def _teller(request: FoldRequest) -> Callable[[str], None]:
+    """Progress of long computing: one line that is written over on a terminal, nothing elsewhere."""
+    if request.quiet or not sys.stdout.isatty():
+        return lambda text: None
+
+    def tell(text: str) -> None:
+        print(f"\r            {text}\x1b[K", end="", flush=True)
+
+    return tell
+
+
+def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:
+    """Who records and scores the truth of a simulated cell."""
+    if not request.witness:
+        return None
+    from cell.simulation.witness import Witness
+
+    return Witness(ports, recorder, request)
+
+
+def _result(
+    request: FoldRequest,
+    run: RunJournal,
+    began: float,
+    end: RunEnd,
+    score: dict[str, Any] | None,
+    received: list[int],
+    recording: dict[str, Any],
+) -> FoldResult:
+    context = end.context
+    failure = context.failure if end.state is not State.FOLDED else None
+    return FoldResult(
+        garment=request.garment,
+        seed=request.seed,
+        driver=request.driver,
+        simulated=request.driver == "sim",
+        result=RESULTS[end.state],
+        state=end.state.value,
+        failure=failure and {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint},
+        score=score,
+        steps=tuple(_steps(context)),
+        robot_time_s=end.ended - end.started - context.waited_s,
+        wall_time_s=time.monotonic() - began,
+        stage_times_s={k: round(v, 3) for k, v in end.stage_times.items()},
+        run_dir=str(run.directory),
+        signal=received[0] if received else None,
+        recording=recording,
+    )
+
+
+def _steps(context: Context) -> Iterator[dict[str, Any]]:
+    """Every planned fold: what was made of it."""
+    for index, step in enumerate(context.steps):
+        note = context.done[index] if index < len(context.done) else None
+        yield {
+            "name": step.name,
+            "done": note is not None,
+            "source": note.source if note else None,
+            "dissimilarity_m": note.dissimilarity_m if note else None,
+            "predicted_iou": note.predicted_iou if note else None,
+            "observed_iou": note.observed_iou if note else None,
+            "drift_m": note.drift_m if note else None,
+            "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
+            "recoveries": [text for i, text in context.recoveries if i == index],
+        }
+
+
+def write_whole(path: Path, text: str) -> None:
+    """The whole file or none of it. Raises StorageError."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as e:
+        part.unlink(missing_ok=True)
+        hint = "make room, or choose another folder with --logs"
+        raise StorageError(f"cannot write {path}: {e.strerror}", hint) from e

@@ -1,0 +1,142 @@
+"""Performs what a state asks for and turns its outcome into the next event.
+
+One loop, one thread: the machine says which effect is due; the journal takes the intent; the effect is
+performed (cell/effects); the journal takes the result; the machine takes the event. Observers (the
+Rerun view, the progress lines) are told of each step and cannot hinder it.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from cell.commands import CommandQueue
+from cell.context import Context, Result
+from cell.executive import Executive, Step
+from cell.journal import RunJournal
+from cell.states import TERMINAL, Effect, Event, State
+from cell.workcell import Workcell
+from robots.errors import CellError, DriverError, Failure, FailureKind
+
+__all__ = ["EffectFunction", "Observer", "RunEnd", "Runner"]
+
+EffectFunction = Callable[[Workcell, Context], Result]
+
+_QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
+"""Effects that touch neither the cell nor the clock: an event in the ledger is enough."""
+
+
+class Observer(Protocol):
+    """Is told what happens. Must return at once and never raise."""
+
+    def entered(self, t: float, step: Step) -> None: ...
+
+    def performed(self, t: float, step: Step, result: Result) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnd:
+    """Where a run ended, with what was believed then."""
+
+    state: State
+    context: Context
+    started: float
+    ended: float
+    stage_times: Mapping[str, float]
+    """Cell time spent in each state [s]."""
+
+
+class Runner:
+    """One run of the machine over the effects of a cell."""
+
+    def __init__(
+        self,
+        workcell: Workcell,
+        effects: Mapping[Effect, EffectFunction],
+        journal: RunJournal,
+        commands: CommandQueue,
+        observers: tuple[Observer, ...] = (),
+    ) -> None:
+        self._cell = workcell
+        self._effects = effects
+        self._journal = journal
+        self._commands = commands
+        self._observers = observers
+        self._machine = Executive()
+
+    def run(self, context: Context | None = None) -> RunEnd:
+        """From START to a declared end. Returns however it ended; raises only what the ledger raises."""
+        clock = self._cell.ports.clock
+        started = clock.now()
+        context = context or Context()
+        times: dict[str, float] = {}
+        event = Event.START
+        while True:
+            step = self._machine.handle(event)
+            entered = clock.now()
+            self._note_entry(entered, step)
+            if step.target in TERMINAL:
+                self._perform(step, context)
+                return RunEnd(step.target, context, started, clock.now(), times)
+            result = self._perform(step, context)
+            context, event = result.context, result.event
+            times[step.target.value] = times.get(step.target.value, 0.0) + clock.now() - entered
+            for o in self._observers:
+                o.performed(clock.now(), step, result)
+
+    def _note_entry(self, t: float, step: Step) -> None:
+        self._journal.event(t, step.target.value, step.event.value, {"from": step.source.value})
+        for o in self._observers:
+            o.entered(t, step)
+
+    def _perform(self, step: Step, context: Context) -> Result:
+        """The effect with its intent and result in the ledger; whatever it raises becomes an event."""
+        pending = self._interruption(step)
+        if pending:
+            return Result(pending, context, {"interrupted": True})
+        clock = self._cell.ports.clock
+        payload = {"step": context.index, "attempt": len(context.adjustments)}
+        intent = None
+        if step.effect not in _QUIET:
+            intent = self._journal.intent(clock.now(), step.target.value, step.effect.value, payload)
+        try:
+            result = self._effects[step.effect](self._cell, context)
+        except DriverError as e:
+            result = Result(Event.FAILED, context.with_failure(e.failure()))
+        except Exception as e:  # a bug or a broken file: the machine must know, the ledger must keep it
+            hint = e.hint if isinstance(e, CellError) else "this is a bug: keep the run folder and report it"
+            crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint,
+                            {"traceback": traceback.format_exc()})  # fmt: skip
+            result = Result(Event.CRASH, context.with_failure(crash))
+        result = self._divert(step, result)
+        if intent is not None:
+            record = {"event": result.event.value, **result.record}
+            if result.event not in {Event.DONE} and result.context.failure:
+                f = result.context.failure
+                record |= {"kind": f.kind.value, "what": f.what, "hint": f.hint, "values": dict(f.values)}
+            self._journal.result(intent, clock.now(), record)
+        return result
+
+    def _divert(self, step: Step, result: Result) -> Result:
+        """A failure that is a stop or an abort leaves by its own row; an end has nowhere left to go."""
+        if result.event is not Event.FAILED or result.context.failure is None:
+            return result
+        kind = result.context.failure.kind
+        if kind is FailureKind.STOPPED:
+            return replace(result, event=Event.STOP)
+        if kind is FailureKind.ABORTED and Event.ABORT in self._machine.allowed():
+            return replace(result, event=Event.ABORT)
+        return result
+
+    def _interruption(self, step: Step) -> Event | None:
+        """What an operator or the stop circuit wants before this effect begins."""
+        if step.target in TERMINAL:
+            return None
+        if self._cell.ports.stop.state().stopped:
+            return Event.STOP
+        if step.effect in {Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT}:
+            return None  # these take their commands themselves
+        command = self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
+        return command

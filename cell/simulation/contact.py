@@ -1,0 +1,75 @@
+"""Fingertips on the table and on the cloth: how hard, and how far the arm gives way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.baxter.pybullet_body import PAD_THICKNESS
+from robots.ports import Array
+
+__all__ = ["FINGER_RADIUS", "HAND_RADIUS", "Stiffness", "Touch", "finger_axes", "fingertips", "hand_axis", "touch"]
+
+FINGER_RADIUS = 0.008
+FINGER_LENGTH = 0.085
+HAND_RADIUS = 0.040
+HAND_FROM, HAND_TO = 0.110, 0.200
+"""The gripper's body behind the fingers, along the tool's -z [m]."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Of the arm at the tool along z, of a rubber tip on the table, of a tip in cloth [N/m]."""
+
+    arm: float
+    tip: float
+    cloth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """force: (2,) along the tool's z on each tip [N]; lift: how far the table pushes the hand up [m]."""
+
+    force: Array
+    lift: float
+
+
+def fingertips(position: Array, rotation: Array, opening: float) -> Array:
+    """(2, 3) the middles of the tips of fingers 0 and 1 (the tool's +y and -y), pads `opening` [m] apart."""
+    side = 0.5 * (opening + PAD_THICKNESS) * rotation[:, 1]
+    return np.stack((position + side, position - side))
+
+
+def touch(tips: Array, top: Array, stiffness: Stiffness) -> Touch:
+    """tips: (2, 3) where the arm would have them, table frame; top: (2,) height of the cloth there [m].
+
+    Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift).
+    Cloth is a softer spring on top of it, pressed flat at the table's height; it does not lift the arm.
+    """
+    depth = np.maximum(-tips[:, 2], 0.0)
+    both = stiffness.tip * depth.sum() / (stiffness.arm + 2.0 * stiffness.tip)
+    one = stiffness.tip * depth.max() / (stiffness.arm + stiffness.tip)
+    lift = float(both if both <= depth.min() else one)
+    height = tips[:, 2] + lift
+    on_table = stiffness.tip * np.maximum(-height, 0.0)
+    in_cloth = stiffness.cloth * np.clip(top - height, 0.0, top)
+    return Touch(on_table + in_cloth, lift)
+
+
+def finger_axes(
+    position: Array, rotation: Array, opening: float, floor: Array, raised: float
+) -> tuple[Array, Array]:
+    """Ends (2, 3), (2, 3) of the two fingers' capsules. floor: (2,) lowest height of their undersides [m]: soft
+    tips do not press the cloth through the table. raised: how far above the tips they begin [m]."""
+    back = -rotation[:, 2]
+    tips = fingertips(position, rotation, opening)
+    low = tips + (FINGER_RADIUS + raised) * back
+    low[:, 2] = np.maximum(low[:, 2], floor + FINGER_RADIUS)
+    return low, tips + FINGER_LENGTH * back
+
+
+def hand_axis(position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Ends (3,), (3,) of the capsule of the gripper's body."""
+    back = -rotation[:, 2]
+    return position + HAND_FROM * back, position + HAND_TO * back

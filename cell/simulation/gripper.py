@@ -1,0 +1,146 @@
+"""The simulated electric gripper: fingers that close until something is between the pads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from cell.simulation.noise import GripperNoise
+from robots.baxter.pybullet_body import MAX_OPENING
+from robots.errors import DriverError, FailureKind
+from robots.ports import GripperState, Side
+
+__all__ = ["SimulatedGripper"]
+
+_SNAPSHOT = ("opening", "pressing", "_goal", "_force", "_between", "_stroke", "_calibrated", "_t", "_step")
+MOVING = 5e-4
+"""Further from its goal than this the gripper says that it moves [m]."""
+
+
+class SimulatedGripper:
+    """One gripper. Closed on nothing the pads just meet at opening 0 and press on no one.
+
+    caught(stroke, force): called when the pads come together on whatever lies between them, having stood
+    `stroke` [m] apart; returns the thickness that keeps them open [m], 0 for nothing. opened(): called when
+    they let go of it.
+    """
+
+    def __init__(
+        self,
+        side: Side,
+        noise: GripperNoise,
+        seed: int,
+        ideal: bool,
+        caught: Callable[[float, float], float],
+        opened: Callable[[], None],
+    ) -> None:
+        self.side = side
+        self._noise, self._seed, self._ideal = noise, seed, ideal
+        self._caught, self._opened = caught, opened
+        self.opening = 0.0
+        self.pressing = 0.0
+        """Force on each pad now [N]."""
+        self.stuck = False
+        self._goal, self._force = 0.0, 0.0
+        self._between = 0.0
+        self._stroke = 0.0
+        self._calibrated = False
+        self._calibrating: float | None = None
+        self._after: tuple[float, float] | None = None
+        self._t, self._step = 0.0, 0
+
+    @property
+    def holding(self) -> bool:
+        """Whether something is between the pads and they press on it."""
+        return self._between > 0.0
+
+    @property
+    def force(self) -> float:
+        """What it is told to squeeze with [N]."""
+        return self._force
+
+    def calibrate(self) -> None:
+        """Close and open once; takes a moment of cell time. What is commanded meanwhile follows after it."""
+        self._calibrating = self._noise.calibration_time
+        self._let_go()
+
+    def command(self, opening: float, force: float) -> None:
+        """Raises DriverError before calibration, and for what is no opening or force."""
+        if not (np.isfinite(opening) and np.isfinite(force)):
+            raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")
+        goal = float(np.clip(opening, 0.0, MAX_OPENING)), float(np.clip(force, 0.0, self._noise.max_force))
+        if self._calibrating is not None:
+            self._after = goal
+            return
+        if not self._calibrated:
+            raise DriverError(
+                FailureKind.GRIPPER_FAULT, f"the {self.side} gripper is not calibrated", "calibrate it first"
+            )
+        self._go(*goal)
+
+    def _go(self, opening: float, force: float) -> None:
+        if opening < self.opening:
+            self._stroke = self.opening
+        self._goal, self._force = opening, force
+
+    def state(self) -> GripperState:
+        opening, force = self.opening, self.pressing
+        if not self._ideal:
+            n = np.random.default_rng((self._seed, self._step)).standard_normal(2)
+            opening = float(np.clip(opening + self._noise.opening_noise * n[0], 0.0, MAX_OPENING))
+            force = max(0.0, force + self._noise.force_noise * float(n[1]))
+        arrived = self.holding and self._goal <= self._between
+        moving = self._calibrating is not None or (
+            not self.stuck and not arrived and abs(self._goal - self.opening) > MOVING
+        )
+        return GripperState(self._t, self.side, opening, force, moving, self._calibrated)
+
+    def snapshot(self) -> dict[str, float]:
+        """What decides how it goes on, a calibration under way left out."""
+        return {name: getattr(self, name) for name in _SNAPSHOT}
+
+    def resume(self, saved: Mapping[str, float]) -> None:
+        for name in _SNAPSHOT:
+            setattr(self, name, saved[name])
+        self._calibrated = bool(self._calibrated)
+        self._calibrating = self._after = None
+
+    def lost(self) -> None:
+        """What was between the pads has slipped out: they go on closing."""
+        self._between = 0.0
+
+    def step(self, t: float, dt: float) -> None:
+        self._t, self._step = t, self._step + 1
+        if self._calibrating is not None:
+            self._calibrate(dt)
+        if not self.stuck:
+            self._move(dt)
+        pressing = self._force if self.holding and self._goal < self._between else 0.0
+        self.pressing += (pressing - self.pressing) * min(1.0, dt / self._noise.force_time)
+
+    def _calibrate(self, dt: float) -> None:
+        assert self._calibrating is not None
+        self._calibrating -= dt
+        self._goal = 0.0 if self._calibrating > 0.5 * self._noise.calibration_time else MAX_OPENING
+        if self._calibrating <= 0.0:
+            self._calibrating, self._calibrated = None, True
+            if self._after is not None:
+                self._go(*self._after)
+                self._after = None
+
+    def _move(self, dt: float) -> None:
+        before = self.opening
+        stop = self._between if self.holding else 0.0
+        step = self._noise.speed * dt
+        self.opening += float(np.clip(max(self._goal, stop) - before, -step, step))
+        contact = self._noise.contact_opening
+        if self._calibrating is None and before > contact >= self.opening:
+            self._between = min(self._caught(self._stroke, self._force), contact)
+        elif self.holding and before < self.opening > self._between + MOVING:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self.holding:
+            self._between = 0.0
+            self._opened()

@@ -1,0 +1,164 @@
+"""The noise table as values: noise.yaml read, checked, typed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+import yaml
+
+from robots.errors import InternalError
+
+__all__ = [
+    "AttendantNoise",
+    "CameraNoise",
+    "GarmentNoise",
+    "GripperNoise",
+    "NoiseTable",
+    "Range",
+    "RobotNoise",
+    "TactileNoise",
+    "load_noise",
+]
+
+PATH = Path(__file__).with_name("noise.yaml")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Range:
+    """A figure that a world draws uniformly between `low` and `high`."""
+
+    low: float
+    high: float
+
+    def draw(self, rng: np.random.Generator) -> float:
+        return float(rng.uniform(self.low, self.high))
+
+
+@dataclass(frozen=True)
+class RobotNoise:
+    encoder_bias: float
+    encoder_noise: float
+    velocity_noise: float
+    effort_time: float
+    effort_noise: float
+    lag: Range
+    jitter: float
+    jitter_time: float
+    drops_per_minute: float
+    drop_depth: Range
+    drop_time: Range
+    command_timeout: float
+    brake: float
+    arm_stiffness: float
+
+
+@dataclass(frozen=True)
+class GripperNoise:
+    speed: float
+    opening_noise: float
+    force_noise: float
+    force_time: float
+    max_force: float
+    contact_opening: float
+    pad_friction: Range
+    calibration_time: float
+
+
+@dataclass(frozen=True)
+class TactileNoise:
+    rows: int
+    columns: int
+    spacing: float
+    rate: float
+    noise: float
+    linearity: float
+    drift: float
+    tip_noise: float
+    tip_stiffness: float
+    cloth_stiffness: float
+
+
+@dataclass(frozen=True)
+class CameraNoise:
+    exposure: float
+    white_balance: float
+    vignette: float
+    rgb: float
+    blur_px: float
+    depth_sigma: float
+    depth_grain_px: float
+    depth_baseline: float
+    disparity_step: float
+    edge_jump: float
+    edge_loss: float
+    pixel_loss: float
+    pose_position: float
+    pose_angle: float
+    light_swing: float
+
+
+@dataclass(frozen=True)
+class GarmentNoise:
+    size: float
+    asymmetry: float
+    edge_length: float
+    friction: float
+    friction_layers: float
+    areal_mass: float
+    bending_length: float
+    stretch_fraction: float
+    thickness: float
+    anisotropy: float
+    damping: float
+    wrinkle_height: float
+    wrinkle_length: float
+    relief: float
+    relief_length: float
+    settle_time: float
+
+
+@dataclass(frozen=True)
+class AttendantNoise:
+    lay_time: float
+
+
+@dataclass(frozen=True)
+class NoiseTable:
+    """Units and sources of every figure stand in noise.yaml."""
+
+    robot: RobotNoise
+    gripper: GripperNoise
+    tactile: TactileNoise
+    camera: CameraNoise
+    garment: GarmentNoise
+    attendant: AttendantNoise
+
+
+@lru_cache(maxsize=1)
+def load_noise() -> NoiseTable:
+    """Read noise.yaml. Raises InternalError where it and these types disagree: both are shipped."""
+    table = yaml.safe_load(PATH.read_text(encoding="utf-8"))
+    types = get_type_hints(NoiseTable)
+    if set(table) != set(types):
+        raise InternalError(f"{PATH.name}: sections {sorted(table)} are not {sorted(types)}")
+    return NoiseTable(**{name: _section(name, types[name], table[name]) for name in types})
+
+
+def _section(name: str, kind: type[T], entries: dict[str, dict[str, Any]]) -> T:
+    types = get_type_hints(kind)
+    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]  # a dataclass
+    if set(entries) != set(names):
+        raise InternalError(f"{PATH.name}: {name} differs by {sorted(set(entries) ^ set(names))}")
+    values: dict[str, float | int | Range] = {}
+    for key, entry in entries.items():
+        if set(entry) != {"value", "unit", "source"}:
+            raise InternalError(f"{PATH.name}: {name}.{key} needs value, unit and source")
+        value = entry["value"]
+        values[key] = Range(*map(float, value)) if types[key] is Range else types[key](value)
+    return kind(**values)

@@ -1,0 +1,225 @@
+"""The simulated arms: the robot's own controller, its tracking error and its sensors, over the PyBullet body.
+
+Set-points arrive late (lag), are followed between commands by their velocity, and give way to a hold when
+none comes for the command timeout. Jitter and sudden drops move the arm off its set-point; the encoders'
+bias makes it stand where it does not know. A stop brakes both arms at a bounded deceleration.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cell.simulation.noise import RobotNoise
+from robots.baxter.pybullet_body import BaxterBody
+from robots.errors import DriverError, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
+
+__all__ = ["SimulatedRobot"]
+
+EXTRAPOLATION = 0.02
+"""A set-point's velocity is followed for this long when the next one is late [s]."""
+JUMP_TIME = 0.04
+"""A set-point may lie as far from the last one as the joints travel in this time at full speed [s]."""
+MOVING = 0.05
+"""Joint speed at which jitter has its full size [rad/s]."""
+HEAD_SPEED = 0.6  # [rad/s]
+SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
+"""Index of S1 in a joint vector: its positive turn lowers the arm."""
+
+
+@dataclass(frozen=True)
+class _Setpoint:
+    at: float
+    q: Array
+    qd: Array
+
+
+@dataclass(frozen=True)
+class _Drop:
+    """A sudden drop under way: `angle` [rad] of S1 at its deepest, from `start` for `duration` [s]."""
+
+    start: float
+    duration: float
+    angle: float
+
+    def offset(self, t: float) -> float:
+        s = (t - self.start) / self.duration
+        return self.angle * float(np.sin(np.pi * s) ** 2) if 0.0 < s < 1.0 else 0.0
+
+
+class SimulatedRobot:
+    """Both arms and the head. `step` moves the controller by one physics step; the rest is asked between."""
+
+    def __init__(
+        self,
+        body: BaxterBody,
+        model: RobotModel,
+        noise: RobotNoise,
+        rng: np.random.Generator,
+        q_start: Array,
+        ideal: bool,
+    ) -> None:
+        self._body, self._noise, self._rng, self._ideal = body, noise, rng, ideal
+        self._lower, self._upper = model.protective.lower, model.protective.upper
+        self._speed = model.protective.velocity
+        self._brake = noise.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
+        scale = 0.0 if ideal else 1.0
+        self._bias = scale * noise.encoder_bias * rng.standard_normal(14)
+        self._lag = 0.0 if ideal else noise.lag.draw(rng)
+        self._reading = int(rng.integers(2**31))
+        self._jitter = np.zeros(14)
+        self._effort = np.zeros(14)
+        self._drops: dict[Side, _Drop] = {}
+        self._enabled = False
+        self._stop_reason: str | None = None
+        self._stop_stamp = 0.0
+        self._queue: deque[_Setpoint] = deque()
+        self._active: _Setpoint | None = None
+        self._sent = q_start.copy()
+        self._target, self._velocity = q_start.copy(), np.zeros(14)
+        self._head_goal = self._head = 0.0
+        self._step = 0
+        self._t = 0.0
+        body.place(q_start - self._bias, 0.0, dict.fromkeys(Side, 0.0))
+
+    # what the executive asks -------------------------------------------------------------------------
+
+    def enable(self) -> None:
+        if self._stop_reason is not None:
+            raise DriverError(
+                FailureKind.STOPPED,
+                f"the arms stay disabled: stopped ({self._stop_reason})",
+                "reset the stop first",
+            )
+        self._enabled = True
+
+    def command(self, q: Array, qd: Array) -> JointSetpoint:
+        """Raises DriverError when stopped, not enabled, or given what is no joint vector."""
+        q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
+        if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
+            raise DriverError(FailureKind.HARDWARE_FAULT, f"no joint vectors of 14: shapes {q.shape}, {qd.shape}")
+        if self._stop_reason is not None:
+            raise DriverError(
+                FailureKind.STOPPED, f"stopped: {self._stop_reason}", "reset the stop, then enable the arms"
+            )
+        if not self._enabled:
+            raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
+        reach = self._speed * JUMP_TIME
+        sent = np.clip(np.clip(q, self._sent - reach, self._sent + reach), self._lower, self._upper)
+        speed = np.clip(qd, -self._speed, self._speed)
+        self._queue.append(_Setpoint(self._t + self._lag, sent, speed))
+        self._sent = sent
+        clipped = bool(np.any(sent != q) or np.any(speed != qd))
+        return JointSetpoint(self._t, frozen(sent.copy()), frozen(speed), clipped)
+
+    def state(self) -> JointState:
+        """Reading it changes nothing: the noise belongs to the physics step, not to the call."""
+        q, qd, _, pan = self._body.read()
+        q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
+        if not self._ideal:
+            n = np.random.default_rng((self._reading, self._step)).standard_normal((3, 14))
+            q += self._noise.encoder_noise * n[0]
+            qd += self._noise.velocity_noise * n[1]
+            effort = effort + self._noise.effort_noise * n[2]
+        return JointState(self._t, frozen(q), frozen(qd), frozen(effort), pan)
+
+    def command_pan(self, angle: float) -> None:
+        self._head_goal = float(np.clip(angle, -1.39, 1.39))
+
+    def trigger_stop(self, reason: str) -> None:
+        """Callable from any thread and from a signal handler: sets one attribute, looked at each step."""
+        if self._stop_reason is None:
+            self._stop_stamp = self._t
+            self._stop_reason = reason or "no reason given"
+
+    def stop_state(self) -> StopState:
+        reason = self._stop_reason
+        return StopState(self._t if reason is None else self._stop_stamp, reason is not None, reason or "")
+
+    def reset_stop(self) -> None:
+        self._stop_reason = None
+        self._enabled = False
+
+    def snapshot(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """What decides how it goes on from rest: arrays, and the generator's state with the plain figures."""
+        q, _, _, pan = self._body.read()
+        arrays = {"q": q, "target": self._target, "jitter": self._jitter}
+        plain = {"pan": pan, "head": self._head, "goal": self._head_goal, "step": self._step, "t": self._t}
+        return arrays, {**plain, "rng": self._rng.bit_generator.state}
+
+    def resume(self, arrays: Mapping[str, Array], plain: Mapping[str, Any], opening: Mapping[Side, float]) -> None:
+        """Stand at rest where the snapshot was taken, motors off, no stop."""
+        self._target, self._jitter = arrays["target"].copy(), arrays["jitter"].copy()
+        self._sent, self._velocity = self._target.copy(), np.zeros(14)
+        self._head, self._head_goal = plain["head"], plain["goal"]
+        self._step, self._t = plain["step"], plain["t"]
+        self._rng.bit_generator.state = plain["rng"]
+        self._queue.clear()
+        self._active, self._enabled, self._stop_reason = None, False, None
+        self._drops.clear()
+        self._body.place(arrays["q"], plain["pan"], opening)
+
+    # the world's side --------------------------------------------------------------------------------
+
+    def step(self, t: float, dt: float, opening: Mapping[Side, float]) -> None:
+        """Set the motors for the step that ends at time t [s]; the caller then steps the physics."""
+        self._t, self._step = t, self._step + 1
+        follow = 1.0 - np.exp(-dt / self._noise.effort_time)
+        self._effort += follow * (self._body.read()[2] - self._effort)
+        if self._stop_reason is not None:
+            self._enabled = False
+            self._queue.clear()
+            self._active = None
+        while self._queue and self._queue[0].at <= t:
+            self._active = self._queue.popleft()
+        if self._active is not None and t - self._active.at > self._noise.command_timeout:
+            self._active = None
+        if self._active is None:
+            self._hold(dt)
+        else:
+            late = min(t - self._active.at, EXTRAPOLATION)
+            self._target = np.clip(self._active.q + late * self._active.qd, self._lower, self._upper)
+            self._velocity = self._active.qd
+        turn = HEAD_SPEED * dt
+        self._head += float(np.clip(self._head_goal - self._head, -turn, turn))
+        self._body.drive(self._target - self._bias + self._disturbance(t, dt), self._velocity, self._head, opening)
+
+    def _hold(self, dt: float) -> None:
+        """Brake to rest and stay there."""
+        v = self._velocity
+        self._velocity = np.sign(v) * np.maximum(np.abs(v) - self._brake * dt, 0.0)
+        self._target = np.clip(self._target + 0.5 * (v + self._velocity) * dt, self._lower, self._upper)
+        self._sent = self._target.copy()
+
+    def _disturbance(self, t: float, dt: float) -> Array:
+        """(14,) [rad] off the set-point: jitter (Ornstein-Uhlenbeck) and drops."""
+        if not self._ideal:
+            keep = np.exp(-dt / self._noise.jitter_time)
+            kick = self._noise.jitter * np.sqrt(1.0 - keep**2)
+            self._jitter = keep * self._jitter + kick * self._rng.standard_normal(14)
+        offset = self._jitter * np.minimum(np.abs(self._velocity) / MOVING, 1.0)
+        chance = self._rng.random(2)
+        for side, p in zip(Side, chance, strict=True):
+            moving = np.abs(self._velocity[arm_slice(side)]).max() > MOVING
+            if not self._ideal and moving and p < self._noise.drops_per_minute / 60.0 * dt:
+                self.drop(side, self._noise.drop_depth.draw(self._rng), self._noise.drop_time.draw(self._rng))
+            drop = self._drops.get(side)
+            if drop is not None:
+                offset = offset.copy()
+                offset[SHOULDER_PITCH[side]] += drop.offset(t)
+                if t > drop.start + drop.duration:
+                    del self._drops[side]
+        return offset
+
+    def drop(self, side: Side, depth: float, duration: float) -> None:
+        """Let an arm drop by `depth` [m] at the tool and come back within `duration` [s]."""
+        position, _ = self._body.tool_pose(side)
+        shoulder = np.array([0.12, 0.28 if side is Side.LEFT else -0.28])
+        reach = max(float(np.linalg.norm(position[:2] - shoulder)), 0.3)
+        self._drops[side] = _Drop(self._t, duration, depth / reach)

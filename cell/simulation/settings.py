@@ -1,0 +1,49 @@
+"""What a simulated cell is asked to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robots.errors import ConfigurationError
+from skills.vocabulary import Table
+
+__all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
+
+DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
+"""Top 0.82 m above the floor; where both arms reach and the camera sees."""
+
+WORLDS = ("xpbd",)
+LOOKS = ("contrast", "table_hue")
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """garment: a name, a path, or 'auto' (drawn by the seed). surface: what the table is made of, the key of
+    the garment's friction. world: which body the cloth has. realtime: paced by the wall clock.
+
+    fabric: 'contrast' with the table or the 'table_hue' itself. robot_noise, camera_noise, garment_noise:
+    off for tests that want an ideal cell. render: without it the camera reports a fault when asked.
+    q_start: (14,) where the arms stand at the start, None for the robot's park configuration.
+    """
+
+    garment: str = "medium_towel"
+    surface: str = "bare_table"
+    table: Table = DEFAULT_TABLE
+    realtime: bool = False
+    world: str = "xpbd"
+    fabric: str = "contrast"
+    robot_noise: bool = True
+    camera_noise: bool = True
+    garment_noise: bool = True
+    render: bool = True
+    q_start: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.world not in WORLDS:
+            raise ConfigurationError(f"unknown world '{self.world}'", f"it is one of {', '.join(WORLDS)}")
+        if self.fabric not in LOOKS:
+            raise ConfigurationError(f"unknown fabric '{self.fabric}'", f"it is one of {', '.join(LOOKS)}")
+        if self.q_start is not None and len(self.q_start) != 14:
+            raise ConfigurationError(
+                f"q_start has {len(self.q_start)} joints", "it takes 14: left arm, then right"
+            )

@@ -1,0 +1,438 @@
+"""The simulated world: robot, hands, garment and camera, moved on together by one clock.
+
+Physics steps at 240 Hz, the cloth at 60 Hz, in a fixed order: faults, arms, grippers, cloth. The world and all
+its errors are a function of the settings, the seed and the calls made; nothing here looks at the wall clock
+except to pace a run in real time.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pybullet as pb
+
+from cell.garments import list_garments, load_garment
+from cell.simulation import contact
+from cell.simulation.camera import Renderer, SimulatedCamera
+from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
+from cell.simulation.faults import FaultBoard, FaultKind
+from cell.simulation.garment import FRAME_RATE, WorldGarment
+from cell.simulation.gripper import SimulatedGripper
+from cell.simulation.noise import CameraNoise, NoiseTable, load_noise
+from cell.simulation.render_server import Scene, Shot
+from cell.simulation.robot import SimulatedRobot
+from cell.simulation.settings import SimulationSettings
+from cell.simulation.tactile import SimulatedTactile
+from cell.simulation.truth import GarmentTruth, Truth
+from robots.baxter.camera_mount import INTRINSICS, T_HEAD_CAMERA, T_base_head
+from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
+from robots.baxter.pybullet_body import BaxterBody
+from robots.baxter.pybullet_files import seen_urdf
+from robots.errors import DriverError, FailureKind
+from robots.ports import Array, CameraFrame, Side, frozen
+from skills.cloth.solver import CapsuleMotion, ToolMotion
+from skills.garments.garment import Garment
+
+__all__ = ["STEP_RATE", "World"]
+
+STEP_RATE = 240
+"""Physics steps in a second."""
+STEPS_A_FRAME = STEP_RATE // FRAME_RATE
+WITNESS_RATE = 12
+HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
+RAISED = 0.040
+"""While a hand holds cloth, its fingers push away cloth only this far above the tips: what hangs about the
+pads belongs there [m]."""
+NEAR = 0.08
+"""Hands that are higher than this above the garment do not touch it [m]."""
+LIFTED = 0.05
+"""A garment is being folded once a hand holds it this high [m]."""
+TABLE_THICKNESS = 0.03
+
+
+class _Hand:
+    """One tool in the cloth's world: where it is and was at the last cloth frame (table frame)."""
+
+    def __init__(self, gripper: SimulatedGripper, tactile: SimulatedTactile) -> None:
+        self.gripper, self.tactile = gripper, tactile
+        self.position, self.rotation = np.zeros(3), np.eye(3)
+        self.free = True
+        """Whether the tips may push cloth: not from a pinch until the cloth is clear of them again."""
+        self.capsules: tuple[Array, Array] | None = None
+        self.grasps = 0
+
+
+class World:
+    """Everything behind the ports. One thread, except for the robot's `trigger_stop`."""
+
+    def __init__(self, settings: SimulationSettings, seed: int) -> None:
+        self.settings = settings
+        self._noise: NoiseTable = load_noise()
+        rng = {
+            name: np.random.default_rng(child)
+            for name, child in zip(
+                ("robot", "garment", "hands", "camera", "look"), np.random.SeedSequence(seed).spawn(5), strict=True
+            )
+        }
+        noise = self._noise
+        nominal = _choose(settings, rng["garment"])
+        self.garment = WorldGarment(nominal, noise.garment, rng["garment"], ideal=not settings.garment_noise)
+        self.faults = FaultBoard()
+        self._steps = 0
+        self._time = 0.0
+        self._fold = 0
+        self._lifted = False
+        self._pace: tuple[float, float] | None = None
+        self.witness: Callable[[Truth], None] | None = None
+        """Is told what is really so, WITNESS_RATE times a second: the record of truth."""
+        self._client = pb.connect(pb.DIRECT)
+        pb.setTimeStep(1.0 / STEP_RATE, physicsClientId=self._client)
+        pb.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
+        self._body = BaxterBody(self._client)
+        self._body.let_fingers_through(self._load_table())
+        model = load_model()
+        q_start = model.q_park if settings.q_start is None else np.array(settings.q_start)
+        self.robot = SimulatedRobot(
+            self._body, model, noise.robot, rng["robot"], np.array(q_start), ideal=not settings.robot_noise
+        )
+        self._stiffness = contact.Stiffness(
+            noise.robot.arm_stiffness, noise.tactile.tip_stiffness, noise.tactile.cloth_stiffness
+        )
+        self.garment.pad_friction = noise.gripper.pad_friction.draw(rng["hands"])
+        self._hands = {side: self._hand(side, rng["hands"]) for side in Side}
+        for side in Side:
+            self._place_hand(side)
+        self._T_head_camera = _mounted(noise.camera, rng["camera"], ideal=not settings.camera_noise)
+        self._renderer = Renderer(self._scene(rng["look"])) if settings.render else None
+        self._camera = self._build_camera(int(rng["camera"].integers(2**31)))
+
+    # building ----------------------------------------------------------------------------------------
+
+    def _load_table(self) -> int:
+        table = self.settings.table
+        half = [0.5 * (table.x[1] - table.x[0]), 0.5 * (table.y[1] - table.y[0]), 0.5 * TABLE_THICKNESS]
+        middle = [sum(table.x) / 2, sum(table.y) / 2, table.height - half[2]]
+        shape = pb.createCollisionShape(pb.GEOM_BOX, halfExtents=half, physicsClientId=self._client)
+        return int(pb.createMultiBody(0.0, shape, -1, middle, physicsClientId=self._client))
+
+    def _hand(self, side: Side, rng: np.random.Generator) -> _Hand:
+        ideal = not self.settings.robot_noise
+        gripper = SimulatedGripper(
+            side, self._noise.gripper, int(rng.integers(2**31)), ideal,
+            caught=lambda stroke, force: self._caught(side, stroke, force),
+            opened=lambda: self.garment.release(HANDS[side]),
+        )  # fmt: skip
+        tactile = SimulatedTactile(
+            side, self._noise.tactile, int(rng.integers(2**31)), ideal,
+            pressing=lambda: gripper.pressing,
+            tips=lambda: self._touch(side)[2].force,
+        )  # fmt: skip
+        return _Hand(gripper, tactile)
+
+    def _scene(self, rng: np.random.Generator) -> Scene:
+        settings, garment, swing = self.settings, self.garment, self._noise.camera.light_swing
+        light = (float(rng.uniform(-swing, swing)), float(rng.uniform(-swing, swing)), 2.5)
+        return Scene(
+            urdf=str(seen_urdf()),
+            table=settings.table,
+            table_texture=table_texture(rng, settings.surface),
+            garment_uv=garment_uv(garment.mesh.rest, garment.mesh.layer),
+            garment_triangles=garment.mesh.triangles,
+            garment_texture=fabric_texture(rng, settings.fabric, settings.surface),
+            width=INTRINSICS.width,
+            height=INTRINSICS.height,
+            focal=(INTRINSICS.fx, INTRINSICS.fy),
+            light=light,
+            ambient=float(rng.uniform(0.52, 0.62)),
+            diffuse=float(rng.uniform(0.32, 0.42)),
+        )
+
+    def _build_camera(self, seed: int) -> SimulatedCamera | None:
+        if self._renderer is None:
+            return None
+        ideal = not self.settings.camera_noise
+        return SimulatedCamera(self._renderer, INTRINSICS, self._noise.camera, seed, self._shot, self.now, ideal)
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+        pb.disconnect(physicsClientId=self._client)
+
+    @property
+    def command_timeout(self) -> float:
+        return self._noise.robot.command_timeout
+
+    # time --------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        return self._time
+
+    def sleep_until(self, t: float) -> None:
+        """Let the world go on to cell time t [s]."""
+        while (self._steps + 1) / STEP_RATE <= t + 1e-9:
+            self._step()
+            if self.settings.realtime and self._steps % STEPS_A_FRAME == 0:
+                self._keep_pace()
+        self._time = max(self._time, t)
+
+    def _keep_pace(self) -> None:
+        wall = time.monotonic()
+        cell = self._steps / STEP_RATE
+        if self._pace is None or wall - self._pace[0] > cell - self._pace[1] + 0.5:
+            self._pace = wall, cell  # first step, or too late to catch up: go on from here
+        time.sleep(max(0.0, self._pace[0] + cell - self._pace[1] - wall))
+
+    def _step(self) -> None:
+        self._steps += 1
+        t, dt = self._steps / STEP_RATE, 1.0 / STEP_RATE
+        self._arm_faults(t)
+        self.robot.step(t, dt, {side: hand.gripper.opening for side, hand in self._hands.items()})
+        pb.stepSimulation(physicsClientId=self._client)
+        for hand in self._hands.values():
+            hand.gripper.step(t, dt)
+        if self._steps % STEPS_A_FRAME == 0:
+            self._frame(t)
+        if self.witness is not None and self._steps % (STEP_RATE // WITNESS_RATE) == 0:
+            self._time = t
+            self.witness(self.truth())
+
+    def _arm_faults(self, t: float) -> None:
+        for side, hand in self._hands.items():
+            hand.gripper.stuck = self.faults.lasting(FaultKind.GRIPPER_STUCK, t, self._fold, side)
+            drop = self.faults.take(FaultKind.SUDDEN_DROP, t, self._fold, side)
+            if drop is not None:
+                self.robot.drop(side, drop.extent, drop.lasts)
+
+    # hands and cloth ---------------------------------------------------------------------------------
+
+    def _touch(self, side: Side) -> tuple[Array, Array, contact.Touch]:
+        """Tool position (3,) and rotation (3, 3), table frame, where the table lets it be; what the tips feel."""
+        position, rotation = self._body.tool_pose(side)
+        position[2] -= self.settings.table.height
+        tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
+        if tips[:, 2].min() > 0.05 or not self._over_table(position):
+            return position, rotation, contact.Touch(np.zeros(2), 0.0)
+        top = np.array([self.garment.top(tip) for tip in tips])
+        felt = contact.touch(tips, top, self._stiffness)
+        position[2] += felt.lift
+        return position, rotation, felt
+
+    def _over_table(self, p: Array) -> bool:
+        table = self.settings.table
+        return bool(table.x[0] <= p[0] <= table.x[1] and table.y[0] <= p[1] <= table.y[1])
+
+    def _place_hand(self, side: Side) -> None:
+        hand = self._hands[side]
+        hand.position, hand.rotation, _ = self._touch(side)
+
+    def _caught(self, side: Side, stroke: float, force: float) -> float:
+        """The pads come together: what lies between them is held from now on."""
+        hand, garment = self._hands[side], self.garment
+        if not garment.laid:
+            return 0.0
+        hand.position, hand.rotation, _ = self._touch(side)
+        report = garment.grip(HANDS[side], hand.position, hand.rotation, stroke, force)
+        if report.held_points == 0:
+            return 0.0
+        hand.grasps += 1
+        hand.free = False
+        t = self._steps / STEP_RATE
+        if self.faults.take(FaultKind.MISSED_GRASP, t, self._fold, side, grasp=hand.grasps):
+            garment.release(HANDS[side])
+            return 0.0
+        return report.layers * garment.material.thickness
+
+    def _frame(self, t: float) -> None:
+        """One cloth frame, from where the tools were at the last one to where they are."""
+        if not self.garment.laid:
+            return
+        tools, before = [], {}
+        for side, hand in self._hands.items():
+            p, r = hand.position, hand.rotation
+            before[side] = hand.capsules
+            self._place_hand(side)
+            hand.capsules = self._hand_capsules(side)
+            if self.garment.holds(HANDS[side]):
+                self.garment.squeeze(HANDS[side], hand.gripper.force)
+                tools.append(ToolMotion(HANDS[side], p, r, hand.position, hand.rotation))
+        self.garment.frame(tools, self._capsule_motion(before))
+        self._after_frame(t)
+
+    def _hand_capsules(self, side: Side) -> tuple[Array, Array] | None:
+        """Ends (3, 3) twice of two fingers and the gripper's body, None when all are far above the garment."""
+        hand = self._hands[side]
+        if hand.position[2] > self.garment.highest() + NEAR:
+            hand.free = True
+            return None
+        opening = hand.gripper.opening
+        holds = self.garment.holds(HANDS[side])
+        if not hand.free and not holds:
+            low, high = contact.finger_axes(hand.position, hand.rotation, opening, np.zeros(2), 0.0)
+            reach = contact.FINGER_RADIUS + self.garment.material.thickness
+            hand.free = all(self.garment.clear_of(a, b, reach) for a, b in zip(low, high, strict=True))
+        tips = contact.fingertips(hand.position, hand.rotation, opening)
+        floor = np.array([self.garment.top(tip) for tip in tips]) - 2e-4
+        raised = 0.0 if hand.free and not holds else RAISED
+        low, high = contact.finger_axes(hand.position, hand.rotation, opening, floor, raised)
+        body_low, body_high = contact.hand_axis(hand.position, hand.rotation)
+        return np.vstack((low, body_low)), np.vstack((high, body_high))
+
+    def _capsule_motion(self, before: dict[Side, tuple[Array, Array] | None]) -> CapsuleMotion | None:
+        moved = [
+            (*(before[side] or hand.capsules), *hand.capsules)
+            for side, hand in self._hands.items()
+            if hand.capsules is not None
+        ]
+        if not moved:
+            return None
+        starts0, starts1, ends0, ends1 = (np.vstack(part) for part in zip(*moved, strict=True))
+        radius = [contact.FINGER_RADIUS, contact.FINGER_RADIUS, contact.HAND_RADIUS] * len(moved)
+        return CapsuleMotion(starts0, starts1, ends0, ends1, np.array(radius))
+
+    def _after_frame(self, t: float) -> None:
+        """Pinches that gave way, by force or by fault, and the count of folds."""
+        held = False
+        for side, hand in self._hands.items():
+            if not hand.gripper.holding:
+                continue
+            lifted = float(hand.position[2])
+            if self.faults.take(FaultKind.DROPPED_CORNER, t, self._fold, side, hand.grasps, lifted):
+                self.garment.release(HANDS[side])
+            if not self.garment.holds(HANDS[side]):
+                hand.gripper.lost()
+                continue
+            held = True
+            self._lifted |= lifted > LIFTED
+        if self._lifted and not held:
+            self._lifted = False
+            self._fold += 1
+
+    # what the ports ask ------------------------------------------------------------------------------
+
+    def gripper(self, side: Side) -> SimulatedGripper:
+        return self._hands[side].gripper
+
+    def tactile(self, side: Side) -> SimulatedTactile:
+        return self._hands[side].tactile
+
+    def lay_garment(self) -> None:
+        """The attendant lays the garment, which takes a while of cell time."""
+        if not self.garment.laid and self.faults.take(FaultKind.NO_GARMENT, self._time, self._fold) is None:
+            self.garment.lay()
+        self.sleep_until(self._time + self._noise.attendant.lay_time)
+
+    def capture(self) -> CameraFrame:
+        if self._camera is None:
+            raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
+        t, camera = self._time, self._camera
+        camera.frozen = self.faults.lasting(FaultKind.CAMERA_FREEZE, t, self._fold)
+        camera.black = self.faults.lasting(FaultKind.CAMERA_BLACK, t, self._fold)
+        camera.silent = self.faults.lasting(FaultKind.CAMERA_SILENT, t, self._fold)
+        return camera.capture()
+
+    def _shot(self) -> Shot:
+        q, _, _, pan = self._body.read()
+        joints = dict(zip(JOINT_NAMES, q.tolist(), strict=True)) | {"head_pan": pan}
+        for side, hand in self._hands.items():
+            left, right = FINGER_JOINTS[side]
+            joints |= {left: 0.5 * hand.gripper.opening, right: -0.5 * hand.gripper.opening}
+        vertices = self.garment.seen if self.garment.laid else None
+        if vertices is not None:
+            vertices[:, 2] += self.settings.table.height
+        return Shot(joints, vertices, self._T_base_camera(pan))
+
+    def _T_base_camera(self, pan: float) -> Array:
+        return T_base_head(pan) @ self._T_head_camera
+
+    # stopping and going on in another process ----------------------------------------------------------
+
+    def checkpoint(self) -> bytes:
+        """The world as it stands, arms taken as at rest; injected faults are not part of it."""
+        arrays, robot = self.robot.snapshot()
+        plain = {
+            "steps": self._steps, "time": self._time, "fold": self._fold, "lifted": self._lifted, "robot": robot,
+            "grippers": {side.value: hand.gripper.snapshot() for side, hand in self._hands.items()},
+            "hands": {side.value: [hand.grasps, hand.free] for side, hand in self._hands.items()},
+            "pictures": self._camera.sequence if self._camera else 0,
+        }  # fmt: skip
+        cloth = self.garment.checkpoint() or {}
+        out = {f"robot.{name}": a for name, a in arrays.items()} | {f"cloth.{n}": a for n, a in cloth.items()}
+        stream = io.BytesIO()
+        np.savez_compressed(stream, plain=np.array(json.dumps(plain)), **out)
+        return stream.getvalue()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a checkpoint of a world with the same settings and seed."""
+        with np.load(io.BytesIO(saved)) as data:
+            plain = json.loads(str(data["plain"]))
+            robot = {name.removeprefix("robot."): data[name] for name in data if name.startswith("robot.")}
+            cloth = {name.removeprefix("cloth."): data[name] for name in data if name.startswith("cloth.")}
+        self._steps, self._time, self._pace = plain["steps"], plain["time"], None
+        self._fold, self._lifted = plain["fold"], plain["lifted"]
+        self.garment.restore(cloth or None)
+        for side, hand in self._hands.items():
+            hand.gripper.resume(plain["grippers"][side.value])
+            hand.tactile.forget()
+            hand.grasps, hand.free = plain["hands"][side.value]
+            hand.capsules = None
+        opening = {side: hand.gripper.opening for side, hand in self._hands.items()}
+        self.robot.resume(robot, plain["robot"], opening)
+        for side in Side:
+            self._place_hand(side)
+        if self._camera is not None:
+            self._camera.sequence = plain["pictures"]
+
+    # what only the scorer asks -----------------------------------------------------------------------
+
+    def truth(self) -> Truth:
+        garment = self.garment
+        laid = None
+        if garment.laid:
+            laid = GarmentTruth(
+                name=garment.name,
+                vertices=frozen(garment.positions),
+                triangles=garment.mesh.triangles,
+                material=frozen(garment.flat),
+                keypoints={name: frozen(p) for name, p in garment.keypoints.items()},
+                pose=(garment.pose.x, garment.pose.y, garment.pose.angle),
+                fabric=garment.material,
+                layers=garment.layers,
+            )
+        _, _, _, pan = self._body.read()
+        T_table_base = np.linalg.inv(self.settings.table.T_base_table)
+        return Truth(
+            stamp=self._time,
+            garment=laid,
+            tools={side: frozen(self._touch(side)[0]) for side in Side},
+            held={side: garment.holds(HANDS[side]) for side in Side},
+            faults=tuple(self.faults.happened),
+            T_table_camera=frozen(T_table_base @ self._T_base_camera(pan)),
+        )
+
+
+def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
+    """The garment named, or one of those that ship."""
+    draw = rng.random()
+    if settings.garment != "auto":
+        return load_garment(settings.garment, settings.surface)
+    names = sorted(list_garments())
+    return load_garment(names[int(draw * len(names))], settings.surface)
+
+
+def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:
+    """(4, 4) the camera to the head link, as somebody really screwed it on."""
+    shift = rng.standard_normal(3) * noise.pose_position
+    turn = rng.standard_normal(3) * noise.pose_angle
+    T = np.array(T_HEAD_CAMERA)
+    if ideal:
+        return T
+    angle = float(np.linalg.norm(turn))
+    k = turn / angle
+    K = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+    T[:3, :3] = T[:3, :3] @ (np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
+    T[:3, 3] += shift
+    return T

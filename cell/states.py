@@ -1,0 +1,180 @@
+"""The executive on one page: states, events, effects, and the table that ties them. No code.
+
+A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one
+event. DONE says that it worked; FAILED that it did not (the failure travels beside it); the others
+are choices that were made before the event.
+
+Three rows hold in every working state and are added by `executive.py`: STOP -> STOPPED (HOLD),
+CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+__all__ = ["HANDS_ON_CLOTH", "TERMINAL", "TRANSITIONS", "Effect", "Event", "Row", "State"]
+
+
+class State(StrEnum):
+    """Where a run stands. An operator reads these names."""
+
+    IDLE = "idle"
+    PREPARING = "preparing"  # enable, calibrate grippers, park
+    PHOTOGRAPHING = "photographing"  # the empty table, as reference
+    AWAITING_GARMENT = "awaiting_garment"
+    LOOKING = "looking"
+    RECOGNISING = "recognising"
+    PLANNING = "planning"
+    OPTIMISING = "optimising"  # look the trajectory up, or optimise it
+    PLANNING_MOTION = "planning_motion"
+    AWAITING_APPROVAL = "awaiting_approval"
+    APPROACHING = "approaching"
+    GRASPING = "grasping"
+    LIFTING = "lifting"
+    FOLDING = "folding"
+    RELEASING = "releasing"
+    RETREATING = "retreating"
+    LOOKING_AFTER = "looking_after"
+    INSPECTING = "inspecting"
+    CLEARING = "clearing"  # after a failure: let go, rise, park
+    RECOVERING = "recovering"  # choose what to try next
+    ASKING = "asking"  # the operator decides
+    PAUSED = "paused"
+    GIVING_UP = "giving_up"
+    MAKING_SAFE = "making_safe"
+    # ends
+    FOLDED = "folded"
+    NOT_FOLDED = "not_folded"
+    STOPPED = "stopped"
+    FAULT = "fault"
+
+
+class Event(StrEnum):
+    START = "start"
+    DONE = "done"
+    FAILED = "failed"
+    # choices
+    APPROVAL_NEEDED = "approval_needed"
+    NEXT_FOLD = "next_fold"
+    ALL_FOLDED = "all_folded"
+    # recoveries (recovery.py)
+    LOOK_AGAIN = "look_again"
+    OPTIMISE_AGAIN = "optimise_again"
+    GRASP_AGAIN = "grasp_again"
+    CARRY_ON = "carry_on"
+    ASK = "ask"
+    GIVE_UP = "give_up"
+    # from outside
+    APPROVE = "approve"
+    RETRY = "retry"
+    SKIP = "skip"
+    PAUSE = "pause"
+    RESUME = "resume"
+    ABORT = "abort"
+    STOP = "stop"
+    CRASH = "crash"
+
+
+class Effect(StrEnum):
+    """What the runner does on entering a state (cell/effects)."""
+
+    NOTHING = "nothing"
+    PREPARE = "prepare"
+    PHOTOGRAPH_TABLE = "photograph_table"
+    AWAIT_GARMENT = "await_garment"
+    LOOK = "look"
+    RECOGNISE = "recognise"
+    PLAN_FOLDS = "plan_folds"
+    CHOOSE_TRAJECTORY = "choose_trajectory"
+    PLAN_MOTION = "plan_motion"
+    ASK_APPROVAL = "ask_approval"
+    APPROACH = "approach"
+    GRASP = "grasp"
+    LIFT = "lift"
+    FOLD = "fold"
+    RELEASE = "release"
+    RETREAT = "retreat"
+    INSPECT = "inspect"
+    NEXT_STEP = "next_step"
+    CLEAR = "clear"
+    CHOOSE_RECOVERY = "choose_recovery"
+    ASK_OPERATOR = "ask_operator"
+    WAIT = "wait"
+    HOLD = "hold"
+    MAKE_SAFE = "make_safe"
+
+
+class Row(NamedTuple):
+    state: State
+    event: Event
+    target: State
+    effect: Effect
+
+
+S, E, Do = State, Event, Effect
+
+TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
+
+HANDS_ON_CLOTH = frozenset({S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING})
+"""States whose failure leaves the hands near the garment: they are cleared before anything else."""
+
+TRANSITIONS: tuple[Row, ...] = (
+    # see and plan
+    Row(S.IDLE, E.START, S.PREPARING, Do.PREPARE),
+    Row(S.PREPARING, E.DONE, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.PHOTOGRAPHING, E.DONE, S.AWAITING_GARMENT, Do.AWAIT_GARMENT),
+    Row(S.AWAITING_GARMENT, E.DONE, S.LOOKING, Do.LOOK),
+    Row(S.LOOKING, E.DONE, S.RECOGNISING, Do.RECOGNISE),
+    Row(S.RECOGNISING, E.DONE, S.PLANNING, Do.PLAN_FOLDS),
+    Row(S.PLANNING, E.DONE, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.OPTIMISING, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.PLANNING_MOTION, E.DONE, S.APPROACHING, Do.APPROACH),
+    Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
+    Row(S.AWAITING_APPROVAL, E.APPROVE, S.APPROACHING, Do.APPROACH),
+    Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
+    # fold
+    Row(S.APPROACHING, E.DONE, S.GRASPING, Do.GRASP),
+    Row(S.GRASPING, E.DONE, S.LIFTING, Do.LIFT),
+    Row(S.LIFTING, E.DONE, S.FOLDING, Do.FOLD),
+    Row(S.FOLDING, E.DONE, S.RELEASING, Do.RELEASE),
+    Row(S.RELEASING, E.DONE, S.RETREATING, Do.RETREAT),
+    Row(S.RETREATING, E.DONE, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.LOOKING_AFTER, E.DONE, S.INSPECTING, Do.INSPECT),
+    Row(S.INSPECTING, E.NEXT_FOLD, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.INSPECTING, E.ALL_FOLDED, S.FOLDED, Do.NOTHING),
+    # what fails while the hands are off the cloth
+    Row(S.PREPARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.PHOTOGRAPHING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.AWAITING_GARMENT, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.LOOKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.RECOGNISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    # what fails while they are on it
+    Row(S.APPROACHING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.GRASPING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.LIFTING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.FOLDING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.RELEASING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.RETREATING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    # recoveries
+    Row(S.RECOVERING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
+    Row(S.RECOVERING, E.OPTIMISE_AGAIN, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.RECOVERING, E.GRASP_AGAIN, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.RECOVERING, E.CARRY_ON, S.INSPECTING, Do.NEXT_STEP),
+    Row(S.RECOVERING, E.ASK, S.ASKING, Do.ASK_OPERATOR),
+    Row(S.RECOVERING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),
+    Row(S.ASKING, E.RETRY, S.LOOKING, Do.LOOK),
+    Row(S.ASKING, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
+    # ends
+    Row(S.GIVING_UP, E.DONE, S.NOT_FOLDED, Do.NOTHING),
+    Row(S.GIVING_UP, E.FAILED, S.FAULT, Do.HOLD),
+    Row(S.MAKING_SAFE, E.DONE, S.FAULT, Do.NOTHING),
+    Row(S.MAKING_SAFE, E.FAILED, S.FAULT, Do.HOLD),
+)

@@ -1,0 +1,78 @@
+"""`foldcell fold` and `foldcell supervise`: one run of the cell."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.config import load_settings
+from cell.garments import load_garment
+from cell.paths import logs_directory, prepare_logs
+from cell.subcommands.output import print_json
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Everything that the user gave is checked before the cell is opened; then the run."""
+    settings = load_settings(options.cell)
+    if options.garment != "auto":
+        load_garment(options.garment, settings.surface)
+    logs = prepare_logs(logs_directory(options.logs))
+    from cell.run import FoldRequest, fold_once
+
+    result = fold_once(
+        FoldRequest(
+            garment=options.garment,
+            seed=options.seed,
+            driver=options.driver,
+            settings=settings,
+            settings_path=options.cell,
+            logs=logs,
+            live=options.live,
+            approve=options.approve,
+            realtime=options.realtime,
+            world=options.world,
+            quiet=options.json,
+        )
+    )
+    figures = result.as_json()
+    if options.json:
+        print_json(figures)
+    else:
+        _summary(figures)
+    return int(result.exit_code)
+
+
+def _summary(figures: dict) -> None:
+    """How it ended, in a few lines."""
+    words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": "FAULT (see the report)"}
+    result = str(figures.get("result"))
+    print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
+    for step in figures.get("steps") or []:
+        overlap = step.get("observed_iou")
+        seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
+        print(
+            f"  {step.get('name')}: {step.get('source') or 'not reached'}{seen}, attempts {step.get('attempts')}"
+        )
+    score = figures.get("score")
+    if score:
+        verdict = "passed" if score.get("passed") else "not passed"
+        print(
+            f"  score (simulated): {verdict}, IoU {_figure(score.get('iou'))}, edges {_mm(score.get('edges_m'))},"
+            f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
+        )
+    print(
+        f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
+    )
+    folder = figures.get("run_dir")
+    if folder:
+        print(f"  report     {folder}/report.html")
+        print(f"  recording  {folder}/run.rrd   (foldcell replay last)")
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.0f} mm"

@@ -1,0 +1,89 @@
+"""`foldcell library build|show`: the trajectories that need no optimising any more."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from cell.config import load_settings
+from cell.garments import list_garments, load_garment
+from cell.library import BuiltStep, build_library, load_library, user_library_path, write_library
+from cell.paths import logs_directory, prepare_logs
+from cell.subcommands.output import print_json, print_table, progress_stream
+from skills.trajectory.library import LibraryEntry
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    return _build(options) if options.action == "build" else _show(options)
+
+
+def _build(options: argparse.Namespace) -> int:
+    """0 when every fold has its entry, 2 when one could not be optimised (the others are kept)."""
+    settings = load_settings(options.cell)
+    garments = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
+    path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
+    out = progress_stream(options.json)
+    failures: list[BuiltStep] = []
+
+    def report(built: BuiltStep) -> None:
+        if built.entry is None:
+            failures.append(built)
+            print(f"{built.garment} {built.step}: {built.failure}", file=out, flush=True)
+        else:
+            print(f"{built.garment} {built.step}: {_gain(built.entry)}", file=out, flush=True)
+
+    library = build_library(garments, options.method or settings.optimiser.method, report=report)
+    write_library(path, library)
+    print(f"{len(library.entries)} folds  {path}", file=out)
+    if options.json:
+        print_json({
+            "library": str(path),
+            "entries": [_figures(e) for e in library.entries],
+            "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
+        })  # fmt: skip
+    return 2 if failures else 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    loaded = load_library(logs_directory(options.logs))
+    entries = loaded.library.entries
+    refused = [f"{path}, entry {r.index}: {r.reason}" for path, r in loaded.refused]
+    if options.json:
+        print_json({"entries": [_figures(e) for e in entries], "refused": refused})
+        return 0
+    if entries:
+        print_table(
+            ("garment", "fold", "variant", "method", "D first [mm]", "D [mm]", "simulations", "arms"),
+            [
+                (e.garment, e.step, e.variant, e.method, 1e3 * e.dissimilarity_initial, 1e3 * e.dissimilarity,
+                 e.simulations, len(e.inner))
+                for e in entries
+            ],
+        )  # fmt: skip
+    else:
+        print("the library is empty; 'foldcell library build' fills it")
+    for line in refused:
+        print(f"not used: {line}")
+    return 0
+
+
+def _gain(entry: LibraryEntry) -> str:
+    first, best = 1e3 * entry.dissimilarity_initial, 1e3 * entry.dissimilarity
+    return f"D {first:.1f} -> {best:.1f} mm (predicted) in {entry.simulations} simulations"
+
+
+def _figures(entry: LibraryEntry) -> dict[str, Any]:
+    return {
+        "garment": entry.garment,
+        "category": entry.category,
+        "step": entry.step,
+        "variant": entry.variant,
+        "size_m": entry.size_m,
+        "method": entry.method,
+        "dissimilarity_initial_m": entry.dissimilarity_initial,
+        "dissimilarity_m": entry.dissimilarity,
+        "simulations": entry.simulations,
+        "version": entry.version,
+    }

@@ -1,0 +1,131 @@
+"""`foldcell optimise GARMENT`: trajectories of its folds, for this cell or any other robot."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from cell.config import load_settings
+from cell.garments import load_garment
+from cell.journal import to_json
+from cell.library import EDGE_LENGTH
+from cell.subcommands.output import print_json, progress_stream, write_whole
+from robots.errors import ConfigurationError
+from skills.cloth.mesh import mesh_from_contour
+from skills.planning.plan import plan_folds
+from skills.trajectory.optimise import ClothPredictor, optimise_fold
+from skills.trajectory.paths import tool_paths
+from skills.vocabulary import FoldStep, Outcome, ToolPath
+
+__all__ = ["export_text", "run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """0 when every fold was optimised, 2 when one could not be."""
+    settings = load_settings(options.cell)
+    garment = load_garment(options.garment, settings.surface)
+    _check_export(options.export)
+    if options.step is not None and options.step > len(garment.plan):
+        raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no --step {options.step}")
+    method = options.method or settings.optimiser.method
+    budget = options.budget or (None if method == "initial" else settings.optimiser.simulations)
+    out = progress_stream(options.json)
+
+    state = garment.flat_state(*garment.poses.middle)
+    mesh = mesh_from_contour(state.contour, EDGE_LENGTH, garment.layers)
+    vertices = mesh.lay_flat(garment.material.thickness)
+    predict = ClothPredictor()
+    told: list[dict[str, Any]] = []
+    paths: dict[str, dict[str, ToolPath]] = {}
+    for step in plan_folds(state, garment).unwrap()[: options.step]:
+        wanted = options.step in (None, step.index + 1)
+        began = time.monotonic()
+        outcome = optimise_fold(
+            step, mesh, vertices, garment.material, method if wanted else "initial", budget if wanted else None,
+            threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
+        )  # fmt: skip
+        if wanted or outcome.failure:
+            told.append(_figures(step, outcome, time.monotonic() - began))
+            print(_line(told[-1]), file=out, flush=True)
+        if outcome.failure:
+            break
+        timed = tool_paths(outcome.unwrap(), step)
+        if wanted:
+            paths[step.name] = {side.value: path for side, path in timed.items()}
+        vertices = predict(mesh, vertices, garment.material, timed)
+    if options.export is not None:
+        write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())
+        print(f"tool poses and times  {options.export}", file=out)
+    if options.json:
+        export = str(options.export) if options.export else None
+        print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
+    return 2 if any(s["failure"] for s in told) else 0
+
+
+def _check_export(path: Path | None) -> None:
+    if path is None:
+        return
+    if path.suffix not in (".csv", ".json"):
+        raise ConfigurationError(f"--export {path}: a file ending in .csv or .json is expected")
+    if not path.absolute().parent.is_dir():
+        raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
+
+
+def _figures(step: FoldStep, outcome: Outcome, wall_time_s: float) -> dict[str, Any]:
+    trajectory = outcome.value
+    return {
+        "name": step.name,
+        "step": step.index + 1,
+        **outcome.notes,
+        "duration_s": trajectory.duration if trajectory else None,
+        "wall_time_s": wall_time_s,
+        "control_points_m": trajectory.control_points if trajectory else None,
+        "failure": outcome.failure,
+    }
+
+
+def _line(figures: dict[str, Any]) -> str:
+    name = f"fold {figures['step']} {figures['name']}: "
+    if figures["failure"]:
+        return name + str(figures["failure"])
+    first, best = 1e3 * figures["dissimilarity_initial_m"], 1e3 * figures["dissimilarity_m"]
+    return (
+        f"{name}D {first:.1f} -> {best:.1f} mm (predicted)"
+        f" in {figures['simulations']} simulations, {figures['wall_time_s']:.1f} s"
+    )
+
+
+COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
+    """Tool poses over time: position of the tool centre point and orientation (quaternion, scalar last) of the
+    tool frame in the table frame (robots/ports.py says which is which)."""
+    rows: list[tuple[Any, ...]] = [
+        (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
+        for fold, arms in paths.items()
+        for arm, path in arms.items()
+        for t, p, q in zip(path.t, path.position, _quaternions(path), strict=True)
+    ]
+    if suffix == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(rows)
+        return text.getvalue()
+    folds: dict[str, dict[str, list]] = {}
+    for fold, arm, *numbers in rows:
+        folds.setdefault(fold, {}).setdefault(arm, []).append(numbers)
+    value = {"schema": 1, "garment": garment, "frame": "table", "columns": COLUMNS[2:], "folds": folds}
+    return json.dumps(to_json(value)) + "\n"
+
+
+def _quaternions(path: ToolPath) -> Any:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(path.rotation).as_quat()

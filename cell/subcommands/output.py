@@ -1,0 +1,65 @@
+"""Text for people and one JSON line for programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from robots.errors import StorageError
+
+__all__ = ["print_json", "print_table", "progress_stream", "write_whole"]
+
+
+def print_json(value: Mapping[str, Any]) -> None:
+    """One object on one line, the last of standard output."""
+    from cell.journal import to_json
+
+    print(json.dumps(to_json(value), allow_nan=False, ensure_ascii=False), flush=True)
+
+
+def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Columns as wide as they need; numbers to the right."""
+    cells = [[_text(v) for v in row] for row in rows]
+    width = [max(len(line[i]) for line in (list(head), *cells)) for i in range(len(head))]
+    right = [
+        bool(rows) and all(isinstance(row[i], int | float) or row[i] is None for row in rows)
+        for i in range(len(head))
+    ]
+    for line in (list(head), *cells):
+        padded = [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(line, width, right, strict=True)]
+        print("  ".join(padded).rstrip())
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.1f}" if isinstance(value, float) else str(value)
+
+
+def progress_stream(as_json: bool) -> Any:
+    """Where progress goes: with --json it stays off standard output."""
+    return sys.stderr if as_json else sys.stdout
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write the whole file or none of it. Raises StorageError."""
+    import os
+
+    try:
+        with tempfile.NamedTemporaryFile(
+            dir=path.absolute().parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            try:
+                file.write(data)
+                file.flush()
+                os.chmod(file.name, 0o644)
+                os.replace(file.name, path)
+            except BaseException:
+                os.unlink(file.name)
+                raise
+    except OSError as e:
+        raise StorageError(f"cannot write {path}: {e.strerror}", "choose another place", path=str(path)) from e

@@ -1,0 +1,53 @@
+"""`foldcell replay RUN`: open the recording in the viewer, or say how."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from cell.journal import Journal
+from cell.paths import ledger_path, logs_directory
+from cell.subcommands.output import print_json
+from robots.errors import StorageError
+
+__all__ = ["find_viewer", "run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    logs = logs_directory(options.logs)
+    with Journal.open(ledger_path(logs), readonly=True) as journal:
+        record = journal.run(options.name)
+    recording = record.directory / "run.rrd"
+    if not recording.is_file():
+        raise StorageError(
+            f"the run {record.id} ({record.status}) has no recording {recording}",
+            f"foldcell report {record.id} shows what the ledger knows",
+        )
+    viewer = find_viewer()
+    screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform == "darwin"
+    opened = viewer is not None and screen and not options.no_viewer and not options.json
+    if options.json:
+        print_json({"run": record.id, "recording": str(recording), "viewer": str(viewer) if viewer else None})
+        return 0
+    print(f"recording  {recording}")
+    if opened:
+        subprocess.Popen([str(viewer), str(recording)], start_new_session=True)
+        print("opened in the Rerun viewer")
+    else:
+        why = "" if screen else " (this terminal has no display: copy the file to a machine that has one)"
+        print(f"open it with   {viewer or 'rerun'} {recording}{why}")
+        print(f"or a browser   {viewer or 'rerun'} --web-viewer {recording}")
+    return 0
+
+
+def find_viewer() -> Path | None:
+    """The viewer that came with rerun-sdk: beside this interpreter, or on the path."""
+    beside = Path(sys.executable).parent / "rerun"
+    if beside.is_file():
+        return beside
+    found = shutil.which("rerun")
+    return Path(found) if found else None

@@ -1,0 +1,67 @@
+"""`foldcell report RUN`: what happened, from the ledger, and where the report page is."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from cell.journal import Entry, Journal
+from cell.paths import ledger_path, logs_directory
+from cell.subcommands.output import print_json
+from cell.subcommands.runs import run_figures
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    logs = logs_directory(options.logs)
+    with Journal.open(ledger_path(logs), readonly=True) as journal:
+        record = journal.run(options.name)
+        figures = run_figures(journal, record)
+        entries = journal.entries(record.id)
+    page = record.directory / "report.html"
+    figures |= {
+        "summary": record.summary,
+        "effects": _effects(entries),
+        "report": str(page) if page.is_file() else None,
+    }
+    if options.json:
+        print_json(figures)
+        return 0
+    print(f"{record.id}: {record.status}")
+    for effect in figures["effects"]:
+        print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
+    if record.status == "interrupted":
+        print("  the process ended here without ending the run (killed, or the machine went down)")
+    print(f"report  {page}" if page.is_file() else "report  none: the run ended before it was written")
+    return 0
+
+
+def _effects(entries: list[Entry]) -> list[dict[str, Any]]:
+    """Every effect in order, with what came of it."""
+    results = {e.answers: e for e in entries if e.kind == "result"}
+    effects = []
+    for begun in (e for e in entries if e.kind == "intent"):
+        ended = results.get(begun.sequence)
+        effects.append(
+            {
+                "name": begun.name,
+                "state": begun.state,
+                "begun_s": begun.cell_time,
+                "ended_s": ended.cell_time if ended else None,
+                "event": ended.payload.get("event") if ended else None,
+                "failure": ended.payload.get("kind") if ended else None,
+                "what": ended.payload.get("what") if ended else None,
+            }
+        )
+    return effects
+
+
+def _ending(effect: dict[str, Any]) -> str:
+    if effect["ended_s"] is None:
+        return "begun, not finished"
+    took = f"{effect['ended_s'] - effect['begun_s']:.1f} s"
+    if effect["failure"]:
+        return f"{took}  {effect['failure']}: {effect['what']}"
+    event = effect["event"]
+    return took if event in (None, "done") else f"{took}  {event}"

@@ -1,0 +1,127 @@
+"""`foldcell trials`: the paper's table, measured in the simulated cell."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import time
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from cell.config import CellSettings, load_settings
+from cell.garments import list_garments, load_garment
+from cell.journal import to_json
+from cell.paths import logs_directory, prepare_logs
+from cell.subcommands.output import print_json, print_table, progress_stream, write_whole
+from cell.trials import GarmentFigures, Trial, run_trials, tabulate
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """0 when every run came to an end, 3 when one was a fault; folding badly is a figure, not an error."""
+    settings = load_settings(options.cell)
+    garments = list(list_garments()) if options.garments == "all" else options.garments.split(",")
+    for name in garments:
+        load_garment(name, settings.surface)
+    campaign = _campaign_folder(prepare_logs(logs_directory(options.logs)))
+    work = functools.partial(_one, options.driver, options.world, options.cell, settings, campaign)
+    seeds = range(options.first_seed, options.first_seed + options.n)
+    trials, out = [], progress_stream(options.json)
+    with _pool(options.workers) as pool:
+        for trial in run_trials(work, garments, seeds, pool):
+            trials.append(trial)
+            total = len(garments) * len(seeds)
+            print(f"{len(trials):4d}/{total}  {_line(trial)}", file=out, flush=True)
+    rows = tabulate(trials)
+    figures = {
+        "schema": 1,
+        "garments": [asdict(r) for r in rows],
+        "runs": [_run(t) for t in sorted(trials, key=_key)],
+    }
+    write_whole(campaign / "trials.json", _text(figures))
+    if options.json:
+        print_json({**figures, "directory": str(campaign)})
+    else:
+        _print(rows, campaign)
+    return 3 if any(t.result == "fault" for t in trials) else 0
+
+
+def _one(
+    driver: str, world: str, path: Path | None, settings: CellSettings, campaign: Path, garment: str, seed: int
+) -> dict[str, Any]:
+    """One run in a worker process. Each worker has its own ledger: a cell has one owner."""
+    from cell.run import FoldRequest, fold_once
+
+    logs = campaign / f"worker-{os.getpid()}"
+    logs.mkdir(exist_ok=True)
+    request = FoldRequest(
+        garment=garment, seed=seed, driver=driver, settings=settings, settings_path=path, logs=logs,
+        live=False, approve=False, realtime=False, world=world, quiet=True,
+    )  # fmt: skip
+    return dict(to_json(fold_once(request).as_json()))
+
+
+def _pool(workers: int) -> Executor:
+    # spawn: a forked child would share the parent's numba and renderer state; one run a process keeps memory flat
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=8)
+
+
+def _campaign_folder(logs: Path) -> Path:
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    for i in range(1, 1000):
+        folder = logs / (f"trials-{stamp}" + ("" if i == 1 else f"-{i}"))
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            continue
+    raise AssertionError
+
+
+def _key(trial: Trial) -> tuple[str, int]:
+    return trial.garment, trial.seed
+
+
+def _run(trial: Trial) -> dict[str, Any]:
+    return {"garment": trial.garment, "seed": trial.seed, "success": trial.success, "result": trial.result,
+            "error": trial.error, "figures": trial.figures}  # fmt: skip
+
+
+def _text(figures: dict[str, Any]) -> bytes:
+    import json
+
+    return (json.dumps(to_json(figures), indent=1) + "\n").encode()
+
+
+def _line(trial: Trial) -> str:
+    figures = trial.figures or {}
+    times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
+    verdict = "folded" if trial.success else "claimed folded" if trial.result == "folded" else trial.result
+    return f"{trial.garment:<24} seed {trial.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
+
+
+def _print(rows: list[GarmentFigures], campaign: Path) -> None:
+    print("\nsimulated; folded: by the scorer; interval: Wilson, 95 %; times and IoU: medians")
+    print_table(
+        ("garment", "folded", "interval", "claimed in vain", "faults", "recoveries", "robot s", "wall s", "IoU"),
+        [
+            (
+                r.garment,
+                f"{r.folded}/{r.runs}",
+                f"{100 * r.interval[0]:.0f}-{100 * r.interval[1]:.0f} %",
+                r.false_claims,
+                r.faults,
+                r.recoveries,
+                r.robot_time_s,
+                r.wall_time_s,
+                "-" if r.iou is None else f"{r.iou:.3f}",
+            )
+            for r in rows
+        ],
+    )
+    print(f"details  {campaign / 'trials.json'}")

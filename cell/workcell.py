@@ -1,0 +1,87 @@
+"""Everything that a run works with, bundled once: the ports, the models, the files read, and the workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Set
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as NotYet
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from cell.commands import CommandQueue
+from cell.config import CellSettings
+from cell.context import Context
+from cell.execution import ExecutionLimits, stopped
+from cell.recorder import Recorder
+from cell.states import Event
+from robots.errors import DriverError, FailureKind
+from robots.model import JointLimits, RobotModel
+from robots.ports import Ports
+from skills.garments.garment import Garment
+from skills.grasping.settings import GraspSettings
+from skills.motion.collision import CollisionChecker
+from skills.perception.inspect import InspectionSettings
+from skills.perception.perceive import PerceptionSettings
+from skills.trajectory.library import Library
+from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
+
+__all__ = ["Workcell"]
+
+T = TypeVar("T")
+
+_POLL_S = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Workcell:
+    """The cell as a run sees it. `expected` is the garment named on the command line, None for 'auto'."""
+
+    ports: Ports
+    settings: CellSettings
+    table: Table
+    calibration: CameraCalibration
+    robot: RobotModel
+    checker: CollisionChecker
+    limits: JointLimits
+    execution: ExecutionLimits
+    garments: tuple[Garment, ...]
+    expected: Garment | None
+    grasp: GraspSettings
+    perception: PerceptionSettings
+    inspection: InspectionSettings
+    library: Callable[[], Library]
+    keep: Callable[[GraspTrajectory, FoldStep, Garment, Mapping[str, float | int | str]], None]
+    """Adds an optimised trajectory to the user's library."""
+    recorder: Recorder
+    commands: CommandQueue
+    workers: ThreadPoolExecutor
+    attended: bool
+    approve: bool
+    prompt: Callable[[Set[Event], Context], None]
+    """Tells the operator that a command is awaited, and which ones are."""
+    tell: Callable[[str], None]
+    """Says how far a long computation is."""
+    rng: Callable[..., np.random.Generator]
+    """The motion planner's generator; its argument is the draw, 0 by default."""
+
+    def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
+        """Run a skill on a worker while watching the stop, then charge its declared time to the clock.
+
+        Raises DriverError(STOPPED) when the stop is triggered meanwhile; the skill's result is then void.
+        """
+        future = self.workers.submit(work)
+        while True:
+            try:
+                result = future.result(timeout=_POLL_S)
+                break
+            except NotYet:
+                failure = stopped(self.ports)
+                if failure:
+                    future.cancel()
+                    raise DriverError(FailureKind.STOPPED, failure.what, failure.hint) from None
+        if self.ports.simulated:
+            cost = charge_s(result) if callable(charge_s) else charge_s
+            self.ports.clock.sleep_until(self.ports.clock.now() + cost)
+        return result

@@ -1,0 +1,68 @@
+"""Where the RGB-D camera sits on Baxter: on a bracket over the head panel, turning with the head.
+
+The bracket holds it in front of the panel's upper edge (which reaches x = 0.216, z = 0.765 in the base
+frame): from further back the panel would hide the table's near half.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.ports import Array, Intrinsics, frozen
+
+__all__ = [
+    "HEAD_ORIGIN",
+    "INTRINSICS",
+    "T_HEAD_CAMERA",
+    "T_base_camera",
+    "T_base_head",
+    "look_at",
+]
+
+FIELD_OF_VIEW = np.radians((58.0, 45.0))
+"""Of a PrimeSense Xtion, horizontal and vertical [rad]."""
+
+INTRINSICS = Intrinsics(
+    width=640,
+    height=480,
+    fx=float(320.0 / np.tan(FIELD_OF_VIEW[0] / 2)),
+    fy=float(240.0 / np.tan(FIELD_OF_VIEW[1] / 2)),
+    cx=319.5,
+    cy=239.5,
+)
+
+HEAD_ORIGIN = (0.06, 0.0, 0.686)
+"""Of the URDF's head_pan joint in the base frame [m]; it turns about z."""
+
+EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
+"""The camera's place and what it looks at when the head looks ahead, base frame [m]."""
+
+
+def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> Array:
+    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target`, its up towards base x."""
+    z = np.subtract(target, eye)
+    z = z / np.linalg.norm(z)
+    right = np.cross(z, (1.0, 0.0, 0.0))
+    right /= np.linalg.norm(right)
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack((right, np.cross(z, right), z))
+    T[:3, 3] = eye
+    return T
+
+
+def T_base_head(pan: float) -> Array:
+    """(4, 4) pose of the head link at `pan` [rad]."""
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(pan), -np.sin(pan)], [np.sin(pan), np.cos(pan)]]
+    T[:3, 3] = HEAD_ORIGIN
+    return T
+
+
+T_HEAD_CAMERA = frozen(np.linalg.inv(T_base_head(0.0)) @ look_at(EYE, TARGET))
+"""(4, 4) the bracket as it was designed: camera to head link."""
+
+
+def T_base_camera(pan: float = 0.0) -> Array:
+    """(4, 4) nominal pose of the camera in the base frame."""
+    return T_base_head(pan) @ T_HEAD_CAMERA
+

@@ -1,0 +1,153 @@
+"""Baxter's visual meshes made ready for a viewer: COLLADA in, binary glTF out, cached on disk.
+
+The wheel's DAE files mix up axes and materials, which viewers read differently (Rerun places them wrongly
+without an error); they also have ten times the triangles that a picture of the cell needs. Each mesh is
+therefore loaded once with its scene transforms applied, thinned, coloured and written as GLB, and a URDF
+is written beside them that names the GLB files and has visuals only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+import trimesh
+from numpy.typing import NDArray
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from robots.baxter.model import FINGER_JOINTS, FLOOR, JOINT_NAMES, baxter_urdf_path, package_root
+from robots.errors import StorageError
+from robots.ports import Array
+from robots.visual import RobotVisual
+
+__all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
+
+FORMAT = 4
+"""Raised whenever what is written changes, so that an old cache is not taken for a new one."""
+CELL = 0.0035
+"""Vertices nearer than this are merged: below a pixel when the whole robot is in the picture [m]."""
+CREASE = np.radians(35.0)
+"""Edges sharper than this keep their facets apart in the shading [rad]."""
+RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 173)
+"""Baxter's plastics, sRGB. The files' own colours are near black once a viewer's light is applied."""
+
+
+def baxter_visual() -> RobotVisual:
+    """Baxter for a viewer. Raises StorageError when its meshes cannot be cached."""
+    return RobotVisual(
+        urdf=visual_glb_urdf(),
+        joint_names=JOINT_NAMES,
+        head_joint="head_pan",
+        finger_joints={side: ((left, 0.5), (right, -0.5)) for side, (left, right) in FINGER_JOINTS.items()},
+        floor=FLOOR,
+    )
+
+
+def visual_glb_urdf() -> Path:
+    """Path of a URDF of Baxter whose visuals are GLB files (absolute paths); made once, then cached.
+
+    Raises StorageError when the cache cannot be written.
+    """
+    source = baxter_urdf_path()
+    digest = hashlib.sha256(source.read_bytes() + f"{FORMAT} {CELL} {CREASE}".encode()).hexdigest()[:12]
+    folder = Path(platformdirs.user_cache_dir("foldcell")) / f"baxter-visual-{digest}"
+    urdf = folder / "baxter.urdf"
+    if urdf.is_file():
+        return urdf
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        build = Path(tempfile.mkdtemp(prefix=".baxter-", dir=folder.parent))
+        try:
+            write_visuals(source, build, final=folder)
+            move_into_place(build, folder)
+        finally:
+            shutil.rmtree(build, ignore_errors=True)
+    except OSError as error:
+        raise StorageError(
+            f"the robot's meshes cannot be cached in {folder.parent}: {error.strerror}",
+            "make the folder writable, or point XDG_CACHE_HOME at one that is",
+            path=str(folder),
+        ) from error
+    return urdf
+
+
+def move_into_place(build: Path, folder: Path) -> None:
+    """Publish a finished folder at once: another process either sees all of it or none."""
+    build.chmod(0o755)
+    try:
+        os.rename(build, folder)
+    except OSError:
+        if not (folder / "baxter.urdf").is_file():  # not lost to another process that was quicker
+            raise
+
+
+def write_visuals(source: Path, folder: Path, final: Path) -> None:
+    """Write the GLB files and the URDF into `folder`; the URDF names them where they will lie, in `final`."""
+    tree = ET.parse(source)
+    root = tree.getroot()
+    for link in root.iter("link"):
+        for unwanted in [*link.findall("collision"), *link.findall("inertial")]:
+            link.remove(unwanted)
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if mesh is None:  # sensor markers and dummies: clutter
+                link.remove(visual)
+                continue
+            path = package_root() / mesh.attrib["filename"].removeprefix("package://")
+            name = f"{path.stem}.glb"
+            if not (folder / name).exists():
+                (folder / name).write_bytes(convert(path))
+            mesh.set("filename", str(final / name))
+            for material in visual.findall("material"):
+                visual.remove(material)  # the GLB has its own
+    for tag in ("gazebo", "transmission"):
+        for unwanted in root.findall(tag):
+            root.remove(unwanted)
+    tree.write(folder / "baxter.urdf", encoding="utf-8", xml_declaration=True)
+
+
+def convert(path: Path) -> bytes:
+    """One COLLADA file as GLB, in the link's frame [m], thinned and coloured."""
+    scene = trimesh.load_scene(path)
+    out = trimesh.Scene()
+    for number, part in enumerate(scene.dump(concatenate=False)):
+        if not isinstance(part, trimesh.Trimesh):
+            continue
+        thinned = thin(np.asarray(part.vertices, dtype=np.float64), np.asarray(part.faces), CELL)
+        shaded = trimesh.graph.smooth_shade(thinned, angle=CREASE)
+        shaded.visual = TextureVisuals(material=material(part, path.stem))  # type: ignore[no-untyped-call]
+        out.add_geometry(shaded, geom_name=f"{path.stem}_{number}")
+    return bytes(out.export(file_type="glb", include_normals=True))  # type: ignore[no-untyped-call]
+
+
+def thin(vertices: Array, faces: NDArray, cell: float) -> trimesh.Trimesh:
+    """Vertex clustering: vertices (n, 3) in one grid cell [m] become their mean; collapsed faces go."""
+    _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+    cluster = cluster.ravel()
+    count = np.bincount(cluster)
+    mean = np.stack([np.bincount(cluster, vertices[:, k]) for k in range(3)], axis=1) / count[:, None]
+    f = cluster[faces]
+    f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+    _, first = np.unique(np.sort(f, axis=1), axis=0, return_index=True)
+    return trimesh.Trimesh(mean, f[np.sort(first)], process=False)
+
+
+def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:
+    """The plastic nearest to what the file means."""
+    given = getattr(getattr(part.visual, "material", None), "baseColorFactor", None)
+    rgb = np.array((90, 90, 90) if given is None else given, dtype=int)[:3]
+    if rgb[0] > 2 * rgb[1] + 20:
+        colour = RED
+    elif stem in ("PEDESTAL", "base_link") or 10 < rgb[0] < 100:
+        colour = DARK
+    else:
+        colour = BLACK if rgb[0] <= 10 else GREY
+    linear = (np.array(colour) / 255.0) ** 2.2  # glTF's colour factors are linear
+    return PBRMaterial(baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.8)  # type: ignore[no-untyped-call]

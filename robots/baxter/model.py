@@ -1,0 +1,130 @@
+"""Baxter: kinematics, collision geometry and limits, from the URDF of the example-robot-data wheel.
+
+The URDF's frames `left_gripper` and `right_gripper` are the tool frames as they stand: origin between
+the fingertips, z out of the hand, and the fingers' prismatic joints move along its y; no rotation is added.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from robots.errors import ConfigurationError
+from robots.model import JointLimits, RobotModel, arm_chain
+from robots.ports import Array, Side, frozen
+
+__all__ = ["ARM_JOINTS", "FINGER_JOINTS", "JOINT_NAMES", "baxter_srdf_path", "baxter_urdf_path", "load_model", "package_root"]
+
+ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
+JOINT_NAMES = tuple(f"{side}_{joint}" for side in Side for joint in ARM_JOINTS)
+FINGER_JOINTS = {side: (f"{side[0]}_gripper_l_finger_joint", f"{side[0]}_gripper_r_finger_joint") for side in Side}
+FINGER_OPEN = 0.0104
+"""Taken for collision checks: each finger this far out [m], half its stroke."""
+
+FLOOR = -0.924
+"""Of the base frame [m]."""
+
+URDF_VELOCITY = np.array([1.5, 1.5, 1.5, 1.5, 4.0, 4.0, 4.0] * 2)
+POSITION_MARGIN = 0.02
+"""Planned motions keep this far from the hard stops [rad]."""
+
+PARK_LEFT = np.array([0.31, -0.75, -0.98, 1.73, 0.85, 1.60, 0.72])
+MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""The right arm is the left one's mirror image: what turns about z and along the links changes sign."""
+
+Q_PARK = np.concatenate([PARK_LEFT, PARK_LEFT * MIRROR])
+"""Hands beside the table's near corners, 0.2 m over it, out of the camera's view with 20 mm to spare
+(tested), and about 1.1 s from where folds of a towel begin and end."""
+
+
+def package_root() -> Path:
+    """The folder that `package://example-robot-data` is a child of."""
+    try:
+        wheel = distribution("example-robot-data")
+    except PackageNotFoundError as error:
+        raise ConfigurationError(
+            "the robot's model is not installed", "pip install example-robot-data (make setup does it)"
+        ) from error
+    return Path(str(wheel.locate_file("cmeel.prefix"))) / "share"
+
+
+def baxter_urdf_path() -> Path:
+    """The URDF as the wheel ships it (its meshes are `package://` URIs)."""
+    return package_root() / "example-robot-data/robots/baxter_description/urdf/baxter.urdf"
+
+
+def baxter_srdf_path() -> Path:
+    return baxter_urdf_path().parents[1] / "srdf/baxter_manipulation.srdf"
+
+
+@lru_cache(maxsize=1)
+def load_model() -> RobotModel:
+    """Baxter with both electric grippers. Reads the wheel's files once a process (about 0.1 s)."""
+    model = pin.buildModelFromUrdf(str(baxter_urdf_path()))
+    index = np.array([model.joints[model.getJointId(name)].idx_q for name in JOINT_NAMES])
+    q_rest = pin.neutral(model)
+    for side in Side:
+        left, right = FINGER_JOINTS[side]
+        q_rest[model.joints[model.getJointId(left)].idx_q] = FINGER_OPEN
+        q_rest[model.joints[model.getJointId(right)].idx_q] = -FINGER_OPEN
+    return RobotModel(
+        name="baxter",
+        pin_model=model,
+        collision_model=_collision_model(model),
+        joint_names=JOINT_NAMES,
+        joint_index=frozen(index),
+        q_rest=frozen(q_rest),
+        tool_frame={side: f"{side}_gripper" for side in Side},
+        chains={
+            side: arm_chain(model, tuple(f"{side}_{joint}" for joint in ARM_JOINTS), f"{side}_gripper")
+            for side in Side
+        },
+        planning=_limits(model, index, POSITION_MARGIN, velocity=0.8, acceleration=3.0, jerk=30.0),
+        commissioning=_limits(model, index, POSITION_MARGIN, velocity=0.5, acceleration=1.0, jerk=5.0, wrist=1.0),
+        protective=_limits(model, index, 0.0, velocity=1.0, acceleration=6.0, jerk=120.0),
+        q_park=frozen(Q_PARK),
+        head_pan=0.0,
+        floor=FLOOR,
+        fingertips={side: _fingertips(side) for side in Side},
+    )
+
+
+def _limits(
+    model: pin.Model, index: Array, margin: float, *, velocity: float, acceleration: float, jerk: float, wrist: float = 2.0
+) -> JointLimits:
+    """velocity is a share of the URDF's; acceleration [rad/s2], jerk [rad/s3] of shoulder and elbow, the
+    wrist's joints `wrist` times as much."""
+    share = np.array([1.0, 1.0, 1.0, 1.0, wrist, wrist, wrist] * 2)
+    return JointLimits(
+        lower=frozen(model.lowerPositionLimit[index] + margin),
+        upper=frozen(model.upperPositionLimit[index] - margin),
+        velocity=frozen(velocity * URDF_VELOCITY),
+        acceleration=frozen(acceleration * share),
+        jerk=frozen(jerk * share),
+    )
+
+
+def _fingertips(side: Side) -> tuple[str, ...]:
+    letter = side[0]
+    return tuple(
+        f"{letter}_gripper_{finger}_finger{part}" for finger in ("l", "r") for part in ("_0", "_1", "_tip_0")
+    )
+
+
+def _collision_model(model: pin.Model) -> pin.GeometryModel:
+    """Every pair that the SRDF does not exclude; torso and pedestal, meshes, as their convex hulls."""
+    geometry = pin.buildGeomFromUrdf(
+        model, str(baxter_urdf_path()), pin.GeometryType.COLLISION, package_dirs=[str(package_root())]
+    )
+    for shape in geometry.geometryObjects:
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            shape.geometry.buildConvexHull(True, "Qt")
+            shape.geometry = shape.geometry.convex
+    geometry.addAllCollisionPairs()
+    pin.removeCollisionPairs(model, geometry, str(baxter_srdf_path()))
+    return geometry

@@ -1,0 +1,121 @@
+"""A two-armed robot as the motion skills see it: kinematics, collision geometry, limits, named poses.
+
+A robot package (robots/baxter) makes the value; the skills take it and never import the package. The
+value holds models only; working memory (`pinocchio.Data`) belongs to whoever computes with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from robots.ports import Array, Side, arm_slice, frozen
+
+__all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3]."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def __post_init__(self) -> None:
+        if np.any(self.upper <= self.lower):
+            raise ValueError("upper position limits have to exceed the lower ones")
+        for name in ("velocity", "acceleration", "jerk"):
+            if np.any(getattr(self, name) <= 0.0):
+                raise ValueError(f"{name} limits have to be positive")
+
+    def scaled(self, factor: float) -> JointLimits:
+        """The same positions, with velocity, acceleration and jerk times `factor`."""
+        return JointLimits(
+            self.lower, self.upper, self.velocity * factor, self.acceleration * factor, self.jerk * factor
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ArmChain:
+    """One arm as seven revolute joints about their own z.
+
+    rotation (8, 3, 3), translation (8, 3): the fixed placement before each joint, the first one from the
+    base frame, the eighth from the last joint to the tool frame.
+    """
+
+    rotation: Array
+    translation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """What the skills know of a robot. Vectors of 14 are ordered left arm, right arm (robots.ports).
+
+    pin_model: the whole robot, other joints included. collision_model: its geometry with the pairs that
+    have to be checked. joint_index: (14,) where each arm joint stands in a configuration of pin_model.
+    q_rest: (nq,) what the other joints are taken to be. tool_frame: name of the tool's frame. planning:
+    what planned motions keep to; commissioning: the slow set; protective: what the hardware may be asked
+    for in a protective stop. q_park: (14,) both arms out of the camera's view. fingertips: per arm, the
+    collision objects that may touch the table in a grasp. base_links: objects that do not move.
+    """
+
+    name: str
+    pin_model: pin.Model
+    collision_model: pin.GeometryModel
+    joint_names: tuple[str, ...]
+    joint_index: Array
+    q_rest: Array
+    tool_frame: Mapping[Side, str]
+    chains: Mapping[Side, ArmChain]
+    planning: JointLimits
+    commissioning: JointLimits
+    protective: JointLimits
+    q_park: Array
+    head_pan: float
+    floor: float
+    fingertips: Mapping[Side, tuple[str, ...]]
+
+    def limits(self, accelerations: str = "planning", velocity_scale: float | None = None) -> JointLimits:
+        """The named set, 'planning' or 'commissioning', with velocities as a share of the joints' own limits."""
+        chosen = {"planning": self.planning, "commissioning": self.commissioning}[accelerations]
+        if velocity_scale is None:
+            return chosen
+        return replace(chosen, velocity=frozen(self.protective.velocity * velocity_scale))
+
+    def configuration(self, q: Array) -> Array:
+        """(14,) arm joints -> (nq,) configuration of `pin_model`."""
+        full = self.q_rest.copy()
+        full[self.joint_index.astype(np.intp)] = q
+        return full
+
+    def tool_pose(self, side: Side, q: Array) -> Array:
+        """T_base_tool (4, 4) at joint vector q (14,), by Pinocchio."""
+        data = self.pin_model.createData()
+        pin.framesForwardKinematics(self.pin_model, data, self.configuration(q))
+        T: Array = data.oMf[self.pin_model.getFrameId(self.tool_frame[side])].homogeneous
+        return T
+
+    def park(self, side: Side) -> Array:
+        """(7,) the parked arm."""
+        return self.q_park[arm_slice(side)]
+
+
+def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> ArmChain:
+    """The chain of seven joints that ends in `tool_frame`. Raises ValueError when it is not one."""
+    ids = [model.getJointId(name) for name in joints]
+    for before, joint in zip([0, *ids], ids, strict=False):
+        if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:
+            raise ValueError(f"{model.names[joint]} is not a revolute joint about z that follows {model.names[before]}")
+    frame = model.frames[model.getFrameId(tool_frame)]
+    if frame.parentJoint != ids[-1]:
+        raise ValueError(f"{tool_frame} is not fixed to {joints[-1]}")
+    placements = [model.jointPlacements[i] for i in ids] + [frame.placement]
+    return ArmChain(
+        frozen(np.array([p.rotation for p in placements])), frozen(np.array([p.translation for p in placements]))
+    )

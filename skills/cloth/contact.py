@@ -1,0 +1,260 @@
+"""Self-contact of cloth: vertex against triangle and edge against edge.
+
+The search for pairs is in tree.py. Narrow phase, every few substeps: which of the pairs are near, on which
+side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the next narrow
+phase. The side of a pair follows the geometry as long as it is apart and is kept while it is near: a pair
+that was pressed through is pushed back to where it came from.
+
+Overlap that is older than the substep is released by moving position and previous position alike, so that it
+makes no speed. Friction is Coulomb's at position level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
+GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
+TOLERANCE = 0.03  # barycentric, how far beside a triangle a vertex still meets it
+NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
+EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
+MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
+OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
+OVERLAP_SPEED = 0.15  # at most at this speed [m/s]
+
+
+@njit(nogil=True, fastmath={"contract"})
+def closest_on_segments(x, i, j, k, m):  # type: ignore[no-untyped-def]
+    """Closest points of segments i-j and k-m (Ericson 2005, 5.1.9): parameters and p - q."""
+    ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+    bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]
+    rx, ry, rz = x[i, 0] - x[k, 0], x[i, 1] - x[k, 1], x[i, 2] - x[k, 2]
+    a = ax * ax + ay * ay + az * az + 1e-30
+    e = bx * bx + by * by + bz * bz + 1e-30
+    f = bx * rx + by * ry + bz * rz
+    c = ax * rx + ay * ry + az * rz
+    b = ax * bx + ay * by + az * bz
+    den = a * e - b * b
+    s = min(max((b * f - c * e) / den, 0.0), 1.0) if den > 1e-12 * a * e else 0.5
+    t = (b * s + f) / e
+    if t < 0.0:
+        t = 0.0
+        s = min(max(-c / a, 0.0), 1.0)
+    elif t > 1.0:
+        t = 1.0
+        s = min(max((b - c) / a, 0.0), 1.0)
+    return s, t, rx + s * ax - t * bx, ry + s * ay - t * by, rz + s * az - t * bz
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _point_segment2(px, py, pz, x, i, j):  # type: ignore[no-untyped-def]
+    """Squared distance of a point from segment i-j."""
+    ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+    rx, ry, rz = px - x[i, 0], py - x[i, 1], pz - x[i, 2]
+    t = min(max((ax * rx + ay * ry + az * rz) / (ax * ax + ay * ay + az * az + 1e-30), 0.0), 1.0)
+    dx, dy, dz = rx - t * ax, ry - t * ay, rz - t * az
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit(nogil=True, fastmath={"contract"})
+def narrow_vertex_triangle(count, pair, side, wait, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n):  # type: ignore[no-untyped-def]
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
+    release, give_up = RELEASE * thick, GIVE_UP * thick
+    for c in range(count):
+        if wait[c] > 0:
+            wait[c] -= 1
+            continue
+        i, t = pair[c, 0], pair[c, 1]
+        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+        ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
+        vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        nn = nx * nx + ny * ny + nz * nz
+        if nn < 1e-20:
+            continue
+        scale = 1.0 / np.sqrt(nn)
+        dx, dy, dz = x[i, 0] - x[p, 0], x[i, 1] - x[p, 1], x[i, 2] - x[p, 2]
+        d = (nx * dx + ny * dy + nz * dz) * scale
+        # the gap cannot close within the span: the pair is apart, whichever side
+        sx, sy, sz = v[i, 0] - v[p, 0], v[i, 1] - v[p, 1], v[i, 2] - v[p, 2]
+        reach = 4e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        if abs(d) > release + reach:
+            side[c] = 0
+            wait[c] = min((abs(d) - release - reach) / reach, MAX_WAIT)
+            continue
+        # barycentric coordinates of the projection
+        b1 = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / nn
+        b2 = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / nn
+        b0 = 1.0 - b1 - b2
+        if min(b0, min(b1, b2)) < -TOLERANCE:
+            if side[c] != 0:
+                d2 = min(
+                    _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, p, q),
+                    min(
+                        _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, q, r),
+                        _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, r, p),
+                    ),
+                )
+                if d2 > release * release:
+                    side[c] = 0
+            continue
+        s = side[c]
+        if s == 0:
+            s = 1 if d > 0.0 else -1
+            if abs(d) < release:
+                side[c] = s
+        elif s * d > release or s * d < -give_up:
+            side[c] = 0
+            s = 1 if d > 0.0 else -1
+        if s * d > thick + reach:
+            continue
+        den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
+        if den == 0.0:
+            continue
+        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
+        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
+        act_n[n, 0], act_n[n, 1], act_n[n, 2] = s * nx * scale, s * ny * scale, s * nz * scale
+        act_d[n] = thick
+        act_w[n] = 1.0 / den
+        n += 1
+    return n
+
+
+@njit(nogil=True, fastmath={"contract"})
+def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n):  # type: ignore[no-untyped-def]
+    """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
+    release, give_up = RELEASE * thick, GIVE_UP * thick
+    for c in range(count):
+        if wait[c] > 0:
+            wait[c] -= 1
+            continue
+        i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
+        k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
+        s, t, dx, dy, dz = closest_on_segments(x, i, j, k, m)
+        d2 = dx * dx + dy * dy + dz * dz
+        sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
+        sy = (1 - s) * v[i, 1] + s * v[j, 1] - (1 - t) * v[k, 1] - t * v[m, 1]
+        sz = (1 - s) * v[i, 2] + s * v[j, 2] - (1 - t) * v[k, 2] - t * v[m, 2]
+        reach = 4e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        if d2 > (release + reach) ** 2:
+            near[c] = False
+            wait[c] = min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)
+            continue
+        ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+        bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        nn = nx * nx + ny * ny + nz * nz
+        both = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
+        inner = s > 1e-4 and s < 1.0 - 1e-4 and t > 1e-4 and t < 1.0 - 1e-4
+        if nn < NEAR_PARALLEL * both or not inner:
+            if near[c] and d2 > release * release:
+                near[c] = False
+            continue
+        scale = 1.0 / np.sqrt(nn)
+        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        d = nx * dx + ny * dy + nz * dz
+        if near[c]:
+            flip = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] < 0.0
+        else:
+            flip = d < 0.0
+        if flip:
+            nx, ny, nz, d = -nx, -ny, -nz, -d
+        if near[c] and (d > release or d < -give_up):
+            near[c] = False
+            if d < 0.0:
+                nx, ny, nz, d = -nx, -ny, -nz, -d
+        elif d < release:
+            near[c] = True
+            normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
+        if d > thick + reach:
+            continue
+        den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]
+        if den == 0.0:
+            continue
+        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
+        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
+        act_n[n, 0], act_n[n, 1], act_n[n, 2] = nx, ny, nz
+        act_d[n] = thick
+        act_w[n] = 1.0 / den
+        n += 1
+    return n
+
+
+@njit(nogil=True, fastmath={"contract"})
+def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h):  # type: ignore[no-untyped-def]
+    """One sweep: no approach below the contact distance, old overlap released, Coulomb friction."""
+    cap = OVERLAP_SPEED * h
+    for c in range(n):
+        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        nx, ny, nz = act_n[c, 0], act_n[c, 1], act_n[c, 2]
+        rx = bi * x[i, 0] + bj * x[j, 0] + bk * x[k, 0] + bm * x[m, 0]
+        ry = bi * x[i, 1] + bj * x[j, 1] + bk * x[k, 1] + bm * x[m, 1]
+        rz = bi * x[i, 2] + bj * x[j, 2] + bk * x[k, 2] + bm * x[m, 2]
+        d = nx * rx + ny * ry + nz * rz
+        if d >= act_d[c]:
+            continue
+        px = bi * xp[i, 0] + bj * xp[j, 0] + bk * xp[k, 0] + bm * xp[m, 0]
+        py = bi * xp[i, 1] + bj * xp[j, 1] + bk * xp[k, 1] + bm * xp[m, 1]
+        pz = bi * xp[i, 2] + bj * xp[j, 2] + bk * xp[k, 2] + bm * xp[m, 2]
+        dp = nx * px + ny * py + nz * pz
+        inv = act_w[c]
+        if dp < act_d[c]:
+            push = min(OVERLAP_SHARE * (act_d[c] - dp), cap) * inv
+            gx, gy, gz = push * nx, push * ny, push * nz
+            s = w[i] * bi
+            x[i, 0] += s * gx
+            x[i, 1] += s * gy
+            x[i, 2] += s * gz
+            xp[i, 0] += s * gx
+            xp[i, 1] += s * gy
+            xp[i, 2] += s * gz
+            s = w[j] * bj
+            x[j, 0] += s * gx
+            x[j, 1] += s * gy
+            x[j, 2] += s * gz
+            xp[j, 0] += s * gx
+            xp[j, 1] += s * gy
+            xp[j, 2] += s * gz
+            s = w[k] * bk
+            x[k, 0] += s * gx
+            x[k, 1] += s * gy
+            x[k, 2] += s * gz
+            xp[k, 0] += s * gx
+            xp[k, 1] += s * gy
+            xp[k, 2] += s * gz
+            s = w[m] * bm
+            x[m, 0] += s * gx
+            x[m, 1] += s * gy
+            x[m, 2] += s * gz
+            xp[m, 0] += s * gx
+            xp[m, 1] += s * gy
+            xp[m, 2] += s * gz
+        approach = min(dp, act_d[c]) - d
+        if approach <= 0.0:
+            continue
+        # tangential motion of this substep, and how much of it friction takes
+        tx, ty, tz = rx - px - nx * (d - dp), ry - py - ny * (d - dp), rz - pz - nz * (d - dp)
+        slip = np.sqrt(tx * tx + ty * ty + tz * tz)
+        bound = friction * approach
+        hold = 1.0 if slip <= bound else bound / slip
+        gx = (approach * nx - hold * tx) * inv
+        gy = (approach * ny - hold * ty) * inv
+        gz = (approach * nz - hold * tz) * inv
+        s = w[i] * bi
+        x[i, 0] += s * gx
+        x[i, 1] += s * gy
+        x[i, 2] += s * gz
+        s = w[j] * bj
+        x[j, 0] += s * gx
+        x[j, 1] += s * gy
+        x[j, 2] += s * gz
+        s = w[k] * bk
+        x[k, 0] += s * gx
+        x[k, 1] += s * gy
+        x[k, 2] += s * gz
+        s = w[m] * bm
+        x[m, 0] += s * gx
+        x[m, 1] += s * gy
+        x[m, 2] += s * gz

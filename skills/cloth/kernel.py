@@ -1,0 +1,699 @@
+"""The compiled loop over frames and substeps (small-step XPBD, Macklin et al. 2019).
+
+One thread, no global interpreter lock, a fixed order of every sum: the same input gives the same bits. The
+state lives in arrays that the caller owns; the loop can be left and entered again between substeps (when
+a list of pairs is too small) without any difference.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.cloth.contact import (
+    EDGE_SHARE,
+    narrow_edge_edge,
+    narrow_vertex_triangle,
+    solve_contacts,
+)
+from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
+from skills.cloth.tree import Tree, search_pairs
+
+DONE, PAIRS_FULL = 0, 1  # why the loop came back
+PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
+CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
+SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
+READY_RINGS = 3  # about what is awake: pairs there are searched in advance
+HORIZON = 2.0  # frames for which the search looks ahead
+NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
+PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
+CAPSULE_FRICTION = 0.3
+
+# places in State.count
+VT, EE, ACTIVE, SEARCHED, PACKED, FRAME, SUBSTEP, EDGES, HINGES, AWAKE, SEARCHES, VT_ALL, EE_ALL, AGE = range(
+    14
+)
+
+
+class Body(NamedTuple):
+    """What does not change: masses, constraints, triangles, neighbours (ring: CSR)."""
+
+    w: Array
+    edge: NDArray[np.int32]
+    length: Array
+    compliance: Array
+    damping: Array
+    hinge: NDArray[np.int32]
+    weight: Array
+    bend: Array
+    tri: NDArray[np.int32]
+    ring_start: NDArray[np.int32]
+    ring: NDArray[np.int32]
+    tree: Tree
+
+
+class Rules(NamedTuple):
+    """Numbers of the run. h: substep [s]."""
+
+    h: float
+    substeps: int
+    gx: float
+    gy: float
+    gz: float
+    thickness: float
+    mu_static: float
+    mu_dynamic: float
+    mu_layers: float
+    max_speed: float
+    drag: float
+    bend_gamma: float
+    bend_every: int
+    sleep_distance: float
+    sleep_frames: int
+    table: bool
+    hold_compliance: float
+
+
+class State(NamedTuple):
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep."""
+
+    x: Array
+    xp: Array
+    v: Array
+    u: Array
+    ref: Array
+    built: Array
+    course: Array
+    wa: Array
+    quiet: NDArray[np.int32]
+    awake: NDArray[np.bool_]
+    ready: NDArray[np.bool_]
+    index: NDArray[np.int32]
+    count: NDArray[np.int64]
+    edge: NDArray[np.int32]
+    length: Array
+    wi: Array
+    wj: Array
+    rate: Array
+    hinge: NDArray[np.int32]
+    weight: Array
+    inverse: Array
+
+
+class Pairs(NamedTuple):
+    """Candidate pairs with their memory, and the contacts of the present narrow phase.
+
+    vt, side, ee, near, normal: twice, for the present search and the next; met, key, row: scratch."""
+
+    vt: NDArray[np.int32]
+    side: NDArray[np.int8]
+    ee: NDArray[np.int32]
+    near: NDArray[np.bool_]
+    normal: Array
+    vt_wait: NDArray[np.int16]
+    ee_wait: NDArray[np.int16]
+    met: NDArray[np.int32]
+    key: NDArray[np.int64]
+    row: NDArray[np.int32]
+    act_i: NDArray[np.int32]
+    act_b: Array
+    act_n: Array
+    act_d: Array
+    act_w: Array
+
+
+class Holds(NamedTuple):
+    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame; hand: (m,), -1 unused.
+
+    age: (2,) [s] since each hand closed. impulse: (2, 3) summed over a frame; force: (2, 3) [N] mean of the
+    last frame on the hand. limit: (2,) [N], beyond which the pinch lets go.
+    """
+
+    vertex: NDArray[np.int32]
+    bary: Array
+    offset: Array
+    hand: NDArray[np.int32]
+    age: Array
+    impulse: Array
+    force: Array
+    limit: Array
+
+
+@njit(nogil=True)
+def _wake(i, state, body):  # type: ignore[no-untyped-def]
+    state.quiet[i] = 0
+    if not state.awake[i]:
+        state.awake[i] = True
+        state.wa[i] = body.w[i]
+        state.count[PACKED] = 0
+        if not state.ready[i]:
+            state.count[SEARCHED] = 0
+        for m in range(3):
+            state.built[i, m] = state.x[i, m]
+            state.course[i, m] = 0.0
+            state.v[i, m] = 0.0
+            state.xp[i, m] = state.x[i, m]
+            state.ref[i, m] = state.x[i, m]
+
+
+@njit(nogil=True)
+def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+    """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
+    n = len(body.w)
+    count = state.count
+    moving = np.zeros(n, np.bool_)
+    limit2 = rules.sleep_distance**2
+    for c in range(count[AWAKE]):
+        i = state.index[c]
+        d2 = 0.0
+        for m in range(3):
+            d2 += (state.x[i, m] - state.ref[i, m]) ** 2
+        if d2 > limit2:
+            moving[i] = True
+            for m in range(3):
+                state.ref[i, m] = state.x[i, m]
+        state.quiet[i] = 0 if moving[i] else state.quiet[i] + 1
+    for k in range(len(holds.hand)):
+        if holds.hand[k] >= 0:
+            for m in range(3):
+                _wake(holds.vertex[k, m], state, body)
+    for i in range(n):
+        if moving[i]:
+            for a in range(body.ring_start[i], body.ring_start[i + 1]):
+                j = body.ring[a]
+                _wake(j, state, body)
+                for b in range(body.ring_start[j], body.ring_start[j + 1]):
+                    _wake(body.ring[b], state, body)
+    for c in range(count[ACTIVE]):
+        i, j, k, m = pairs.act_i[c, 0], pairs.act_i[c, 1], pairs.act_i[c, 2], pairs.act_i[c, 3]
+        if moving[i] or moving[j] or moving[k] or moving[m]:
+            _wake(i, state, body)
+            _wake(j, state, body)
+            _wake(k, state, body)
+            _wake(m, state, body)
+    for k in range(len(cap_r)):
+        travel = 0.0
+        for m in range(3):
+            travel = max(travel, abs(cap_p0[f + 1, k, m] - cap_p0[f, k, m]))
+            travel = max(travel, abs(cap_p1[f + 1, k, m] - cap_p1[f, k, m]))
+        if travel < 1e-7:
+            continue
+        reach = cap_r[k] + NEAR_CAPSULE + travel
+        for i in range(n):
+            if not state.awake[i] or state.quiet[i] > 0:
+                d2 = _distance2(state.x, i, cap_p0[f + 1, k], cap_p1[f + 1, k])
+                if d2 < reach * reach:
+                    _wake(i, state, body)
+    for c in range(count[AWAKE]):
+        i = state.index[c]
+        if state.quiet[i] >= rules.sleep_frames:
+            state.awake[i] = False
+            state.wa[i] = 0.0
+            count[PACKED] = 0
+            for m in range(3):
+                state.v[i, m] = 0.0
+                state.xp[i, m] = state.x[i, m]
+
+
+@njit(nogil=True)
+def _pack(body, rules, state):  # type: ignore[no-untyped-def]
+    """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready."""
+    count, wa = state.count, state.wa
+    n = 0
+    for i in range(len(wa)):
+        if state.awake[i]:
+            state.index[n] = i
+            n += 1
+    count[AWAKE] = n
+    n = 0
+    inv_h2 = 1.0 / rules.h**2
+    for e in range(len(body.length)):
+        i, j = body.edge[e, 0], body.edge[e, 1]
+        if state.awake[i] or state.awake[j]:
+            inv = 1.0 / (wa[i] + wa[j] + body.compliance[e] * inv_h2)
+            state.edge[n, 0], state.edge[n, 1] = i, j
+            state.length[n] = body.length[e]
+            state.wi[n], state.wj[n] = wa[i] * inv, wa[j] * inv
+            state.rate[n] = body.damping[e]
+            n += 1
+    count[EDGES] = n
+    n = 0
+    grow = 1.0 + rules.bend_gamma
+    for e in range(len(body.bend)):
+        some = False
+        den = 0.0
+        for m in range(4):
+            i = body.hinge[e, m]
+            some = some or state.awake[i]
+            den += grow * wa[i] * body.weight[e, m] ** 2
+        if some:
+            for m in range(4):
+                state.hinge[n, m] = body.hinge[e, m]
+                state.weight[n, m] = body.weight[e, m]
+            state.inverse[n] = grow / (den + body.bend[e] * inv_h2 / rules.bend_every)
+            n += 1
+    count[HINGES] = n
+    count[PACKED] = 1
+
+
+@njit(nogil=True)
+def _make_ready(ring_start, ring, awake, ready):  # type: ignore[no-untyped-def]
+    """Vertices that are awake or can wake before the next search: three rings further."""
+    ready[:] = awake
+    last = awake.copy()
+    for _ in range(READY_RINGS):
+        for i in range(len(awake)):
+            if last[i]:
+                for a in range(ring_start[i], ring_start[i + 1]):
+                    ready[ring[a]] = True
+        last[:] = ready
+
+
+@njit(nogil=True)
+def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
+    """New candidate pairs into the other half of the lists; near ones keep their side, also those that sleep
+    (behind the others, not looked at). False when a list is too small. Allocates nothing."""
+    count = state.count
+    horizon = HORIZON * rules.h * rules.substeps
+    old = count[HALF]
+    new = 1 - old
+    vt, ee, side, near, normal = pairs.vt[new], pairs.ee[new], pairs.side[new], pairs.near[new], pairs.normal[new]
+    was_vt, was_ee, was_side = pairs.vt[old], pairs.ee[old], pairs.side[old]
+    was_near, was_normal = pairs.near[old], pairs.normal[old]
+    tri, edge, ready = body.tri, body.edge, state.ready
+    _make_ready(body.ring_start, body.ring, state.awake, ready)
+    n_vt, n_ee = search_pairs(
+        body.tree, pairs.met, tri, edge, state.x, state.v, ready, rules.thickness, horizon, SLACK, vt, ee
+    )
+    if n_vt < 0 or n_vt > len(vt) or n_ee > len(ee):
+        return False
+    # the near pairs' memory: an open-addressed table from key to row
+    kept = 0
+    for c in range(count[VT_ALL]):
+        kept += was_side[c] != 0
+    for c in range(count[EE_ALL]):
+        kept += was_near[c]
+    size = 64
+    while size < 2 * kept:
+        size *= 2
+    key, row = pairs.key[:size], pairs.row[:size]
+    key[:] = -1
+    n_tri, n_edge = np.int64(len(tri)), np.int64(len(edge))
+    offset = np.int64(len(body.w)) * n_tri
+    for c in range(count[VT_ALL]):
+        if was_side[c] != 0:
+            _put(key, row, was_vt[c, 0] * n_tri + was_vt[c, 1], c)
+    for c in range(count[EE_ALL]):
+        if was_near[c]:
+            _put(key, row, offset + was_ee[c, 0] * n_edge + was_ee[c, 1], c)
+    for c in range(n_vt):
+        r = _get(key, row, vt[c, 0] * n_tri + vt[c, 1])
+        side[c] = was_side[r] if r >= 0 else 0
+        pairs.vt_wait[c] = 0
+    for c in range(n_ee):
+        r = _get(key, row, offset + ee[c, 0] * n_edge + ee[c, 1])
+        near[c] = r >= 0
+        pairs.ee_wait[c] = 0
+        if r >= 0:
+            for m in range(3):
+                normal[c, m] = was_normal[r, m]
+    all_vt, all_ee = n_vt, n_ee
+    for c in range(count[VT_ALL]):
+        i, t = was_vt[c, 0], was_vt[c, 1]
+        if was_side[c] != 0 and not (ready[i] or ready[tri[t, 0]] or ready[tri[t, 1]] or ready[tri[t, 2]]):
+            if all_vt == len(vt):
+                return False
+            vt[all_vt, 0], vt[all_vt, 1], side[all_vt] = i, t, was_side[c]
+            all_vt += 1
+    for c in range(count[EE_ALL]):
+        e, f = was_ee[c, 0], was_ee[c, 1]
+        if was_near[c] and not (ready[edge[e, 0]] or ready[edge[e, 1]] or ready[edge[f, 0]] or ready[edge[f, 1]]):
+            if all_ee == len(ee):
+                return False
+            ee[all_ee, 0], ee[all_ee, 1], near[all_ee] = e, f, True
+            for m in range(3):
+                normal[all_ee, m] = was_normal[c, m]
+            all_ee += 1
+    count[VT], count[EE], count[VT_ALL], count[EE_ALL], count[HALF] = n_vt, n_ee, all_vt, all_ee, new
+    count[SEARCHED], count[AGE] = 1, 0
+    count[SEARCHES] += 1
+    for c in range(count[AWAKE]):
+        i = state.index[c]
+        for m in range(3):
+            state.built[i, m] = state.x[i, m]
+            state.course[i, m] = state.v[i, m]
+    return True
+
+
+@njit(nogil=True)
+def _put(key, row, k, r):  # type: ignore[no-untyped-def]
+    mask = len(key) - 1
+    at = np.int64((k * 2654435761) & mask)
+    while key[at] >= 0:
+        at = (at + 1) & mask
+    key[at] = k
+    row[at] = r
+
+
+@njit(nogil=True)
+def _get(key, row, k):  # type: ignore[no-untyped-def]
+    mask = len(key) - 1
+    at = np.int64((k * 2654435761) & mask)
+    while key[at] >= 0:
+        if key[at] == k:
+            return row[at]
+        at = (at + 1) & mask
+    return -1
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _needs_search(rules, state):  # type: ignore[no-untyped-def]
+    """Whether a vertex strayed from the course that the last search foresaw (or could before the next look)."""
+    t = rules.h * min(state.count[AGE], HORIZON * rules.substeps)
+    for c in range(state.count[AWAKE]):
+        i = state.index[c]
+        d2 = 0.0
+        for m in range(3):
+            d2 += (state.x[i, m] - state.built[i, m] - t * state.course[i, m]) ** 2
+        if d2 > SLACK * SLACK:
+            return True
+    return False
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _integrate(rules, state):  # type: ignore[no-untyped-def]
+    h = rules.h
+    keep = 1.0 / (1.0 + rules.drag * h)
+    for c in range(state.count[AWAKE]):
+        i = state.index[c]
+        vx = state.v[i, 0] * keep + h * rules.gx
+        vy = state.v[i, 1] * keep + h * rules.gy
+        vz = state.v[i, 2] * keep + h * rules.gz
+        s2 = vx * vx + vy * vy + vz * vz
+        if s2 > rules.max_speed * rules.max_speed:
+            k = rules.max_speed / np.sqrt(s2)
+            vx, vy, vz = k * vx, k * vy, k * vz
+        for m in range(3):
+            state.xp[i, m] = state.x[i, m]
+        state.x[i, 0] += h * vx
+        state.x[i, 1] += h * vy
+        state.x[i, 2] += h * vz
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _bend(rules, state):  # type: ignore[no-untyped-def]
+    """Hinges with damping: solved for u = x + gamma (x - xp), in which the damped constraint is the plain one."""
+    g = rules.bend_gamma
+    n = state.count[HINGES]
+    x, xp, u = state.x, state.xp, state.u
+    for c in range(state.count[AWAKE]):
+        i = state.index[c]
+        for m in range(3):
+            u[i, m] = x[i, m] + g * (x[i, m] - xp[i, m])
+    solve_hinges(n, state.hinge, state.weight, state.inverse, state.wa, u)
+    scale = 1.0 / (1.0 + g)
+    for c in range(state.count[AWAKE]):
+        i = state.index[c]
+        for m in range(3):
+            x[i, m] = (u[i, m] + g * xp[i, m]) * scale
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _table_and_speed(rules, state):  # type: ignore[no-untyped-def]
+    """The table (a plane at z = 0) with Coulomb friction, then velocities from displacements."""
+    low = 0.5 * rules.thickness
+    inv_h = 1.0 / rules.h
+    x, xp, v = state.x, state.xp, state.v
+    for c in range(state.count[AWAKE]):
+        i = state.index[c]
+        if rules.table and x[i, 2] < low:
+            old = xp[i, 2]
+            if old < low:
+                old = min(low, old + min(0.2 * (low - old), 0.15 * rules.h))
+                xp[i, 2] = old
+            floor = min(low, old)
+            press = floor - x[i, 2]
+            if press > 0.0:
+                dx, dy = x[i, 0] - xp[i, 0], x[i, 1] - xp[i, 1]
+                slip = np.sqrt(dx * dx + dy * dy)
+                if slip <= rules.mu_static * press:
+                    x[i, 0], x[i, 1] = xp[i, 0], xp[i, 1]
+                else:
+                    k = min(rules.mu_dynamic * press / slip, 1.0)
+                    x[i, 0] -= k * dx
+                    x[i, 1] -= k * dy
+                x[i, 2] = floor
+        for m in range(3):
+            v[i, m] = (x[i, m] - xp[i, m]) * inv_h
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _hold(rules, state, holds, a, tool_p, tool_r, f):  # type: ignore[no-untyped-def]
+    """Draw the pinched points to where the tools have them, at the share a of frame f."""
+    soft = rules.hold_compliance / rules.h**2
+    x, wa = state.x, state.wa
+    frame = rules.h * rules.substeps
+    for k in range(len(holds.hand)):
+        hand = holds.hand[k]
+        if hand < 0:
+            continue
+        ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
+        i, j, m = holds.vertex[k, 0], holds.vertex[k, 1], holds.vertex[k, 2]
+        bi, bj, bm = holds.bary[k, 0], holds.bary[k, 1], holds.bary[k, 2]
+        inv = 1.0 / (wa[i] * bi * bi + wa[j] * bj * bj + wa[m] * bm * bm + soft)
+        ox, oy, oz = holds.offset[k, 0], holds.offset[k, 1] * ramp, holds.offset[k, 2]
+        for d in range(3):
+            p0 = (
+                tool_p[f, hand, d]
+                + tool_r[f, hand, d, 0] * ox
+                + tool_r[f, hand, d, 1] * oy
+                + tool_r[f, hand, d, 2] * oz
+            )
+            p1 = (
+                tool_p[f + 1, hand, d]
+                + tool_r[f + 1, hand, d, 0] * ox
+                + tool_r[f + 1, hand, d, 1] * oy
+                + tool_r[f + 1, hand, d, 2] * oz
+            )
+            s = (p0 + a * (p1 - p0) - bi * x[i, d] - bj * x[j, d] - bm * x[m, d]) * inv
+            x[i, d] += wa[i] * bi * s
+            x[j, d] += wa[j] * bj * s
+            x[m, d] += wa[m] * bm * s
+            holds.impulse[hand, d] -= s
+
+
+@njit(nogil=True)
+def _distance2(x, i, p, q):  # type: ignore[no-untyped-def]
+    """Squared distance of vertex i from segment p-q."""
+    ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    rx, ry, rz = x[i, 0] - p[0], x[i, 1] - p[1], x[i, 2] - p[2]
+    t = min(max((ax * rx + ay * ry + az * rz) / (ax * ax + ay * ay + az * az + 1e-30), 0.0), 1.0)
+    dx, dy, dz = rx - t * ax, ry - t * ay, rz - t * az
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit(nogil=True)
+def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):  # type: ignore[no-untyped-def]
+    """Move the point (1 - s) i + s j of the cloth out of a ball of radius `reach` about c, which came from c0."""
+    b = 1.0 - s
+    d = np.empty(3)
+    old = np.empty(3)
+    n2 = 0.0
+    for m in range(3):
+        d[m] = b * x[i, m] + s * x[j, m] - c[m]
+        old[m] = b * xp[i, m] + s * xp[j, m] - c0[m]
+        n2 += d[m] * d[m]
+    if n2 >= reach * reach or n2 < 1e-16:
+        return
+    den = b * b * wa[i] + s * s * wa[j]
+    if den == 0.0:
+        return
+    dist = np.sqrt(n2)
+    depth = min(reach - dist, PUSH_SPEED * h)
+    slide = np.empty(3)
+    along = 0.0
+    for m in range(3):
+        slide[m] = d[m] - old[m]
+        along += slide[m] * d[m] / dist
+    t2 = 0.0
+    for m in range(3):
+        slide[m] -= along * d[m] / dist
+        t2 += slide[m] * slide[m]
+    slip = np.sqrt(t2)
+    hold = min(1.0, CAPSULE_FRICTION * depth / slip) if slip > 1e-12 else 0.0
+    for m in range(3):
+        g = (depth * d[m] / dist - hold * slide[m]) / den
+        x[i, m] += wa[i] * b * g
+        x[j, m] += wa[j] * s * g
+
+
+@njit(nogil=True)
+def _capsules(rules, state, busy, a, a0, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+    """Kinematic capsules push edges (and so vertices) that are near them."""
+    x, xp, wa = state.x, state.xp, state.wa
+    p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for row in range(len(busy)):
+        k, e = busy[row, 0], busy[row, 1]
+        i, j = state.edge[e, 0], state.edge[e, 1]
+        for m in range(3):
+            p[m] = cap_p0[f, k, m] + a * (cap_p0[f + 1, k, m] - cap_p0[f, k, m])
+            q[m] = cap_p1[f, k, m] + a * (cap_p1[f + 1, k, m] - cap_p1[f, k, m])
+        s, t = _closest_free(x, i, j, p, q)
+        for m in range(3):
+            c[m] = p[m] + t * (q[m] - p[m])
+            b0 = cap_p0[f, k, m] + a0 * (cap_p0[f + 1, k, m] - cap_p0[f, k, m])
+            b1 = cap_p1[f, k, m] + a0 * (cap_p1[f + 1, k, m] - cap_p1[f, k, m])
+            c0[m] = b0 + t * (b1 - b0)
+        _push_out(x, xp, wa, i, j, s, c, c0, cap_r[k] + 0.5 * rules.thickness, rules.h)
+
+
+@njit(nogil=True)
+def _closest_free(x, i, j, p, q):  # type: ignore[no-untyped-def]
+    """Parameters of the closest points of edge i-j and segment p-q."""
+    a = e = f = c = b = 0.0
+    for m in range(3):
+        u, v, r = x[j, m] - x[i, m], q[m] - p[m], x[i, m] - p[m]
+        a += u * u
+        e += v * v
+        f += v * r
+        c += u * r
+        b += u * v
+    a += 1e-30
+    e += 1e-30
+    den = a * e - b * b
+    s = min(max((b * f - c * e) / den, 0.0), 1.0) if den > 1e-12 * a * e else 0.5
+    t = (b * s + f) / e
+    if t < 0.0:
+        t = 0.0
+        s = min(max(-c / a, 0.0), 1.0)
+    elif t > 1.0:
+        t = 1.0
+        s = min(max((b - c) / a, 0.0), 1.0)
+    return s, t
+
+
+@njit(nogil=True)
+def _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+    """(m, 2) capsule and packed edge that can meet within frame f."""
+    found = [(0, 0)]
+    found.pop()
+    frame = rules.h * rules.substeps
+    for k in range(len(cap_r)):
+        for e in range(state.count[EDGES]):
+            i, j = state.edge[e, 0], state.edge[e, 1]
+            s, t = _closest_free(state.x, i, j, cap_p0[f + 1, k], cap_p1[f + 1, k])
+            d2 = 0.0
+            travel = 0.0
+            v2 = 0.0
+            for m in range(3):
+                c = cap_p0[f + 1, k, m] + t * (cap_p1[f + 1, k, m] - cap_p0[f + 1, k, m])
+                d2 += ((1 - s) * state.x[i, m] + s * state.x[j, m] - c) ** 2
+                travel = max(travel, abs(cap_p0[f + 1, k, m] - cap_p0[f, k, m]))
+                v2 += max(state.v[i, m] ** 2, state.v[j, m] ** 2)
+            reach = cap_r[k] + rules.thickness + 0.005 + 2.0 * travel + 1.5 * np.sqrt(v2) * frame
+            if d2 < reach * reach:
+                found.append((k, e))
+    out = np.empty((len(found), 2), np.int32)
+    for r in range(len(found)):
+        out[r, 0], out[r, 1] = found[r]
+    return out
+
+
+@njit(nogil=True)
+def _let_go(holds):  # type: ignore[no-untyped-def]
+    """A pinch that is pulled harder than its pads can bear loses the cloth."""
+    for hand in range(2):
+        f2 = 0.0
+        for m in range(3):
+            f2 += holds.force[hand, m] ** 2
+        if f2 > holds.limit[hand] ** 2:
+            for k in range(len(holds.hand)):
+                if holds.hand[k] == hand:
+                    holds.hand[k] = -1
+
+
+def _fingerprint() -> str:
+    """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
+    digest = hashlib.sha256()
+    for name in ("contact.py", "elastic.py", "kernel.py", "tree.py"):
+        digest.update((Path(__file__).parent / name).read_bytes())
+    return digest.hexdigest()
+
+
+def _compile(sources: str) -> Callable[..., int]:
+    """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
+
+    @njit(cache=True, nogil=True)
+    def run_frames(body, rules, state, pairs, holds, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):  # type: ignore[no-untyped-def]
+        """Advance from (count[FRAME], count[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
+
+        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0, cap_p1:
+        (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
+        """
+        count = state.count
+        _ = sources
+        h = rules.h
+        thick = rules.thickness
+        frame = h * rules.substeps
+        for f in range(count[FRAME], frames):
+            if count[SUBSTEP] == 0:
+                _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
+                holds.impulse[:] = 0.0
+            if count[PACKED] == 0:
+                _pack(body, rules, state)
+            busy = np.empty((0, 2), np.int32)
+            if len(cap_r):
+                busy = _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
+            if count[AWAKE] > 0:
+                for s in range(count[SUBSTEP], rules.substeps):
+                    if s % PHASE == 0:
+                        if count[SEARCHED] == 0 or _needs_search(rules, state):
+                            count[SEARCHED] = 0
+                            if not _search(body, rules, state, pairs):
+                                count[FRAME], count[SUBSTEP] = f, s
+                                return PAIRS_FULL
+                        half = count[HALF]
+                        n = narrow_vertex_triangle(
+                            count[VT], pairs.vt[half], pairs.side[half], pairs.vt_wait, body.tri, state.x, state.v, state.wa, thick, PHASE * h,
+                            pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, 0,
+                        )  # fmt: skip
+                        count[ACTIVE] = narrow_edge_edge(
+                            count[EE], pairs.ee[half], pairs.near[half], pairs.normal[half], pairs.ee_wait, body.edge, state.x, state.v, state.wa,
+                            EDGE_SHARE * thick, PHASE * h, pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, n,
+                        )  # fmt: skip
+                        count[AGE] += PHASE
+                        damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
+                    _integrate(rules, state)
+                    solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
+                    if s % rules.bend_every == 0:
+                        _bend(rules, state)
+                    a = (s + 1.0) / rules.substeps
+                    _hold(rules, state, holds, a, tool_p, tool_r, f)
+                    if count[ACTIVE] > 0:
+                        solve_contacts(
+                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wa, state.x,
+                            state.xp, rules.mu_layers, h,
+                        )  # fmt: skip
+                    if len(busy):
+                        _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
+                    _table_and_speed(rules, state)
+            count[SUBSTEP] = 0
+            for hand in range(2):
+                holds.age[hand] += frame
+                for m in range(3):
+                    holds.force[hand, m] = holds.impulse[hand, m] / (h * h * rules.substeps)
+            _let_go(holds)
+        count[FRAME] = 0
+        return DONE
+
+    return run_frames
+
+
+run_frames = _compile(_fingerprint())

@@ -1,0 +1,302 @@
+"""The triangle mesh of a garment: from a contour to one or two welded layers.
+
+The boundary is resampled at the edge length (corners are kept), the interior is a turned and jittered
+hexagonal grid, relaxed, and the triangles are Delaunay's (scipy) inside the contour (shapely). It is
+unstructured on purpose: creases lock onto the rows of a structured grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from robots.errors import ConfigurationError
+from robots.ports import Array, frozen
+
+__all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
+
+Index = NDArray[np.int32]
+
+CORNER_TURN = np.deg2rad(20.0)  # a contour vertex that turns by more is a corner and keeps its place
+GRID_TURN = np.deg2rad(11.0)  # the hexagonal grid against material x, so that no row is parallel to a hem
+JITTER = 0.12  # of the edge length
+SEED = 20110520  # the jitter's own: a mesh is a function of its arguments
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """What the triangles are like: smallest angle [rad], shortest and longest edge [m], and the counts."""
+
+    min_angle: float
+    shortest_edge: float
+    longest_edge: float
+    vertices: int
+    triangles: int
+
+
+@dataclass(frozen=True, eq=False)
+class ClothMesh:
+    """A garment's mesh in material coordinates: where each vertex lies when the garment is flat.
+
+    rest: (n, 2) [m]. layer: (n,), 0 on the table, 1 above it; vertices of the welded border count as 0.
+    triangles: (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1 (the normals point out
+    of the garment below and ... alike on both sheets of a closed surface, downward side first).
+    triangle_layer: (m,). seam: (k, 2) border edges along which the layers are welded (empty for one layer).
+    """
+
+    rest: Array
+    layer: Index
+    triangles: Index
+    triangle_layer: Index
+    seam: Index
+
+    @cached_property
+    def area(self) -> Array:
+        """(m,) [m2] at rest."""
+        a, b, c = (self.rest[self.triangles[:, k]] for k in range(3))
+        return frozen(0.5 * np.abs(_cross(b - a, c - a)))
+
+    @cached_property
+    def vertex_area(self) -> Array:
+        """(n,) [m2]: a third of each triangle about it."""
+        out = np.zeros(len(self.rest))
+        np.add.at(out, self.triangles.ravel(), np.repeat(self.area / 3.0, 3))
+        return frozen(out)
+
+    @cached_property
+    def edges(self) -> Index:
+        """(e, 2), each once, lower index first."""
+        return frozen(np.unique(np.sort(_half_edges(self.triangles), axis=1), axis=0).astype(np.int32))
+
+    @cached_property
+    def edge_length(self) -> Array:
+        """(e,) [m] at rest."""
+        return frozen(np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1))
+
+    @cached_property
+    def edge_area(self) -> Array:
+        """(e,) [m2]: the triangles at each edge, whole."""
+        key = {tuple(e): i for i, e in enumerate(self.edges.tolist())}
+        out = np.zeros(len(self.edges))
+        for k, (i, j) in enumerate(np.sort(_half_edges(self.triangles), axis=1).tolist()):
+            out[key[i, j]] += self.area[k % len(self.triangles)]
+        return frozen(out)
+
+    @cached_property
+    def hinges(self) -> Index:
+        """(h, 4): the shared edge's two vertices, then the two that face it. Both triangles are of one
+        layer: a welded border is sharp at rest and does not bend like a sheet."""
+        faces: dict[tuple[int, int, int], list[int]] = {}
+        for t, (tri, layer) in enumerate(zip(self.triangles.tolist(), self.triangle_layer.tolist(), strict=True)):
+            for k in range(3):
+                i, j = sorted((tri[k], tri[(k + 1) % 3]))
+                faces.setdefault((i, j, layer), []).append(t)
+        rows = []
+        for (i, j, _), tris in faces.items():
+            if len(tris) == 2:
+                p, q = (next(v for v in self.triangles[t].tolist() if v not in (i, j)) for t in tris)
+                rows.append((i, j, p, q))
+        return frozen(np.array(sorted(rows), dtype=np.int32).reshape(-1, 4))
+
+    @cached_property
+    def border(self) -> Index:
+        """(b,) vertices on the outline."""
+        e, n = np.unique(np.sort(_half_edges(self.triangles[self.triangle_layer == 0]), axis=1), axis=0, return_counts=True)
+        return frozen(np.unique(e[n == 1]).astype(np.int32))
+
+    @cached_property
+    def quality(self) -> MeshQuality:
+        p = self.rest[self.triangles]
+        angles = []
+        for k in range(3):
+            u, v = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
+            angles.append(np.arctan2(np.abs(_cross(u, v)), (u * v).sum(axis=1)))
+        return MeshQuality(
+            float(np.min(angles)),
+            float(self.edge_length.min()),
+            float(self.edge_length.max()),
+            len(self.rest),
+            len(self.triangles),
+        )
+
+    def lay_flat(self, thickness: float) -> Array:
+        """(n, 3): the garment flat on the table, layers of `thickness` [m] on each other."""
+        z = thickness * (0.5 + self.layer)
+        return np.column_stack([self.rest, z])
+
+
+def mesh_from_contour(contour: Array, edge_length: float, layers: int = 1, rotate: float = 0.0) -> ClothMesh:
+    """Mesh the inside of `contour` (k, 2) [m] with edges of about `edge_length` [m].
+
+    layers: 1, or 2 for two like sheets welded along the whole outline. rotate: turns the interior grid
+    [rad], for another mesh of the same garment. Raises ConfigurationError for a contour that is not a
+    simple polygon of finite points, is too small for the edge length, or for absurd arguments.
+    """
+    outline = _check(contour, edge_length, layers)
+    border = _resample(outline, edge_length)
+    polygon = shapely.Polygon(border)
+    inner = _interior(polygon, edge_length, rotate)
+    for _ in range(6):
+        points = np.vstack([border, inner])
+        tri = _triangulate(points, polygon)
+        inner = _relax(points, tri, len(border), polygon, edge_length)
+    for _ in range(8):
+        points = np.vstack([border, inner])
+        tri = _triangulate(points, polygon)
+        missing = _missing_border(tri, len(border))
+        if not len(missing):
+            break
+        middles = 0.5 * (border[missing] + border[(missing + 1) % len(border)])
+        border = np.insert(border, missing + 1, middles, axis=0)
+        polygon = shapely.Polygon(border)
+    else:
+        raise ConfigurationError(
+            "the contour is too narrow somewhere to be meshed", "use a shorter edge length", edge_length=edge_length
+        )
+    points, tri = _drop_unused(points, tri)
+    return _layered(points, tri, layers)
+
+
+def _cross(u: Array, v: Array) -> Array:
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+
+def _half_edges(tri: Index) -> Index:
+    return np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
+
+
+def _check(contour: Array, edge_length: float, layers: int) -> Array:
+    """The contour, counter-clockwise, open, simplified; or a typed error with the values."""
+    c = np.asarray(contour, dtype=float)
+    if not (np.isfinite(edge_length) and 1e-3 <= edge_length <= 0.5):
+        raise ConfigurationError("edge_length is out of range", "0.001 to 0.5 m", edge_length=edge_length)
+    if layers not in (1, 2):
+        raise ConfigurationError("a garment has one or two layers", "layers: 1 or 2", layers=layers)
+    if c.ndim != 2 or c.shape[1] != 2 or len(c) < 3:
+        raise ConfigurationError("a contour is (k, 2) with k >= 3", "", shape=tuple(c.shape))
+    if not np.isfinite(c).all():
+        row = int(np.flatnonzero(~np.isfinite(c).all(axis=1))[0])
+        raise ConfigurationError("the contour has a point that is not finite", "", index=row, point=c[row].tolist())
+    polygon = shapely.Polygon(c)
+    if not polygon.is_valid:
+        raise ConfigurationError(
+            f"the contour is not a simple polygon: {shapely.is_valid_reason(polygon)}",
+            "it must not cross or touch itself",
+        )
+    if polygon.area < 2.0 * edge_length**2:
+        raise ConfigurationError(
+            "the contour is too small for the edge length", "", area_m2=polygon.area, edge_length=edge_length
+        )
+    simple = shapely.simplify(polygon, 0.04 * edge_length)
+    c = np.asarray(simple.exterior.coords)[:-1]
+    return c if simple.exterior.is_ccw else c[::-1]
+
+
+def _resample(outline: Array, edge_length: float) -> Array:
+    """The outline at about one point an edge length; corners keep their place."""
+    back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
+    turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
+    corners = np.flatnonzero(turn > CORNER_TURN)
+    if len(corners) < 3:
+        corners = np.unique(np.linspace(0, len(outline), 4, endpoint=False).astype(int))
+    kept = [int(corners[0])]
+    for i in corners[1:]:  # of corners closer than half an edge the first stays
+        if np.linalg.norm(outline[i] - outline[kept[-1]]) >= 0.5 * edge_length:
+            kept.append(int(i))
+    if len(kept) > 3 and np.linalg.norm(outline[kept[-1]] - outline[kept[0]]) < 0.5 * edge_length:
+        kept.pop()
+    pieces = []
+    n = len(outline)
+    for a, b in zip(kept, [*kept[1:], kept[0] + n], strict=True):
+        run = outline[np.arange(a, b + 1) % n]
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run, axis=0), axis=1))])
+        m = max(1, round(s[-1] / edge_length))
+        at = np.linspace(0.0, s[-1], m, endpoint=False)
+        pieces.append(np.column_stack([np.interp(at, s, run[:, k]) for k in range(2)]))
+    return np.vstack(pieces)
+
+
+def _interior(polygon: shapely.Polygon, edge_length: float, rotate: float) -> Array:
+    """Points of a turned, jittered hexagonal grid, well inside."""
+    x0, y0, x1, y1 = polygon.bounds
+    centre, reach = np.array([x0 + x1, y0 + y1]) / 2.0, np.hypot(x1 - x0, y1 - y0) / 2.0 + edge_length
+    k = int(np.ceil(reach / (edge_length * 0.85))) + 1
+    i, j = np.meshgrid(np.arange(-k, k + 1), np.arange(-k, k + 1))
+    grid = np.column_stack([(i + 0.5 * (j % 2)).ravel(), (j * np.sqrt(0.75)).ravel()]) * edge_length
+    a = GRID_TURN + rotate
+    grid = grid @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    grid += np.random.default_rng(SEED).uniform(-JITTER, JITTER, grid.shape) * edge_length + centre
+    return grid[_inside(polygon, grid, 0.62 * edge_length)]
+
+
+def _inside(polygon: shapely.Polygon, xy: Array, margin: float) -> NDArray[np.bool_]:
+    points = shapely.points(xy)
+    return shapely.contains(polygon, points) & (shapely.distance(polygon.exterior, points) >= margin)
+
+
+def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
+    tri = Delaunay(points).simplices.astype(np.int32)
+    p = points[tri]
+    area = 0.5 * _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    longest = np.max([((p[:, k] - p[:, k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0)
+    keep = (np.abs(area) > 1e-3 * longest) & shapely.contains(polygon, shapely.points(p.mean(axis=1)))
+    tri = tri[keep]
+    flip = area[keep] < 0
+    tri[flip] = tri[flip][:, ::-1]
+    return tri[np.lexsort(tri.T[::-1])]
+
+
+def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, edge_length: float) -> Array:
+    """Interior points half way to the mean of their neighbours; those that come too near the border go."""
+    total, count = np.zeros_like(points), np.zeros(len(points))
+    half = _half_edges(tri)
+    for a, b in ((0, 1), (1, 0)):
+        np.add.at(total, half[:, a], points[half[:, b]])
+        np.add.at(count, half[:, a], 1.0)
+    inner = points[n_border:]
+    moved = np.where(
+        count[n_border:, None] > 0, 0.5 * (inner + total[n_border:] / np.maximum(count[n_border:, None], 1.0)), inner
+    )
+    return moved[_inside(polygon, moved, 0.5 * edge_length)]
+
+
+def _missing_border(tri: Index, n_border: int) -> Index:
+    """Border segments i -> i + 1 that are no triangle's edge."""
+    have = {tuple(e) for e in np.sort(_half_edges(tri), axis=1).tolist()}
+    return np.array(
+        [i for i in range(n_border) if tuple(sorted((i, (i + 1) % n_border))) not in have], dtype=np.int32
+    )
+
+
+def _drop_unused(points: Array, tri: Index) -> tuple[Array, Index]:
+    used = np.unique(tri)
+    index = np.full(len(points), -1, dtype=np.int32)
+    index[used] = np.arange(len(used), dtype=np.int32)
+    return points[used], index[tri]
+
+
+def _layered(points: Array, tri: Index, layers: int) -> ClothMesh:
+    n = len(points)
+    e, count = np.unique(np.sort(_half_edges(tri), axis=1), axis=0, return_counts=True)
+    seam = e[count == 1].astype(np.int32)
+    if layers == 1:
+        zero = np.zeros(n, dtype=np.int32)
+        return ClothMesh(
+            frozen(points), frozen(zero), frozen(tri), frozen(np.zeros(len(tri), np.int32)), frozen(seam[:0])
+        )
+    border = np.zeros(n, dtype=bool)
+    border[seam.ravel()] = True
+    above = np.where(border, np.arange(n), n + np.cumsum(~border) - 1).astype(np.int32)
+    upper = above[tri][:, ::-1]
+    return ClothMesh(
+        frozen(np.vstack([points, points[~border]])),
+        frozen(np.concatenate([np.zeros(n, np.int32), np.ones(int((~border).sum()), np.int32)])),
+        frozen(np.vstack([tri, upper]).astype(np.int32)),
+        frozen(np.repeat(np.array([0, 1], np.int32), len(tri))),
+        frozen(seam),
+    )

@@ -1,0 +1,120 @@
+"""What two closing pads take hold of: a line of material across the pads, about which the cloth can hang.
+
+The pads close along the tool's y over `stroke`, so that cloth anywhere in the stroke is drawn to the middle;
+they hold at the middle, along the tool's x over `width`. They take every layer that lies above the fingertips
+(the tool centre point) and below the pads' upper end, `depth` up: a hand that is set down less far takes
+fewer layers. Nothing is grasped by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.cloth.mesh import ClothMesh
+
+__all__ = ["PadGeometry", "PinchReport", "PinchedPoints", "find_pinched"]
+
+
+@dataclass(frozen=True)
+class PadGeometry:
+    """width along the tool's x, stroke (opening before closing) along its y, depth along -z [m].
+
+    friction: Coulomb coefficient of pad on cloth; the two pads bear 2 * friction * grip force before the
+    cloth slips out. samples: held points along the width. compliance of one held point [m/N].
+    """
+
+    width: float = 0.020
+    stroke: float = 0.030
+    depth: float = 0.015
+    friction: float = 0.8
+    samples: int = 5
+    compliance: float = 1e-4
+
+
+@dataclass(frozen=True)
+class PinchReport:
+    """What a pinch has: held_points (0: it closed on nothing), layers (the most at one place of the width),
+    and consumed: the greatest length of cloth that was drawn to the pads' middle [m]."""
+
+    held_points: int
+    layers: int
+    consumed: float
+
+
+@dataclass(frozen=True, eq=False)
+class PinchedPoints:
+    """vertex, bary: (m, 3) where on the mesh; offset: (m, 3) where in the tool frame when the pads met it [m];
+    layers: the most held at one place of the width."""
+
+    vertex: NDArray[np.int32]
+    bary: Array
+    offset: Array
+    layers: int
+
+    @property
+    def report(self) -> PinchReport:
+        consumed = float(np.abs(self.offset[:, 1]).max()) if len(self.offset) else 0.0
+        return PinchReport(len(self.offset), self.layers, consumed)
+
+
+def find_pinched(
+    mesh: ClothMesh, positions: Array, position: Array, rotation: Array, pads: PadGeometry, thickness: float
+) -> PinchedPoints:
+    """Material points between the pads of a tool at `position` (3,), `rotation` (3, 3) R_table_tool."""
+    q = (positions - position) @ rotation
+    lo, hi = q[mesh.triangles].min(axis=1), q[mesh.triangles].max(axis=1)
+    half = np.array([0.5 * pads.width, 0.5 * pads.stroke])
+    near = (lo[:, :2] <= half).all(axis=1) & (hi[:, :2] >= -half).all(axis=1)
+    near &= (hi[:, 2] >= -pads.depth) & (lo[:, 2] <= 0.5 * thickness)
+    found: list[tuple[int, Array, Array]] = []
+    layers = 0
+    for x in np.linspace(-half[0], half[0], pads.samples):
+        taken = _along_stroke(mesh, q, np.flatnonzero(near), float(x), half[1], pads.depth, 0.5 * thickness)
+        layers = max(layers, len(taken))
+        found += taken
+    if not found:
+        return PinchedPoints(np.zeros((0, 3), np.int32), np.zeros((0, 3)), np.zeros((0, 3)), 0)
+    tri, bary, offset = zip(*found, strict=True)
+    return PinchedPoints(mesh.triangles[list(tri)], np.array(bary), np.array(offset), layers)
+
+
+def _along_stroke(
+    mesh: ClothMesh, q: Array, near: NDArray[np.intp], x: float, reach: float, depth: float, below: float
+) -> list[tuple[int, Array, Array]]:
+    """For the plane tool x = `x`: of each layer the point nearest to the middle, (triangle, bary, offset)."""
+    candidates = []
+    for t in near:
+        p = q[mesh.triangles[t]]
+        ends = []
+        for k in range(3):
+            a, b = p[k], p[(k + 1) % 3]
+            if (a[0] - x) * (b[0] - x) < 0.0:
+                s = (x - a[0]) / (b[0] - a[0])
+                bary = np.zeros(3)
+                bary[k], bary[(k + 1) % 3] = 1.0 - s, s
+                ends.append(bary)
+        if len(ends) != 2:
+            continue
+        y0, y1 = ends[0] @ p[:, 1], ends[1] @ p[:, 1]
+        s = float(np.clip(-y0 / (y1 - y0), 0.0, 1.0)) if y1 != y0 else 0.5
+        bary = (1.0 - s) * ends[0] + s * ends[1]
+        point = bary @ p
+        if abs(point[1]) <= reach and -depth <= point[2] <= below:
+            candidates.append((abs(float(point[1])), float(point[2]), int(t), bary, point))
+    taken: list[tuple[int, Array, Array]] = []
+    rest: list[tuple[int, Array]] = []
+    for _, _, t, bary, point in sorted(candidates, key=lambda c: c[:3]):
+        material, layer = bary @ mesh.rest[mesh.triangles[t]], int(mesh.triangle_layer[t])
+        again = any(
+            layer == other_layer
+            and np.linalg.norm(material - other) <= 1.5 * np.linalg.norm(point - offset) + 0.003
+            for (other_layer, other), (_, _, offset) in zip(rest, taken, strict=True)
+        )
+        if not again:
+            taken.append((t, bary, point))
+            rest.append((layer, material))
+    return taken

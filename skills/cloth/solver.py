@@ -1,0 +1,372 @@
+"""A piece of cloth on a table, advanced in time: the object that the predictor and the simulated cell share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from robots.errors import ConfigurationError, InternalError
+from robots.ports import Array
+from skills.cloth import kernel
+from skills.cloth.elastic import build_elastic
+from skills.cloth.mesh import ClothMesh
+from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.tree import build_tree
+from skills.vocabulary import Material
+
+__all__ = ["CapsuleMotion", "ClothSimulation", "SolverSettings", "ToolMotion"]
+
+HANDS = 2
+MAX_HELD = 128
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How the cloth is solved, and what of a fabric a lab does not measure.
+
+    frame_rate [1/s] x substeps: steps a second. gravity [m/s2]: tilt it for a tilted table (the table stays
+    z = 0). reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6
+    where the garment's own is not given). stretch_damping, bend_damping: Rayleigh times [s], force of
+    damping = time x stiffness x rate. drag [1/s] of the air. max_speed [m/s] caps every vertex.
+    sleep_distance, sleep_frames: a vertex that stays so near for so long is at rest and costs nothing until
+    something moves near it (0 frames: nothing ever sleeps). anisotropy: stiffness along material y over
+    that along x. seam_factor: stretch stiffness of the outline over the cloth's.
+    """
+
+    frame_rate: int = 60
+    substeps: int = 20
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    reference_drop: float = 0.6
+    stretch_damping: float = 0.002
+    bend_damping: float = 0.01
+    drag: float = 0.05
+    max_speed: float = 4.0
+    sleep_distance: float = 4e-4
+    sleep_frames: int = 10
+    anisotropy: float = 1.0
+    seam_factor: float = 1.0
+
+    @property
+    def frame(self) -> float:
+        """[s]"""
+        return 1.0 / self.frame_rate
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMotion:
+    """One tool over the frames of a call: poses in the table frame at the start and the end.
+
+    hand: 0 or 1. position: (3,) of the tool centre point; rotation: (3, 3) R_table_tool.
+    """
+
+    hand: int
+    position0: Array
+    rotation0: Array
+    position1: Array
+    rotation1: Array
+
+
+@dataclass(frozen=True, eq=False)
+class CapsuleMotion:
+    """Fingers and wrists that push the cloth: ends of k capsules at the start and the end of the call.
+
+    p0_start, p1_start, p0_end, p1_end: (k, 3) [m], table frame; radius: (k,) [m].
+    """
+
+    p0_start: Array
+    p1_start: Array
+    p0_end: Array
+    p1_end: Array
+    radius: Array
+
+
+class ClothSimulation:
+    """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
+
+    positions: (n, 3) to start from, at rest (default: laid flat). Not safe to be used by two threads at once;
+    two simulations in two threads are.
+    """
+
+    def __init__(
+        self,
+        mesh: ClothMesh,
+        material: Material,
+        positions: Array | None = None,
+        settings: SolverSettings | None = None,
+        table: bool = True,
+        pads: PadGeometry | None = None,
+    ) -> None:
+        self.mesh = mesh
+        self.material = material
+        self.settings = settings or SolverSettings()
+        self.pads = pads or PadGeometry()
+        self.time = 0.0
+        _check(material, self.settings, mesh)
+        self._body = _body(mesh, material, self.settings)
+        self._rules = _rules(mesh, material, self.settings, self.pads, table, self._body)
+        n = len(mesh.rest)
+        self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
+        self._pairs = _new_pairs(16 * n, 12 * n)
+        self._holds = _new_holds()
+        self._tool_p = np.zeros((HANDS, 3))
+        self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
+        self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) [m], table frame (a copy)."""
+        return self._state.x.copy()
+
+    @property
+    def velocities(self) -> Array:
+        """(n, 3) [m/s] (a copy)."""
+        return self._state.v.copy()
+
+    @property
+    def asleep(self) -> NDArray[np.bool_]:
+        """(n,) which vertices are at rest."""
+        return ~self._state.awake
+
+    @property
+    def inverse_mass(self) -> Array:
+        """(n,) [1/kg]"""
+        return self._body.w.copy()
+
+    def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
+        """Put the cloth somewhere (n, 3), at rest or with `velocities` (n, 3); what was held is released."""
+        x = np.asarray(positions, dtype=float)
+        if x.shape != self._state.x.shape or not np.isfinite(x).all():
+            raise InternalError("positions must be finite and (n, 3)", shape=tuple(x.shape), n=len(self._state.x))
+        s = self._state
+        s.x[:], s.xp[:], s.ref[:], s.built[:] = x, x, x, x
+        s.v[:] = 0.0 if velocities is None else velocities
+        s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, True, True, self._body.w
+        s.count[:] = 0
+        s.index[:] = np.arange(len(x))
+        s.count[kernel.AWAKE] = len(x)
+        self._pairs.side[:] = 0
+        self._pairs.near[:] = False
+        self._holds.hand[:] = -1
+        self._holds.force[:] = 0.0
+
+    def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
+        """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
+
+        What is between them is held from now on and follows the tool that `advance` is given.
+        """
+        self.release(hand)
+        p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
+        found = find_pinched(self.mesh, self._state.x, p, r, self.pads, self.material.thickness)
+        h = self._holds
+        free = np.flatnonzero(h.hand < 0)[: len(found.vertex)]
+        m = len(free)
+        h.vertex[free], h.bary[free], h.offset[free] = found.vertex[:m], found.bary[:m], found.offset[:m]
+        h.hand[free] = hand
+        h.age[hand] = 0.0
+        h.force[hand] = 0.0
+        h.limit[hand] = 2.0 * self.pads.friction * force
+        self._tool_p[hand], self._tool_r[hand] = p, r
+        return found.report
+
+    def release(self, hand: int) -> None:
+        """Open the pads of `hand`."""
+        self._holds.hand[self._holds.hand == hand] = -1
+        self._holds.force[hand] = 0.0
+
+    def set_grip_force(self, hand: int, force: float) -> None:
+        """Squeeze with another force [N]; the pinch lets go beyond 2 * pad friction * force."""
+        self._holds.limit[hand] = 2.0 * self.pads.friction * force
+
+    def held(self, hand: int) -> bool:
+        """Whether `hand` still has cloth between its pads."""
+        return bool((self._holds.hand == hand).any())
+
+    def pinch_force(self, hand: int) -> Array:
+        """(3,) [N] mean force of the cloth on the hand over the last frame, table frame."""
+        return self._holds.force[hand].copy()
+
+    def advance(
+        self, frames: int = 1, tools: Sequence[ToolMotion] = (), capsules: CapsuleMotion | None = None
+    ) -> None:
+        """Go on by `frames`; tools and capsules move evenly from start to end over all of them."""
+        p = np.repeat(self._tool_p[None], frames + 1, axis=0)
+        r = np.repeat(self._tool_r[None], frames + 1, axis=0)
+        at = np.linspace(0.0, 1.0, frames + 1)
+        for tool in tools:
+            p[:, tool.hand] = tool.position0 + at[:, None] * (np.asarray(tool.position1) - tool.position0)
+            r[:, tool.hand] = _turn(tool.rotation0, tool.rotation1, at)
+        self.advance_along(p, r, _capsule_path(capsules, at))
+
+    def advance_along(
+        self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
+    ) -> None:
+        """Go on along sampled motions, one sample a frame bound: position (frames + 1, 2, 3) and rotation
+        (frames + 1, 2, 3, 3) of both hands; capsules: ends (frames + 1, k, 3) twice and radius (k,)."""
+        frames = len(position) - 1
+        p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
+        p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
+        while (
+            kernel.run_frames(
+                self._body, self._rules, self._state, self._pairs, self._holds, p, r, p0, p1, radius, frames
+            )
+            == kernel.PAIRS_FULL
+        ):
+            self._grow_pairs()
+        self._tool_p[:], self._tool_r[:] = p[-1], r[-1]
+        self.time += frames * self.settings.frame
+        if not np.isfinite(self._state.x).all():
+            raise InternalError("the cloth simulation lost its positions", time_s=self.time)
+
+    def checkpoint(self) -> dict[str, Array]:
+        """Everything that decides what comes next, as named arrays; `restore` takes it back bit for bit."""
+        out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
+        out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
+        out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
+        out |= {"tool_p": self._tool_p.copy(), "tool_r": self._tool_r.copy(), "time": np.array(self.time)}
+        return out
+
+    def restore(self, saved: Mapping[str, Array]) -> None:
+        """Back to a checkpoint of a simulation with the same mesh, material and settings."""
+        if saved["state.x"].shape != self._state.x.shape:
+            raise InternalError("a checkpoint of another mesh", shape=tuple(saved["state.x"].shape))
+
+        def part(name: str) -> dict[str, Array]:
+            return {k.split(".")[1]: v.copy() for k, v in saved.items() if k.startswith(name + ".")}
+
+        self._state = kernel.State(**part("state"))
+        self._pairs = kernel.Pairs(**part("pairs"))
+        self._holds = kernel.Holds(**part("holds"))
+        self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
+        self.time = float(saved["time"])
+
+    def _grow_pairs(self) -> None:
+        old = self._pairs
+        new = _new_pairs(2 * old.vt.shape[1], 2 * old.ee.shape[1])
+        for a, b in zip(old, new, strict=True):
+            b[tuple(slice(0, k) for k in a.shape)] = a
+        self._pairs = new
+
+
+def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> None:
+    bounds = {
+        "areal_mass": (0.01, 5.0),
+        "stretch_fraction": (1e-4, 0.5),
+        "bending_length": (1e-3, 0.5),
+        "thickness": (1e-4, 0.02),
+        "friction_static": (0.0, 5.0),
+        "friction_dynamic": (0.0, material.friction_static),
+        "friction_layers": (0.0, 5.0),
+    }
+    for name, (low, high) in bounds.items():
+        value = getattr(material, name)
+        if not low <= value <= high:
+            raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
+    if settings.substeps % kernel.PHASE or settings.substeps <= 0 or settings.frame_rate <= 0:
+        raise ConfigurationError(
+            f"substeps must be a positive multiple of {kernel.PHASE}", "", substeps=settings.substeps
+        )
+    if mesh.area.min() <= 0.0:
+        raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))
+    if mesh.edge_length.min() < material.thickness:
+        raise ConfigurationError(
+            "the mesh is finer than the cloth is thick",
+            "use a longer edge length",
+            shortest_edge=float(mesh.edge_length.min()),
+            thickness=material.thickness,
+        )
+
+
+def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kernel.Body:
+    h = settings.frame / settings.substeps
+    w = 1.0 / (material.areal_mass * mesh.vertex_area)
+    e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
+    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * kernel.PHASE * h * w[e.edge].sum(axis=1))
+    both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.searchsorted(both[:, 0], np.arange(len(w) + 1)).astype(np.int32)
+    return kernel.Body(
+        w, e.edge, e.length, e.compliance, rate, e.hinge, e.weight, e.bend, mesh.triangles.copy(), start,
+        np.ascontiguousarray(both[:, 1], dtype=np.int32), build_tree(mesh, e.edge),
+    )  # fmt: skip
+
+
+def _rules(
+    mesh: ClothMesh, material: Material, settings: SolverSettings, pads: PadGeometry, table: bool, body: kernel.Body
+) -> kernel.Rules:
+    h = settings.frame / settings.substeps
+    gamma = settings.bend_damping / h
+    # bending is soft against the masses on the usual meshes: then every other substep is enough
+    own = (body.weight**2 * body.w[body.hinge]).sum(axis=1)
+    soft = len(own) == 0 or float(np.min(body.bend / h**2 / own)) > 40.0
+    gx, gy, gz = settings.gravity
+    return kernel.Rules(
+        h=h,
+        substeps=settings.substeps,
+        gx=gx,
+        gy=gy,
+        gz=gz,
+        thickness=material.thickness,
+        mu_static=material.friction_static,
+        mu_dynamic=material.friction_dynamic,
+        mu_layers=material.friction_layers,
+        max_speed=settings.max_speed,
+        drag=settings.drag,
+        bend_gamma=gamma,
+        bend_every=2 if soft else 1,
+        sleep_distance=settings.sleep_distance,
+        sleep_frames=settings.sleep_frames if settings.sleep_frames > 0 else 2**30,
+        table=table,
+        hold_compliance=pads.compliance,
+    )
+
+
+def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
+    def f(*shape: int) -> Array:
+        return np.zeros(shape)
+
+    return kernel.State(
+        x=f(n, 3), xp=f(n, 3), v=f(n, 3), u=f(n, 3), ref=f(n, 3), built=f(n, 3), course=f(n, 3), wa=f(n),
+        quiet=np.zeros(n, np.int32), awake=np.ones(n, np.bool_), ready=np.ones(n, np.bool_), index=np.zeros(n, np.int32),
+        count=np.zeros(16, np.int64), edge=np.zeros((edges, 2), np.int32), length=f(edges), wi=f(edges), wj=f(edges),
+        rate=f(edges), hinge=np.zeros((hinges, 4), np.int32), weight=f(hinges, 4), inverse=f(hinges),
+    )  # fmt: skip
+
+
+def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
+    m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
+    return kernel.Pairs(
+        np.zeros((2, vt, 2), np.int32), np.zeros((2, vt), np.int8), np.zeros((2, ee, 2), np.int32),
+        np.zeros((2, ee), np.bool_), np.zeros((2, ee, 3)), np.zeros(vt, np.int16), np.zeros(ee, np.int16),
+        np.zeros((4 * vt, 2), np.int32), np.zeros(table, np.int64), np.zeros(table, np.int32),
+        np.zeros((m, 4), np.int32), np.zeros((m, 4)), np.zeros((m, 3)), np.zeros(m), np.zeros(m),
+    )  # fmt: skip
+
+
+def _new_holds() -> kernel.Holds:
+    return kernel.Holds(
+        np.zeros((MAX_HELD, 3), np.int32), np.zeros((MAX_HELD, 3)), np.zeros((MAX_HELD, 3)),
+        np.full(MAX_HELD, -1, np.int32), np.zeros(HANDS), np.zeros((HANDS, 3)), np.zeros((HANDS, 3)), np.zeros(HANDS),
+    )  # fmt: skip
+
+
+def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:
+    """(len(at), 3, 3): evenly from one rotation to the other."""
+    if np.array_equal(rotation0, rotation1):
+        return np.repeat(np.asarray(rotation0, dtype=float)[None], len(at), axis=0)
+    return Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([rotation0, rotation1])))(at).as_matrix()
+
+
+def _capsule_path(capsules: CapsuleMotion | None, at: Array) -> tuple[Array, Array, Array]:
+    if capsules is None:
+        none = np.zeros((len(at), 0, 3))
+        return none, none, np.zeros(0)
+    s = at[:, None, None]
+    return (
+        np.ascontiguousarray((1.0 - s) * capsules.p0_start + s * capsules.p0_end),
+        np.ascontiguousarray((1.0 - s) * capsules.p1_start + s * capsules.p1_end),
+        np.asarray(capsules.radius, dtype=float).copy(),
+    )

@@ -1,0 +1,130 @@
+"""What the cell knows of a garment before it sees it: template, fabric, fold plan, where it may lie."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skills.vocabulary import Array, GarmentState, Material, frozen
+
+__all__ = ["Anchor", "Garment", "PlanGrasp", "PlanStep", "PlanVariant", "PoseRange"]
+
+Edge = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A point of the garment: key points and their weights, which sum to one.
+
+    It names a place on the flat garment, so it stays well defined when folds bring key points together.
+    """
+
+    weights: tuple[tuple[str, float], ...]
+
+    def on(self, keypoints: Mapping[str, Array]) -> Array:
+        """(2,) the point among `keypoints`, name -> (2,)."""
+        return np.asarray(sum(w * np.asarray(keypoints[name]) for name, w in self.weights))
+
+
+@dataclass(frozen=True)
+class PlanGrasp:
+    """One grasp of a step. at: the point of the garment's edge that it is stated from.
+
+    inset: how far inside, (across the fold line towards it, along it towards the middle) [m].
+    arm: 'left', 'right' or 'auto'. turn: of the held line against the fold line [rad].
+    """
+
+    at: Anchor
+    inset: tuple[float, float]
+    arm: str = "auto"
+    turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlanVariant:
+    """One way to make a fold: the key points that lie on the side that moves, and the grasps."""
+
+    name: str
+    moves: tuple[str, ...]
+    grasps: tuple[PlanGrasp, ...]
+
+
+@dataclass(frozen=True)
+class PlanStep:
+    """One fold. line: two anchors, as if drawn on the table under the flat garment.
+
+    variants: in order of preference; they differ in what moves (the fold's direction) and in the grasps.
+    """
+
+    name: str
+    line: tuple[Anchor, Anchor]
+    variants: tuple[PlanVariant, ...]
+
+
+@dataclass(frozen=True)
+class PoseRange:
+    """Where a garment's centre may lie [m] and how it may be turned [rad], table frame: (low, high) each."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    angle: tuple[float, float]
+
+    @property
+    def middle(self) -> tuple[float, float, float]:
+        """Centre and angle in the middle of the ranges."""
+        return sum(self.x) / 2, sum(self.y) / 2, sum(self.angle) / 2
+
+    def sample(self, rng: np.random.Generator) -> tuple[float, float, float]:
+        """x, y, angle drawn uniformly."""
+        x, y, angle = (float(rng.uniform(*r)) for r in (self.x, self.y, self.angle))
+        return x, y, angle
+
+    def contains(self, x: float, y: float, angle: float) -> bool:
+        pairs = zip((x, y, angle), (self.x, self.y, self.angle), strict=True)
+        return all(low <= v <= high for v, (low, high) in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Garment:
+    """A garment as its file describes it, on one surface.
+
+    keypoints: names in counter-clockwise order; template: (k, 2) [m] where they lie at nominal size, centred
+    on 0 and turned as it is laid, so that pose (x, y, 0) is a translation. layers: of cloth when flat.
+    edge_pairs: edges (two key points each) that coincide, in this direction, when the last fold is done.
+    size_range: factors of the nominal size that the plan is meant for. max_tool_speed [m/s]: what the
+    cloth bears. final_layers: the most that lie on one another in the end.
+    """
+
+    name: str
+    title: str
+    category: str
+    layers: int
+    keypoints: tuple[str, ...]
+    template: Array
+    material: Material
+    plan: tuple[PlanStep, ...]
+    edge_pairs: tuple[tuple[Edge, Edge], ...]
+    max_tool_speed: float
+    poses: PoseRange
+    size_range: tuple[float, float]
+    final_layers: int
+    surface: str
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Nominal extent along x and y as it is laid [m]."""
+        dx, dy = np.ptp(self.template, axis=0)
+        return float(dx), float(dy)
+
+    def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
+        """(k, 2) where the key points lie, table frame, when the garment is laid at a pose."""
+        c, s = np.cos(angle), np.sin(angle)
+        return scale * self.template @ np.array([[c, s], [-s, c]]) + (x, y)
+
+    def flat_state(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> GarmentState:
+        """What a perfect perception would say of it there."""
+        points = self.place(x, y, angle, scale)
+        named = {name: frozen(p) for name, p in zip(self.keypoints, points, strict=True)}
+        return GarmentState(self.category, frozen(points), named, confidence=1.0)

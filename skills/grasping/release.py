@@ -1,0 +1,53 @@
+"""Letting go: open the pads just wide enough above the stack, and see that they did open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skills.grasping.reading import GripCommand, HandReading, fault
+from skills.grasping.settings import GraspSettings
+from skills.vocabulary import Failure, FailureKind, Outcome
+
+__all__ = ["ReleaseState", "Released", "release", "start_release"]
+
+
+@dataclass(frozen=True)
+class Released:
+    """opening of the pads [m], `seconds` after the start."""
+
+    opening: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class ReleaseState:
+    settings: GraspSettings
+    opening: float
+    started: float
+
+
+def start_release(settings: GraspSettings, opening: float, reading: HandReading) -> ReleaseState:
+    """opening: to open to [m]; narrow, so that the pads do not sweep the neighbouring cloth away."""
+    return ReleaseState(settings, opening, reading.stamp)
+
+
+def release(reading: HandReading, state: ReleaseState) -> tuple[GripCommand, ReleaseState | Outcome[Released]]:
+    """One tick. GRIPPER_FAULT when the pads do not open in time; and as `fault` says."""
+    s = state.settings
+    command = GripCommand(state.opening, s.release_force)
+    bad = fault(reading, s)
+    if bad:
+        return command, Outcome(failure=bad)
+    seconds = reading.stamp - state.started
+    opening = reading.gripper.opening
+    if opening >= state.opening - s.release_tolerance and reading.gripper.stamp > state.started:
+        return command, Outcome(Released(opening, seconds))
+    if seconds <= s.release_timeout:
+        return command, state
+    failure = Failure(
+        FailureKind.GRIPPER_FAULT,
+        f"the {reading.tactile.side} gripper has not opened in {seconds:.1f} s",
+        "check that the gripper is enabled and free to move; the garment may still be held",
+        {"opening_m": opening, "wanted_m": state.opening, "seconds": seconds},
+    )
+    return command, Outcome(failure=failure)

@@ -1,0 +1,164 @@
+"""Collision and clearance of both arms with each other, the robot's body and the table (coal, Pinocchio).
+
+The table is a solid block from its top down to the floor. Two margins: `body` for what belongs to the
+robot, `table` for the arms over the table. The fingertips' distance to the table is the tool's height,
+which plans choose: in a grasp they may touch (`allow_fingertips`), else they keep `fingertip_margin`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from robots.model import RobotModel
+from robots.ports import Array, Side
+from skills.vocabulary import Table
+
+__all__ = ["CollisionChecker", "Contact"]
+
+BODY_MARGIN = 0.01
+"""Between an arm and anything of the robot [m]: tracking error and model error."""
+TABLE_MARGIN = 0.015
+"""Between the table and any part of an arm above its fingers [m]."""
+FINGERTIP_MARGIN = 0.02
+"""Between the table and the fingers while the arms move freely [m]: clears folded cloth."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two objects that come nearer than allowed, by name, and where along the path (0 for one pose)."""
+
+    first: str
+    second: str
+    index: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.first} - {self.second}"
+
+
+class CollisionChecker:
+    """Holds the working memory of one thread: make one a thread. Margins are fixed when it is made."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        table: Table,
+        *,
+        body_margin: float = BODY_MARGIN,
+        table_margin: float = TABLE_MARGIN,
+        fingertip_margin: float = FINGERTIP_MARGIN,
+    ) -> None:
+        self.model = model
+        self.table = table
+        self._geometry = pin.GeometryModel(model.collision_model)
+        self._fingers = {name for side in Side for name in model.fingertips[side]}
+        self._drop_rigid_pairs()
+        self._add_table()
+        self._margins = np.array(
+            [self._margin(pair, body_margin, table_margin, fingertip_margin) for pair in self._names()]
+        )
+        self._finger_pairs = [
+            i for i, (a, b) in enumerate(self._names()) if b == "table" and a in self._fingers
+        ]
+        self._data = model.pin_model.createData()
+        self._free = self._geometry.createData()
+        self._grasp = self._geometry.createData()
+        for data in (self._free, self._grasp):
+            for i, margin in enumerate(self._margins):
+                data.collisionRequests[i].security_margin = float(margin)
+        for i in self._finger_pairs:
+            self._grasp.deactivateCollisionPair(i)
+
+    def _add_table(self) -> None:
+        table, floor = self.table, self.model.floor
+        size = np.array([table.x[1] - table.x[0], table.y[1] - table.y[0], table.height - floor])
+        centre = np.array([sum(table.x) / 2, sum(table.y) / 2, (table.height + floor) / 2])
+        box = pin.GeometryObject("table", 0, pin.SE3(np.eye(3), centre), coal.Box(*size))
+        index = self._geometry.addGeometryObject(box)
+        for i, shape in enumerate(self._geometry.geometryObjects):
+            if shape.parentJoint != 0 and "head" not in shape.name and "screen" not in shape.name:
+                self._geometry.addCollisionPair(pin.CollisionPair(i, index))
+
+    def _drop_rigid_pairs(self) -> None:
+        """Two objects that no arm joint moves against each other (the fingers of one hand) need no check."""
+        shapes, pin_model = self._geometry.geometryObjects, self.model.pin_model
+        arm = {pin_model.getJointId(name) for name in self.model.joint_names}
+
+        def carrier(joint: int) -> int:
+            while joint != 0 and joint not in arm:
+                joint = pin_model.parents[joint]
+            return int(joint)
+
+        kept = [
+            pin.CollisionPair(pair.first, pair.second)
+            for pair in self._geometry.collisionPairs
+            if carrier(shapes[pair.first].parentJoint) != carrier(shapes[pair.second].parentJoint)
+        ]
+        self._geometry.removeAllCollisionPairs()
+        for pair in kept:
+            self._geometry.addCollisionPair(pair)
+
+    def _names(self) -> list[tuple[str, str]]:
+        shapes = self._geometry.geometryObjects
+        return [(shapes[p.first].name, shapes[p.second].name) for p in self._geometry.collisionPairs]
+
+    def _margin(self, pair: tuple[str, str], body: float, table: float, fingertip: float) -> float:
+        if pair[1] != "table":
+            return body
+        return fingertip if pair[0] in self._fingers else table
+
+    @property
+    def pairs(self) -> int:
+        return len(self._geometry.collisionPairs)
+
+    def in_collision(self, q: Array, *, allow_fingertips: bool = False) -> bool:
+        """Whether (14,) brings any pair nearer than its margin."""
+        data = self._grasp if allow_fingertips else self._free
+        return bool(
+            pin.computeCollisions(
+                self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q), True
+            )
+        )
+
+    def contact(self, q: Array, *, allow_fingertips: bool = False, index: int = 0) -> Contact | None:
+        """The first pair that is nearer than its margin at (14,), or None."""
+        if not self.in_collision(q, allow_fingertips=allow_fingertips):
+            return None
+        data = self._grasp if allow_fingertips else self._free
+        for i, (a, b) in enumerate(self._names()):
+            if data.activeCollisionPairs[i] and data.collisionResults[i].isCollision():
+                return Contact(a, b, index)
+        return Contact("unknown", "unknown", index)
+
+    def first_collision(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
+        """The first contact along joint vectors (n, 14); `index` says at which."""
+        for i, q in enumerate(path):
+            contact = self.contact(q, allow_fingertips=allow_fingertips, index=i)
+            if contact is not None:
+                return contact
+        return None
+
+    def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
+        """Smallest distance of any pair at (14,) [m]; with allow_fingertips, fingers over the table left out."""
+        data = self._grasp if allow_fingertips else self._free
+        pin.updateGeometryPlacements(
+            self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)
+        )
+        skipped = set(self._finger_pairs) if allow_fingertips else set()
+        smallest = np.inf
+        for i in range(self.pairs):
+            if i not in skipped:
+                smallest = min(smallest, pin.computeDistance(self._geometry, data, i).min_distance)
+        return float(smallest)
+
+    def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05, allow_fingertips: bool = False) -> bool:
+        """Whether the straight line between two joint vectors (14,) is free, checked every `resolution` [rad]."""
+        n = max(1, int(np.ceil(np.abs(q1 - q0).max() / resolution)))
+        # From coarse to fine: a line that collides is found out early.
+        order = sorted(range(1, n + 1), key=lambda i: (i & -i) * -1)
+        return not any(
+            self.in_collision(q0 + (i / n) * (q1 - q0), allow_fingertips=allow_fingertips) for i in order
+        )

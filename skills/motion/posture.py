@@ -1,0 +1,91 @@
+"""How a hand holds: the freedoms that a fold leaves to the arm, and the tool poses that follow from them.
+
+The cloth hangs about the held line, so the hand may lean about it (pitch) and a little along it (roll), and
+it may be turned by pi about its own axis: the line is the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.ports import Array, Side
+from skills.vocabulary import Table, ToolPath, tool_rotation
+
+__all__ = ["Posture", "angles_of", "blended", "in_base", "resampled", "with_ends"]
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Posture:
+    """The choice for one arm.
+
+    path: whose grasp and tool path of the fold step this arm takes (the other side's when arms are swapped).
+    turned: whether the hand is turned by pi about its axis. pitch, roll: lean added to the path's [rad], stated
+    for the hand that is not turned.
+    """
+
+    path: Side
+    turned: bool = False
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    def rotation(self, path: ToolPath) -> Array:
+        """(n, 3, 3) R_table_tool along a tool path."""
+        R = tool_rotation(path.heading, path.pitch + self.pitch, path.roll + self.roll)
+        return R @ HALF_TURN if self.turned else R
+
+
+def angles_of(rotation: Array) -> tuple[Array, Array, Array]:
+    """Heading, pitch, roll (n,) of R_table_tool (n, 3, 3): the inverse of `vocabulary.tool_rotation`."""
+    R = rotation
+    pitch = np.arcsin(np.clip(-R[:, 2, 1], -1.0, 1.0))
+    heading = np.unwrap(np.arctan2(R[:, 0, 1], -R[:, 1, 1]))
+    roll = np.arctan2(R[:, 2, 0], -R[:, 2, 2])
+    return heading, pitch, roll
+
+
+def resampled(path: ToolPath, t: Array) -> ToolPath:
+    """The same path at other times t (m,), linear between samples."""
+    if len(t) == len(path.t) and np.array_equal(t, path.t):
+        return path
+
+    def at(x: Array) -> Array:
+        return np.interp(t, path.t, x)
+
+    position = np.stack([at(path.position[:, k]) for k in range(3)], axis=1)
+    return ToolPath(t, position, at(path.heading), at(path.pitch), at(path.roll))
+
+
+def blended(path: ToolPath, start: Array) -> ToolPath:
+    """The path begun at `start` (3,) instead of its own first point: the offset fades out along the arc."""
+    step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(step)])
+    u = travelled / max(travelled[-1], 1e-9)
+    fade = 1.0 - u**2 * (3.0 - 2.0 * u)
+    offset = start - path.position[0]
+    return ToolPath(path.t, path.position + fade[:, None] * offset, path.heading, path.pitch, path.roll)
+
+
+def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolPath:
+    """`samples` points of the arc, evenly along it, with a straight way down before it and up after it [m]."""
+    step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(step)])
+    arc = resampled(path, np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
+    down, up = np.linspace(above, 0.0, 4)[:-1], np.linspace(0.0, below, 4)[1:]
+    z = np.array([0.0, 0.0, 1.0])
+    position = np.vstack(
+        [arc.position[0] + down[:, None] * z, arc.position, arc.position[-1] + up[:, None] * z]
+    )
+
+    def held(x: Array) -> Array:
+        return np.concatenate([np.full(3, x[0]), x, np.full(3, x[-1])])
+
+    return ToolPath(held(arc.t), position, held(arc.heading), held(arc.pitch), held(arc.roll))
+
+
+def in_base(table: Table, position: Array) -> Array:
+    """(n, 3) table frame -> base frame."""
+    return position + np.array([0.0, 0.0, table.height])

@@ -1,0 +1,149 @@
+"""Ways through free joint space: straight if possible, by a few obvious way-points, else RRT-Connect.
+
+RRT-Connect is Kuffner and LaValle's (ICRA 2000), over all 14 joints, with the caller's generator and a
+bounded number of tries; the result is shortened by random shortcuts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, arm_slice, Side
+from skills.motion.collision import CollisionChecker
+from skills.vocabulary import Outcome
+
+__all__ = ["free_path"]
+
+STEP = 0.35
+"""Longest new branch [rad, largest joint]."""
+TRIES = 1500
+SHORTCUTS = 60
+
+
+def free_path(
+    model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator | None = None
+) -> Outcome[Array]:
+    """Way-points (n, 14) from q0 to q1, straight in joint space between them and free of collision.
+
+    IN_COLLISION when an end is not free, or when no way was found within the tries.
+    """
+    for name, q in (("start", q0), ("goal", q1)):
+        contact = checker.contact(q)
+        if contact is not None:
+            return Outcome(
+                failure=Failure(
+                    FailureKind.IN_COLLISION,
+                    f"the {name} of a free motion is too near: {contact}",
+                    "raise the hands straight up first",
+                    {"pair": str(contact), "end": name},
+                )
+            )
+    for via in _obvious(model, q0, q1):
+        points = np.array([q0, *via, q1])
+        if _free(checker, points):
+            return Outcome(points, notes={"way": "straight" if not via else "via"})
+    found = _connect(model, checker, q0, q1, rng or np.random.default_rng(0))
+    if found is None:
+        return Outcome(
+            failure=Failure(
+                FailureKind.IN_COLLISION,
+                f"no free way was found in {TRIES} tries",
+                "clear the table's surroundings, or jog the arms apart",
+                {"tries": TRIES},
+            )
+        )
+    return Outcome(found, notes={"way": "rrt"})
+
+
+def _obvious(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
+    """Way-points that mostly work: none; one arm after the other; over the parked pose."""
+    left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
+
+    def mixed(a: Array, b: Array) -> Array:
+        q = a.copy()
+        q[right] = b[right]
+        return q
+
+    ways: list[list[Array]] = [[], [mixed(q1, q0)], [mixed(q0, q1)], [model.q_park]]
+    for cut in (left, right):
+        halfway = q0.copy()
+        halfway[cut] = model.q_park[cut]
+        arrived = q1.copy()
+        arrived[cut] = model.q_park[cut]
+        ways.append([halfway, arrived])
+    return ways
+
+
+def _free(checker: CollisionChecker, points: Array) -> bool:
+    return all(checker.edge_free(a, b) for a, b in zip(points, points[1:], strict=False))
+
+
+class _Tree:
+    def __init__(self, root: Array) -> None:
+        self.nodes = [root]
+        self.parents = [-1]
+
+    def nearest(self, q: Array) -> int:
+        return int(np.abs(np.array(self.nodes) - q).max(axis=1).argmin())
+
+    def add(self, q: Array, parent: int) -> int:
+        self.nodes.append(q)
+        self.parents.append(parent)
+        return len(self.nodes) - 1
+
+    def back(self, i: int) -> list[Array]:
+        way = []
+        while i >= 0:
+            way.append(self.nodes[i])
+            i = self.parents[i]
+        return way
+
+
+def _extend(checker: CollisionChecker, tree: _Tree, goal: Array) -> tuple[int, bool]:
+    """One branch towards goal: (new node or -1, whether it got there)."""
+    near = tree.nearest(goal)
+    gap = goal - tree.nodes[near]
+    length = float(np.abs(gap).max())
+    q = goal if length <= STEP else tree.nodes[near] + gap * (STEP / length)
+    if not checker.edge_free(tree.nodes[near], q):
+        return -1, False
+    return tree.add(q, near), length <= STEP
+
+
+def _connect(
+    model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator
+) -> Array | None:
+    lower, upper = np.minimum(q0, q1) - 0.8, np.maximum(q0, q1) + 0.8
+    lower, upper = np.maximum(lower, model.planning.lower), np.minimum(upper, model.planning.upper)
+    a, b = _Tree(q0), _Tree(q1)
+    for k in range(TRIES):
+        new, _ = _extend(checker, a, rng.uniform(lower, upper))
+        if new >= 0:
+            met, there = _extend(checker, b, a.nodes[new])
+            while met >= 0 and not there:
+                met, there = _extend(checker, b, a.nodes[new])
+            if there:
+                way = [*a.back(new)[::-1], *b.back(met)[1:]]
+                return _shortcut(checker, np.array(way if k % 2 == 0 else way[::-1]), rng)
+        a, b = b, a
+    return None
+
+
+def _shortcut(checker: CollisionChecker, points: Array, rng: np.random.Generator) -> Array:
+    """Cut corners between random points on the way while it is longer than a straight line."""
+    for _ in range(SHORTCUTS):
+        if len(points) < 3:
+            break
+        i, j = sorted(rng.choice(len(points) - 1, 2, replace=False))
+        u, v = rng.uniform(size=2)
+        a = points[i] + u * (points[i + 1] - points[i])
+        b = points[j] + v * (points[j + 1] - points[j])
+        if checker.edge_free(a, b):
+            points = np.vstack([points[: i + 1], a, b, points[j + 1 :]])
+    keep = [0]
+    for k in range(1, len(points)):
+        if np.abs(points[k] - points[keep[-1]]).max() > 1e-9:
+            keep.append(k)
+    return points[keep]

@@ -1,0 +1,266 @@
+"""Choosing how the hands hold: tilt, turn, and which arm takes which grasp.
+
+Candidates are tried in the order of their lean, each followed by inverse kinematics over the whole fold
+(down, arc, up). The cheapest pair of which both arms stay free of each other wins. The order and the
+start configurations are fixed, so that the same question has the same answer.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, Side, arm_slice
+from skills.motion import ik
+from skills.motion.collision import CollisionChecker, Contact
+from skills.motion.posture import Posture, in_base, with_ends
+from skills.vocabulary import Outcome, Table, ToolPath
+
+__all__ = ["Choice", "choose_postures"]
+
+PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
+ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
+PITCH_UNIT = np.deg2rad(30.0)
+ROLL_UNIT = np.deg2rad(11.5)
+"""Leans that cost 1: a lean along the held line lifts one end of the line and is dearer."""
+TRAVEL_WEIGHT = 0.3
+"""Cost of one second of joint motion at full speed, of the fold and of the way to it."""
+MARGIN_WEIGHT = 0.01
+"""Cost of the distance to the nearest joint limit: weight over distance in rad."""
+SWAP_COST = 0.5
+"""Arms are swapped only for a gain in lean that is worth it."""
+GOOD = 2.0
+"""Cost of a pair at which the other assignment of arms is not looked at."""
+DETOUR_COST = 0.5
+"""Of a way to the fold or from it to the parked pose that is not free straight on."""
+KEEP = 8
+"""Candidates kept an arm."""
+SEARCH_MARGIN = 0.03
+"""Joint limits are kept by this much more in the search than later [rad]: a grasp ends a little elsewhere."""
+SEEDS = 12
+SAMPLES = 18
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """postures and q: by arm; q (n, 7) along down, arc and up, coarsely."""
+
+    postures: Mapping[Side, Posture]
+    q: Mapping[Side, Array]
+    cost: float
+
+
+@dataclass(eq=False)
+class _Tally:
+    """Why candidates fell out, for the failure's text."""
+
+    tried: int = 0
+    reached: dict[Side, float] = field(default_factory=dict)
+    where: dict[Side, Array] = field(default_factory=dict)
+    limit: Counter[str] = field(default_factory=Counter)
+    contacts: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    posture: Posture
+    q: Array
+    cost: float
+
+
+@lru_cache(maxsize=1)
+def _leans() -> tuple[tuple[float, float, float, bool], ...]:
+    """(cost, pitch, roll, turned), the cheapest first."""
+    grid = [
+        ((p / PITCH_UNIT) ** 2 + (r / ROLL_UNIT) ** 2, float(p), float(r), turned)
+        for p in PITCH
+        for r in ROLL
+        for turned in (False, True)
+    ]
+    return tuple(sorted(grid, key=lambda c: c[0]))
+
+
+def _seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
+    """(k, 7) where the solver starts: where the arm is, where it parks, and a fixed spread."""
+    cut = arm_slice(side)
+    lower, upper = model.planning.lower[cut], model.planning.upper[cut]
+    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
+    return np.vstack([np.clip(q_now[cut], lower, upper), model.q_park[cut], spread])
+
+
+def choose_postures(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    q_now: Array,
+    *,
+    above: float,
+    below: float,
+    avoid: Sequence[Mapping[Side, Posture]] = (),
+) -> Outcome[Choice]:
+    """The cheapest postures for tool paths keyed as the fold step's grasps; the arms may be swapped.
+
+    above, below: straight ways down to the grasp and up from the release [m]. avoid: choices that were tried
+    and are not wanted again. Failures: UNREACHABLE (no
+    posture reaches every pose), IN_COLLISION (some do, but none without touching).
+    """
+    tally = _Tally()
+    coarse = {side: with_ends(path, above, below, SAMPLES) for side, path in paths.items()}
+    best: Choice | None = None
+    for swapped in (False, True):
+        if best is not None and best.cost < GOOD:
+            break
+        arms = {(side.other if swapped else side): side for side in paths}
+        candidates = {
+            arm: _candidates(model, checker, table, arm, key, coarse[key], q_now, tuple(arms), tally)
+            for arm, key in arms.items()
+        }
+        found = _best_together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+    if best is None:
+        return Outcome(failure=_failure(tally))
+    return Outcome(best, notes={"postures_tried": tally.tried, "posture_cost": round(float(best.cost), 3)})
+
+
+def _candidates(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    arm: Side,
+    key: Side,
+    path: ToolPath,
+    q_now: Array,
+    used: Sequence[Side],
+    tally: _Tally,
+) -> list[_Candidate]:
+    """Postures of one arm that reach the whole path without touching body or table, cheapest leans first."""
+    position = in_base(table, path.position)
+    seeds = _seeds(model, arm, q_now)
+    kept: list[_Candidate] = []
+    for lean, pitch, roll, turned in _leans():
+        posture = Posture(key, turned, pitch, roll)
+        rotation = posture.rotation(path)
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = rotation[0], position[0]
+        tally.tried += 1
+        ways = _ways(model, arm, rotation, position, ik.solve_seeds(model, arm, T, seeds), path, tally)
+        scored = sorted(((lean + _motion_cost(model, arm, q, q_now), q) for q in ways), key=lambda w: w[0])
+        for cost, q in scored:
+            contact = _alone(model, checker, arm, q, q_now, used)
+            if contact is None:
+                kept.append(_Candidate(posture, q, cost))
+                break
+            tally.contacts[str(contact)] += 1
+        if len(kept) >= KEEP:
+            break
+    return kept
+
+
+def _ways(
+    model: RobotModel, arm: Side, rotation: Array, position: Array, starts: Array, path: ToolPath, tally: _Tally
+) -> list[Array]:
+    """Joint paths (n, 7) over the whole tool path, one for each start that gets through."""
+    ways = []
+    if len(starts) == 0 and arm not in tally.where:
+        tally.where[arm] = path.position[0]
+    for start in starts:
+        solution = ik.follow_path(model, arm, rotation, position, start, max_step=0.6, margin=SEARCH_MARGIN)
+        if solution.complete:
+            ways.append(solution.q)
+        elif len(solution.q) / len(position) > tally.reached.get(arm, -1.0):
+            tally.reached[arm] = len(solution.q) / len(position)
+            tally.where[arm] = path.position[len(solution.q)]
+            if len(solution.q):
+                tally.limit[_nearest_limit(model, arm, solution.q[-1])] += 1
+    return ways
+
+
+def _nearest_limit(model: RobotModel, arm: Side, q: Array) -> str:
+    cut = arm_slice(arm)
+    room = np.minimum(q - model.planning.lower[cut], model.planning.upper[cut] - q)
+    return model.joint_names[cut][int(room.argmin())]
+
+
+def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
+    cut = arm_slice(arm)
+    limits = model.planning
+    travel = np.abs(np.diff(q, axis=0)).sum(axis=0) / limits.velocity[cut]
+    way = np.abs(q[0] - q_now[cut]) / limits.velocity[cut]
+    room = min((q - limits.lower[cut]).min(), (limits.upper[cut] - q).min())
+    return float(TRAVEL_WEIGHT * (travel.max() + way.max()) + MARGIN_WEIGHT / max(room, 1e-3))
+
+
+def _alone(
+    model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, used: Sequence[Side]
+) -> Contact | None:
+    """The first contact of one arm on its way; the other arm stays where it is, or, if it works too, is parked."""
+    both = np.tile(model.q_park if arm.other in used else q_now, (len(q), 1))
+    both[:, arm_slice(arm)] = q
+    return checker.first_collision(both, allow_fingertips=True)
+
+
+def _best_together(
+    checker: CollisionChecker,
+    candidates: Mapping[Side, list[_Candidate]],
+    q_now: Array,
+    extra: float,
+    avoid: Sequence[Mapping[Side, Posture]],
+    tally: _Tally,
+) -> Choice | None:
+    """The cheapest combination that stays free of itself, the arms moving in step."""
+    arms = list(candidates)
+    if any(not candidates[arm] for arm in arms):
+        return None
+    best: Choice | None = None
+    for picked in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
+        cost = sum(c.cost for c in picked) + extra
+        if best is not None and cost >= best.cost:
+            break
+        postures = {arm: c.posture for arm, c in zip(arms, picked, strict=True)}
+        if postures in avoid:
+            continue
+        both = np.tile(q_now, (len(picked[0].q), 1))
+        for arm, candidate in zip(arms, picked, strict=True):
+            both[:, arm_slice(arm)] = candidate.q
+        contact = checker.first_collision(both, allow_fingertips=True)
+        if contact is not None:
+            tally.contacts[str(contact)] += 1
+            continue
+        cost += DETOUR_COST * _detours(checker, q_now, both)
+        if best is None or cost < best.cost:
+            best = Choice(postures, {arm: c.q for arm, c in zip(arms, picked, strict=True)}, cost)
+    return best
+
+
+def _detours(checker: CollisionChecker, q_now: Array, both: Array) -> int:
+    """Of the ways to the first and from the last configuration, how many are not free straight on."""
+    ways = ((q_now, both[0]), (both[-1], checker.model.q_park))
+    return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in ways)
+
+
+def _failure(tally: _Tally) -> Failure:
+    if tally.contacts:
+        pair, times = tally.contacts.most_common(1)[0]
+        return Failure(
+            FailureKind.IN_COLLISION,
+            f"no tilt of the hands keeps the arms clear; most often in the way: {pair}",
+            "lay the garment nearer to the middle of the table, or take hold further apart",
+            {"postures": tally.tried, "contacts": dict(tally.contacts.most_common(5)), "most": times},
+        )
+    places = {str(side): [round(float(x), 3) for x in point] for side, point in tally.where.items()}
+    joint = tally.limit.most_common(1)[0][0] if tally.limit else "the arm's length"
+    return Failure(
+        FailureKind.UNREACHABLE,
+        f"no tilt of the hands reaches the whole path; it ends at {places} (table frame, m), bound by {joint}",
+        "lay the garment nearer to the middle of the table",
+        {"postures": tally.tried, "where_m": places, "share_reached": {str(s): r for s, r in tally.reached.items()}},
+    )

@@ -1,0 +1,304 @@
+"""From geometry to motion: one clock for both arms, within velocity, acceleration and jerk limits.
+
+Free motions are straight lines in joint space, timed by Ruckig along the line. A path that must be kept is
+timed by its parameter alone, q(s(t)), so that the arms never leave it:
+
+1. TOPP-RA (Pham and Pham, IEEE T-RO 34(3), 2018) gives the fastest ds/dt under velocity and acceleration
+   limits and the caps on the tools' speed; or the caller brings a law of its own (a fold's).
+2. ds/dt is smoothed over time by a kernel as long as the jerk limits ask for, which bounds the jerk.
+3. Velocity, acceleration and jerk of q(s(t)) are measured on the samples, and time is stretched evenly by
+   what they exceed their limits. The table that comes out is within all of them.
+
+Ruckig's way-points (`intermediate_positions`) are never used: they call a service on the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import ruckig
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, Array, frozen
+from robots.errors import InternalError
+
+__all__ = ["TICK", "Peaks", "free_motion", "hold", "join", "peaks", "stop_profile", "time_law", "time_path"]
+
+TICK = 0.01
+"""Longest time between samples [s]."""
+HEADROOM = 0.98
+"""Share of the limits that is planned with: the Hermite interpolant between samples takes the rest."""
+GRID = 100
+FINE = 0.002
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Largest share of each limit that a trajectory takes (1 = at the limit), over joints and time."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+
+    @property
+    def worst(self) -> float:
+        return max(self.velocity, self.acceleration, self.jerk)
+
+    @property
+    def stretch(self) -> float:
+        """By how much time has to be stretched to bring all within their limits."""
+        return max(self.velocity, self.acceleration**0.5, self.jerk ** (1.0 / 3.0))
+
+
+def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
+    """Of the cubic Hermite interpolant: its acceleration at both ends of each interval, its jerk inside."""
+    h = np.diff(trajectory.t)[:, None]
+    q0, q1, v0, v1 = trajectory.q[:-1], trajectory.q[1:], trajectory.qd[:-1], trajectory.qd[1:]
+    a0 = 6 * (q1 - q0) / h**2 - (4 * v0 + 2 * v1) / h
+    a1 = -6 * (q1 - q0) / h**2 + (2 * v0 + 4 * v1) / h
+    # The velocity of a Hermite piece is a parabola: its extremum can lie inside.
+    s = np.clip(a0 / np.where(a0 == a1, np.inf, a0 - a1), 0.0, 1.0)
+    inside = v0 + h * (a0 * s + 0.5 * (a1 - a0) * s**2)
+    velocity = np.maximum(np.maximum(np.abs(v0), np.abs(v1)), np.abs(inside))
+    acceleration = np.maximum(np.abs(a0), np.abs(a1))
+    jerk = np.abs(a1 - a0) / h
+    return Peaks(
+        float((velocity / limits.velocity).max()),
+        float((acceleration / limits.acceleration).max()),
+        float((jerk / limits.jerk).max()),
+    )
+
+
+def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
+    """Standing still at q (14,)."""
+    n = max(1, int(np.ceil(duration / TICK - 1e-9)))
+    zero = np.zeros((n + 1, q.shape[0]))
+    return ArmTrajectory(frozen(np.linspace(0.0, duration, n + 1)), frozen(zero + q), frozen(zero), frozen(zero))
+
+
+def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
+    """One after the other; each has to start where, and at the speed at which, the one before ends."""
+    t, q, qd, qdd = [parts[0].t], [parts[0].q], [parts[0].qd], [parts[0].qdd]
+    for before, after in zip(parts, parts[1:], strict=False):
+        gap = max(np.abs(before.q[-1] - after.q[0]).max(), np.abs(before.qd[-1] - after.qd[0]).max())
+        if gap > 1e-6:
+            raise InternalError("trajectories that do not meet were joined", gap=float(gap))
+        t.append(t[-1][-1] + after.t[1:])
+        q.append(after.q[1:])
+        qd.append(after.qd[1:])
+        qdd.append(after.qdd[1:])
+    return ArmTrajectory(*(frozen(np.concatenate(x)) for x in (t, q, qd, qdd)))
+
+
+def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
+    """From rest at q0 (14,) to rest at q1 (14,), straight in joint space, time-optimal within the limits."""
+    gap = q1 - q0
+    if np.abs(gap).max() < 1e-9:
+        return hold(q0)
+    # All joints share one parameter from 0 to 1. (Ruckig's own phase synchronisation of 14 joints falls back
+    # to curved time-synchronised motions without a word when two joints are limited by different orders.)
+    room = np.maximum(np.abs(gap), 1e-12)
+    otg = ruckig.Ruckig(1)
+    order = ruckig.InputParameter(1)
+    order.current_position, order.target_position = [0.0], [1.0]
+    order.max_velocity = [HEADROOM * float((limits.velocity / room).min())]
+    order.max_acceleration = [HEADROOM * float((limits.acceleration / room).min())]
+    order.max_jerk = [HEADROOM * float((limits.jerk / room).min())]
+    result = ruckig.Trajectory(1)
+    code = otg.calculate(order, result)
+    if code not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise InternalError(f"Ruckig refused a motion between two states at rest: {code}")
+    t = _ticks(result.duration)
+    u, rate, change = (np.array(x) for x in zip(*(result.at_time(float(ti))[:3] for ti in t), strict=True))
+    u[0], u[-1], rate[0], rate[-1] = 0.0, 1.0, 0.0, 0.0
+    q = q0 + u * gap
+    q[-1] = q1
+    return ArmTrajectory(frozen(t), frozen(q), frozen(rate * gap), frozen(change * gap))
+
+
+def time_path(path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None) -> ArmTrajectory:
+    """Along a smooth joint path (n, 14), from rest to rest, as fast as the limits allow.
+
+    lengths: (n, k) distance that each of k tools has travelled at each sample [m]; speed: the cap on them
+    [m/s]. The path is the cubic spline through the samples.
+    """
+    s = _arc(path, limits)
+    curve = CubicSpline(s, path)
+    capped = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
+    return _finish(curve, *_fastest(curve, s, limits, capped), limits)
+
+
+def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
+    """Along a joint path (n, 14) at the times t (n,) that the caller wishes, or slower where limits bind.
+
+    The wish is kept, but for a soft start and stop, when it is within the limits; otherwise the law is the
+    fastest that nowhere overtakes it.
+    """
+    tau = t - t[0]
+    curve = CubicSpline(tau, path)
+    wished = _finish(curve, np.array([0.0, tau[-1]]), np.array([0.0, tau[-1]]), limits)
+    slack = wished.duration / (tau[-1] + 2 * _kernel_width(limits))
+    if slack < 1.02:
+        return wished
+    clock = CubicSpline(tau, tau[:, None])
+    return min(
+        (wished, _finish(curve, *_fastest(curve, tau, limits, (clock, 1.0)), limits)), key=lambda a: a.duration
+    )
+
+
+def stop_profile(trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = 0.6) -> ArmTrajectory:
+    """From time t on, the same path with the clock run down to rest: where a protective stop leads.
+
+    The clock's rate goes from 1 to 0 as a cubic smoothstep over `duration` [s], which is lengthened (up to
+    four times) as far as `limits` (the protective set) need; beyond that it stops in the last try.
+    """
+    t = float(np.clip(t, 0.0, trajectory.duration))
+    best = None
+    for factor in (1.0, 1.25, 1.6, 2.0, 2.8, 4.0):
+        best = _run_down(trajectory, t, factor * duration)
+        if peaks(best, limits).worst <= 1.0:
+            break
+    assert best is not None
+    return best
+
+
+def _run_down(trajectory: ArmTrajectory, t: float, duration: float) -> ArmTrajectory:
+    tau = _ticks(duration)
+    u = tau / duration
+    rate = 1.0 - u**2 * (3.0 - 2.0 * u)
+    slope = -6.0 * u * (1.0 - u) / duration
+    clock = t + duration * (u - u**3 + 0.5 * u**4)
+    inside = clock < trajectory.duration
+    q, v, a = _sample(trajectory, np.minimum(clock, trajectory.duration))
+    rate = np.where(inside, rate, 0.0)[:, None]
+    slope = np.where(inside, slope, 0.0)[:, None]
+    qd, qdd = v * rate, a * rate**2 + v * slope
+    qd[-1] = 0.0
+    return ArmTrajectory(frozen(tau), frozen(q), frozen(qd), frozen(qdd))
+
+
+def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
+    """q, qd, qdd (m, 14) of the Hermite interpolant at times t (m,)."""
+    i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
+    h = (trajectory.t[i + 1] - trajectory.t[i])[:, None]
+    s = (t - trajectory.t[i])[:, None] / h
+    q0, q1 = trajectory.q[i], trajectory.q[i + 1]
+    v0, v1 = trajectory.qd[i] * h, trajectory.qd[i + 1] * h
+    c2, c3 = 3 * (q1 - q0) - 2 * v0 - v1, 2 * (q0 - q1) + v0 + v1
+    return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * s * c3)) / h, (2 * c2 + 6 * s * c3) / h**2
+
+
+def _ticks(duration: float) -> Array:
+    """Evenly spaced times from 0 to duration, at most TICK apart."""
+    n = max(2, int(np.ceil(duration / TICK - 1e-9)))
+    return np.linspace(0.0, duration, n + 1)
+
+
+def _arc(path: Array, limits: JointLimits) -> Array:
+    """(n,) the time that each sample would take at full joint speed: a parameter that suits all joints."""
+    step = np.linalg.norm(np.diff(path, axis=0) / limits.velocity, axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.maximum(step, 1e-6))])
+
+
+def _kernel_width(limits: JointLimits) -> float:
+    """How long ds/dt is averaged: reversing the acceleration takes 2 a / j; half of it meets most paths."""
+    return float((limits.acceleration / limits.jerk).max())
+
+
+def _fastest(
+    curve: CubicSpline, s: Array, limits: JointLimits, capped: tuple[CubicSpline, float] | None
+) -> tuple[Array, Array]:
+    """TOPP-RA's law from rest to rest as (t, s), finely sampled."""
+    path = _WithLengths(curve, capped[0]) if capped else _WithLengths(curve, None)
+    extra = path.dof - curve(0.0).shape[0]
+    v = HEADROOM * np.concatenate([limits.velocity, np.full(extra, capped[1] if capped else 1.0)])
+    a = HEADROOM * np.concatenate([limits.acceleration, np.full(extra, 1e3)])
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
+        toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
+    ]
+    grid = np.linspace(s[0], s[-1], GRID + 1)
+    solver = toppra.algorithm.TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel")
+    data = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    rate = None if data is None else data[1]
+    if rate is None or not np.all(np.isfinite(rate)):
+        return np.array([0.0, 4.0 * s[-1]]), np.array([s[0], s[-1]])
+    # Constant acceleration between grid points: the time of each is exact.
+    ds = np.diff(grid)
+    t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(rate[:-1] + rate[1:], 1e-6))])
+    fine = np.linspace(0.0, t[-1], max(2, int(t[-1] / FINE)))
+    i = np.clip(np.searchsorted(t, fine, side="right") - 1, 0, GRID - 1)
+    dt = fine - t[i]
+    acceleration = (rate[i + 1] - rate[i]) / (t[i + 1] - t[i])
+    return fine, np.clip(grid[i] + rate[i] * dt + 0.5 * acceleration * dt**2, s[0], s[-1])
+
+
+class _WithLengths(toppra.interpolator.AbstractGeometricPath):
+    """A joint path, with the tools' travelled lengths as further coordinates."""
+
+    def __init__(self, curve: CubicSpline, lengths: CubicSpline | None) -> None:
+        self._curves = (curve,) if lengths is None else (curve, lengths)
+        self._dof = sum(c(0.0).shape[0] for c in self._curves)
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        return np.concatenate([c(s, order) for c in self._curves], axis=-1)
+
+    @property
+    def dof(self) -> int:
+        return self._dof
+
+    @property
+    def path_interval(self) -> Array:
+        return np.array([self._curves[0].x[0], self._curves[0].x[-1]])
+
+    @property
+    def waypoints(self) -> None:
+        return None
+
+
+def _finish(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmTrajectory:
+    """Steps 2 and 3: smooth the law (t, s), then stretch time until every limit is kept."""
+    law, duration = _smooth(t, s, _kernel_width(limits))
+    stretch = 1.0
+    for _ in range(6):
+        trajectory = _tabulate(curve, law, duration, stretch)
+        over = peaks(trajectory, limits)
+        if over.worst <= 1.0:
+            return trajectory
+        stretch *= over.stretch * 1.002
+    return trajectory
+
+
+def _smooth(t: Array, s: Array, width: float) -> tuple[make_interp_spline, float]:
+    """s(t) averaged twice over windows of `width`, at rest before and after: a C4 spline and its duration."""
+    k = max(1, round(width / FINE))
+    n = int(np.ceil(t[-1] / FINE))
+    raw = np.interp(np.arange(-2 * k, n + 2 * k + 1) * FINE, t, s)
+    box = np.ones(k) / k
+    smooth = np.convolve(np.convolve(raw, box, mode="valid"), box, mode="valid")
+    moving = np.flatnonzero((smooth > s[0] + 1e-12) & (smooth < s[-1] - 1e-12))
+    first, last = max(moving[0] - 1, 0), min(moving[-1] + 1, len(smooth) - 1)
+    smooth = smooth[first : last + 1]
+    smooth[0], smooth[-1] = s[0], s[-1]
+    time = np.arange(len(smooth)) * FINE
+    # Every fifth sample: the spline needs to follow the kernel, not the grid.
+    pick = np.unique(np.concatenate([np.arange(0, len(time), 5), [len(time) - 1]]))
+    still = [(1, 0.0), (2, 0.0)]
+    return make_interp_spline(time[pick], smooth[pick], k=5, bc_type=(still, still)), float(time[-1])
+
+
+def _tabulate(curve: CubicSpline, law: make_interp_spline, duration: float, stretch: float) -> ArmTrajectory:
+    t = _ticks(duration * stretch)
+    u = t / stretch
+    u[-1] = duration
+    s, rate, change = law(u), law(u, 1)[:, None] / stretch, law(u, 2)[:, None] / stretch**2
+    q, slope, bend = curve(s), curve(s, 1), curve(s, 2)
+    qd, qdd = slope * rate, bend * rate**2 + slope * change
+    qd[0] = qd[-1] = 0.0
+    return ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))

@@ -1,0 +1,110 @@
+"""The garment's boundary to a fraction of a pixel, from the colours on both sides of it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+
+__all__ = ["outward_normals", "refine_boundary", "smooth_closed"]
+
+_REACH = 6.0
+"""How far from the mask's boundary the true one is looked for [px]."""
+
+
+def refine_boundary(
+    mask: NDArray[np.bool_], rgb: NDArray[np.uint8], table: NDArray[np.float32] | None
+) -> tuple[Array, float]:
+    """Sub-pixel contour (n, 2) (column, row) of a mask, and the share of it that was clear to see (0..1).
+
+    A pixel on the boundary is a mixture a G + (1 - a) s T of the garment's colour G and the table's T,
+    darkened by some shadow s. Along a direction w orthogonal to T, I.w = a G.w whatever s is: the boundary
+    is where that a falls through 1/2. Where garment and table differ in brightness only, w = G - T.
+    table: (H, W, 3), the table's colour without garment; None: what is seen outside stands in for it.
+    """
+    pixels = _trace(mask)
+    points = smooth_closed(pixels, 2.0)
+    normals = outward_normals(points)
+    offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
+    at = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+    profile = smooth_closed(_sample(rgb.astype(np.float32) + 8.0, at), 1.5)
+    inside = profile[:, offsets < -3.0].mean(axis=1)
+    outside = profile[:, offsets > 3.0].mean(axis=1)
+    beneath = outside[:, None, :] if table is None else smooth_closed(_sample(table, at), 1.5)
+    opacity, contrast = _opacity(profile, inside, outside, beneath)
+    shift, found = _crossing(opacity, offsets)
+    clear = found & (contrast > 6.0)
+    shift = _steady(np.where(clear, shift, 0.0))
+    return points + shift[:, None] * normals, float(np.mean(clear))
+
+
+def outward_normals(points: Array) -> Array:
+    """Unit normals (n, 2) of a closed contour, away from its inside whichever way it runs."""
+    tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    x, y = points.T
+    area = x @ np.roll(y, -1) - np.roll(x, -1) @ y
+    return np.stack([tangent[:, 1], -tangent[:, 0]], axis=1) * (1.0 if area > 0 else -1.0)
+
+
+def smooth_closed(values: Array, sigma: float) -> Array:
+    """Gaussian smoothing along the first axis of a closed sequence."""
+    reach = int(np.ceil(3 * sigma))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    kernel /= kernel.sum()
+    if len(values) <= 2 * reach:
+        return values
+    flat: Array = values.reshape(len(values), -1).astype(np.float64)
+    padded = np.concatenate([flat[-reach:], flat, flat[:reach]])
+    smoothed: Array = np.asarray(cv2.filter2D(padded, -1, kernel[:, None]), dtype=np.float64)[reach:-reach]
+    return smoothed.reshape(values.shape)
+
+
+def _trace(mask: NDArray[np.bool_]) -> Array:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    longest = max(contours, key=len).reshape(-1, 2).astype(float)
+    # findContours walks the centres of the outermost pixels; the edge lies half a pixel further out.
+    return longest + 0.5 * outward_normals(smooth_closed(longest, 2.0))
+
+
+def _sample(image: NDArray[np.float32], at: Array) -> Array:
+    return cv2.remap(
+        image, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    ).astype(float)
+
+
+def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> tuple[Array, Array]:
+    """How much of each sample is garment (n, m), and the contrast it was judged by (n,) [grey levels]."""
+    unit = beneath / np.linalg.norm(beneath, axis=2, keepdims=True)
+    garment = inside[:, None, :]
+    w = garment - (garment * unit).sum(axis=2, keepdims=True) * unit
+    hue = np.linalg.norm(w, axis=2)
+    by_hue = (profile * w).sum(axis=2) / np.maximum(hue**2, 1e-6)
+    step = inside - outside
+    contrast = np.linalg.norm(step, axis=1)
+    by_light = ((profile - outside[:, None, :]) * step[:, None, :]).sum(axis=2) / np.maximum(
+        contrast**2, 1e-6
+    )[:, None]
+    trust = np.clip((hue.mean(axis=1) - 10.0) / 15.0, 0.0, 1.0)[:, None]
+    return trust * by_hue + (1 - trust) * by_light, np.maximum(hue.mean(axis=1), contrast)
+
+
+def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Where each profile falls through 1/2, nearest to the mask's own boundary."""
+    falls = (opacity[:, :-1] >= 0.5) & (opacity[:, 1:] < 0.5)
+    drop = np.maximum(opacity[:, :-1] - opacity[:, 1:], 1e-9)
+    where = offsets[:-1] + (opacity[:, :-1] - 0.5) / drop * (offsets[1] - offsets[0])
+    cost = np.where(falls, np.abs(where), np.inf)
+    best = np.argmin(cost, axis=1)
+    rows = np.arange(len(opacity))
+    return where[rows, best], np.isfinite(cost[rows, best])
+
+
+def _steady(shift: Array, width: int = 7) -> Array:
+    """Running median along the contour: one odd profile does not bend it."""
+    half = width // 2
+    padded = np.concatenate([shift[-half:], shift, shift[:half]])
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)

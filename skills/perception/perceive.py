@@ -1,0 +1,355 @@
+"""From one picture to the garment on the table, or to the reason why there is none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import frozen
+from skills.perception.classify import Match, classify, polygon_iou
+from skills.perception.register import Registration, RegistrationSettings, register
+from skills.perception.segment import (
+    Segmentation,
+    SegmentationSettings,
+    segment_plain,
+    segment_reference,
+    segment_watershed,
+)
+from skills.perception.template import GarmentOutline
+from skills.perception.view import RectifiedView, TableView
+from skills.vocabulary import (
+    CameraCalibration,
+    CameraFrame,
+    Failure,
+    FailureKind,
+    GarmentState,
+    Outcome,
+    Table,
+)
+
+__all__ = ["Perception", "PerceptionSettings", "camera_fault", "garment_height", "perceive", "touches_border"]
+
+
+@dataclass(frozen=True)
+class PerceptionSettings:
+    """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
+
+    method: 'reference' (falls back to 'plain' without a picture of the empty table), 'plain' or
+    'watershed' (the paper's).
+    """
+
+    pixel: float = 0.002
+    method: str = "reference"
+    segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    lowest_segmentation: float = 0.5
+    known_iou: float = 0.80
+    """A silhouette that overlaps no template better than this is of an unknown garment."""
+    category_margin: float = 0.03
+    """The expected category is accepted when the best one overlaps no better than by this."""
+    size_tolerance: float = 0.20
+    """Relative difference from the nominal size beyond which it is not the expected garment."""
+    flat_height: float = 0.025
+    """95th percentile of height over a garment that lies flat."""
+    border: float = 0.006
+    lowest_confidence: float = 0.6
+    dark_level: float = 6.0
+    depth_holes: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Perception:
+    """What was seen: the state for planning, and what it was made of for the record and the overlay.
+
+    garment: name of the one whose template fits. rgb, height, mask: in `view`'s pixels, as is the contour
+    of `segmentation`. matches: all candidates, best first.
+    """
+
+    state: GarmentState
+    garment: str
+    registration: Registration
+    segmentation: Segmentation
+    matches: tuple[Match, ...]
+    view: TableView
+    rgb: NDArray[np.uint8]
+    height: NDArray[np.float32]
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        return self.segmentation.mask
+
+
+class _Stages:
+    """Wall times of the stages: for the record; nothing is decided by them."""
+
+    def __init__(self) -> None:
+        self.notes: dict[str, float | int | str] = {}
+        self._last = time.perf_counter()
+
+    def done(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.notes[f"{stage}_time_s"] = now - self._last
+        self._last = now
+
+
+def perceive(
+    frame: CameraFrame,
+    calibration: CameraCalibration,
+    table: Table,
+    reference: CameraFrame | None,
+    garments: Sequence[GarmentOutline],
+    expected: str | None = None,
+    settings: PerceptionSettings | None = None,
+    previous: CameraFrame | None = None,
+) -> Outcome[Perception]:
+    """Segment, classify and register the garment in one picture.
+
+    reference: picture of the empty table. garments: what it can be. expected: a garment's name, or None to
+    let the picture say. previous: an earlier picture, to tell a frozen camera.
+
+    Fails with CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH or
+    LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
+    """
+    settings = settings or PerceptionSettings()
+    wanted = _wanted(garments, expected)
+    stages = _Stages()
+
+    def failed(failure: Failure) -> Outcome[Perception]:
+        return Outcome(failure=failure, notes=stages.notes)
+
+    fault = camera_fault(frame, calibration, previous, settings)
+    if fault is None and reference is not None:
+        fault = camera_fault(reference, calibration, None, settings)
+    if fault is not None:
+        return failed(fault)
+    view = TableView(calibration, table, settings.pixel)
+    seen = view.rectify(frame)
+    empty = view.rectify(reference) if reference is not None else None
+    height = height_above(seen, empty)
+    stages.done("view")
+
+    segmentation = segment(seen, empty, height, settings)
+    stages.done("segment")
+    stages.notes["segmentation_confidence"] = segmentation.confidence
+    failure = _not_usable(segmentation, view, height, settings)
+    if failure is not None:
+        return failed(failure)
+
+    top = garment_height(segmentation.mask, height)
+    contour = view.to_table(segmentation.contour, top)
+    matches = classify(contour, garments)
+    stages.done("classify")
+    chosen, failure = _choose(matches, wanted, settings)
+    if chosen is None or failure is not None:
+        return failed(failure or Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
+    garment = next(g for g in garments if g.name == chosen.name)
+    registration = register(contour, garment, settings.registration)
+    stages.done("register")
+
+    iou = polygon_iou(registration.contour, contour)
+    confidence = _confidence(segmentation, iou, registration)
+    stages.notes |= {
+        "iou": iou, "scale": chosen.scale, "confidence": confidence,
+        "boundary_rms_m": registration.residual, "updates": len(registration.history) - 1,
+        "garment_height_m": top,
+    }
+    if confidence < settings.lowest_confidence:
+        return failed(
+            Failure(
+                FailureKind.LOW_CONFIDENCE,
+                f"the outline of {garment.name} fits only with confidence {confidence:.2f}",
+                "straighten the garment, or check light and the empty table's picture",
+                {"confidence": confidence, "iou": iou, "boundary_rms_m": registration.residual},
+            )
+        )
+    state = GarmentState(
+        garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
+    )
+    value = Perception(
+        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height)
+    )
+    return Outcome(value=value, notes=stages.notes)
+
+
+def camera_fault(
+    frame: CameraFrame,
+    calibration: CameraCalibration,
+    previous: CameraFrame | None = None,
+    settings: PerceptionSettings | None = None,
+) -> Failure | None:
+    """Why a picture cannot be used: wrong size, black, without depth, or the same as `previous`."""
+    settings = settings or PerceptionSettings()
+    want = (calibration.intrinsics.height, calibration.intrinsics.width)
+    hint = "check the camera's cable, exposure and driver, then look again"
+    if frame.rgb.shape != (*want, 3) or frame.depth.shape != want:
+        return Failure(
+            FailureKind.CAMERA_FAULT,
+            f"the camera is calibrated for {want[1]} x {want[0]} pixels, the picture has "
+            f"{frame.rgb.shape[1]} x {frame.rgb.shape[0]}, its depth {frame.depth.shape[1]} x "
+            f"{frame.depth.shape[0]}",
+            "set the camera's resolution back, or calibrate it anew",
+        )
+    level = float(frame.rgb[::4, ::4].mean())
+    if level < settings.dark_level:
+        return Failure(FailureKind.CAMERA_FAULT, "the picture is black", hint, {"mean_level": level})
+    holes = float(np.mean(~np.isfinite(frame.depth)))
+    if holes > settings.depth_holes:
+        return Failure(
+            FailureKind.CAMERA_FAULT, f"{holes:.0%} of the depth is missing", hint, {"depth_holes": holes}
+        )
+    if previous is not None and _frozen_camera(frame, previous):
+        return Failure(
+            FailureKind.CAMERA_FAULT, "the camera repeats its last picture", hint,
+            {"sequence": frame.sequence, "stamp_s": frame.stamp},
+        )
+    return None
+
+
+def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
+    """Noise makes two pictures of a still scene differ; a frozen camera gives the same bits again."""
+    if frame is previous or frame.stamp == previous.stamp:
+        return False
+    return frame.sequence == previous.sequence or (
+        np.array_equal(frame.rgb, previous.rgb)
+        and np.array_equal(frame.depth, previous.depth, equal_nan=True)
+    )
+
+
+def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np.float32]:
+    """Height above the table as it was measured empty, which takes the calibration's error away [m]."""
+    if empty is None:
+        return seen.height
+    known = np.where(np.isfinite(empty.height), empty.height, np.float32(0.0))
+    return seen.height - cv2.GaussianBlur(known, (0, 0), 4.0)
+
+
+def segment(
+    seen: RectifiedView,
+    empty: RectifiedView | None,
+    height: NDArray[np.float32],
+    settings: PerceptionSettings,
+) -> Segmentation:
+    """The garment by the method that `settings` names."""
+    if settings.method == "watershed":
+        return segment_watershed(seen.rgb, seen.valid, settings.segmentation)
+    if settings.method == "plain" or empty is None:
+        return segment_plain(seen.rgb, seen.valid, height, settings.segmentation)
+    if settings.method == "reference":
+        return segment_reference(seen.rgb, empty.rgb, seen.valid, height, settings.segmentation)
+    raise ValueError(f"method {settings.method!r} is none of reference, plain, watershed")
+
+
+def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
+    """Whether a region comes within `margin` pixels of where the view ends."""
+    size = 2 * margin + 1
+    inner = cv2.erode(valid.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
+    return bool((mask & ~inner).any())
+
+
+def _wanted(garments: Sequence[GarmentOutline], expected: str | None) -> GarmentOutline | None:
+    if expected is None:
+        return None
+    for garment in garments:
+        if garment.name == expected:
+            return garment
+    raise ValueError(f"{expected!r} is none of {[g.name for g in garments]}")
+
+
+def _not_usable(
+    segmentation: Segmentation, view: TableView, height: NDArray[np.float32], settings: PerceptionSettings
+) -> Failure | None:
+    if not segmentation.found:
+        return Failure(
+            FailureKind.NO_GARMENT, "no garment is seen on the table", "lay one flat in the camera's view"
+        )
+    if segmentation.confidence < settings.lowest_segmentation:
+        return Failure(
+            FailureKind.LOW_CONFIDENCE,
+            f"the garment's boundary is clear over {segmentation.confidence:.0%} of its length only",
+            "a fabric of the table's colour, or changed light: take a new picture of the empty table",
+            {"segmentation_confidence": segmentation.confidence},
+        )
+    if touches_border(segmentation.mask, view.valid, max(round(settings.border / view.pixel), 1)):
+        return Failure(
+            FailureKind.OUT_OF_VIEW,
+            "the garment reaches beyond the camera's view or the table's edge",
+            "lay it nearer to the middle of the table",
+        )
+    top = _bulk(segmentation.mask, height)
+    if top > settings.flat_height:
+        return Failure(
+            FailureKind.NOT_FLAT,
+            f"the garment stands {top * 1e3:.0f} mm above the table",
+            "spread it flat",
+            {"height_m": top},
+        )
+    return None
+
+
+def _bulk(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
+    """95th percentile of the smoothed height over a mask [m]; 0 where depth knows nothing of it."""
+    smooth = smooth_height(height)
+    samples = smooth[mask & np.isfinite(smooth)]
+    return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
+
+
+def garment_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
+    """Mean height of a garment [m], 0..0.02: the plane in which its outline lies. 0 without depth."""
+    samples = height[mask & np.isfinite(height)]
+    return float(np.clip(samples.mean(dtype=float), 0.0, 0.02)) if len(samples) > 1000 else 0.0
+
+
+def smooth_height(height: NDArray[np.float32], size: int = 9) -> NDArray[np.float32]:
+    """Mean over a square of `size` pixels, of what the sensor saw there; NaN where it saw too little."""
+    known = np.isfinite(height)
+    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
+    share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
+    return np.where(share > 0.25, total / np.maximum(share, 1e-6), np.float32(np.nan)).astype(np.float32)
+
+
+def _choose(
+    matches: tuple[Match, ...], wanted: GarmentOutline | None, settings: PerceptionSettings
+) -> tuple[Match | None, Failure | None]:
+    if not matches:
+        return None, None
+    best = max(matches, key=lambda m: m.iou)
+    values = {"best": best.name, "best_iou": best.iou, "scale": best.scale}
+    if best.iou < settings.known_iou:
+        return None, Failure(
+            FailureKind.UNKNOWN_GARMENT,
+            f"the silhouette is of no known garment (nearest {best.name}, overlap {best.iou:.2f})",
+            "spread the garment flat, or make a template with `foldcell garment new`",
+            values,
+        )
+    if wanted is None:
+        return matches[0], None
+    ours = next(m for m in matches if m.name == wanted.name)
+    if best.category != wanted.category and ours.iou < best.iou - settings.category_margin:
+        return None, Failure(
+            FailureKind.CATEGORY_MISMATCH,
+            f"expected {wanted.name}, but the silhouette is of category {best.category}",
+            "put the expected garment on the table, or name the right one",
+            {**values, "expected": wanted.name, "expected_iou": ours.iou},
+        )
+    if abs(np.log(ours.scale)) > np.log1p(settings.size_tolerance):
+        return None, Failure(
+            FailureKind.CATEGORY_MISMATCH,
+            f"expected {wanted.name}, but the garment is {ours.scale:.2f} times its size",
+            "put the expected garment on the table, or name the right one",
+            {**values, "expected": wanted.name, "scale": ours.scale},
+        )
+    return ours, None
+
+
+def _confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
+    """Product of three shares: clear boundary, overlap (0.85..0.97 -> 0..1), fit (20..5 mm -> 0..1)."""
+    overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
+    fit = float(np.clip((0.020 - registration.residual) / 0.015, 0.0, 1.0))
+    return segmentation.confidence * overlap * fit
+
+

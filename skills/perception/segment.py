@@ -1,0 +1,313 @@
+"""Which pixels are garment: three methods on the rectified view, one result.
+
+`segment_reference` (the default) compares with a picture of the empty table. A shadow scales a colour but
+hardly turns it, so that the comparison is made in log colour, where light is a common offset: a pixel that
+is the table's colour times some factor below 1 can be shadow; the rest is garment. The garment's own
+colours, learnt from what is surely garment, then decide the doubtful pixels.
+
+`segment_plain` does the same with a smooth table colour fitted to the view's rim, when there is no
+reference. `segment_watershed` is the paper's: corners are background, the centre is foreground (Vincent and
+Soille 1991).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.perception.boundary import refine_boundary
+
+__all__ = [
+    "Segmentation",
+    "SegmentationSettings",
+    "segment_plain",
+    "segment_reference",
+    "segment_watershed",
+]
+
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Field = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class SegmentationSettings:
+    """Lengths in view pixels, colours in units of the natural logarithm of intensity."""
+
+    deepest_shadow: float = 1.0
+    """A shadow may darken the table to exp(-1.0) = 37 %."""
+    surely_garment: float = 6.0
+    """Distance from every shade of the table, in standard deviations."""
+    dark_offset: float = 0.12
+    """What is darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
+    shadow_rim: int = 13
+    """Cast shadows of a flat garment are narrower than this."""
+    garment_height: float = 0.0006
+    """Mean height over a dark region that tells cloth from shadow [m]."""
+    smallest_area: int = 2500
+    """Smaller regions are no garment (1 dm2 at 2 mm a pixel)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """mask: (H, W) bool. contour: (n, 2) sub-pixel (column, row), one per pixel of boundary, not closed.
+
+    confidence: 0..1, the share of the boundary where cloth and table could be told apart, times the share
+    of the foreground that this one region holds. An empty mask has confidence 0 and no contour.
+    """
+
+    mask: Mask
+    contour: Array
+    confidence: float
+
+    @property
+    def found(self) -> bool:
+        return len(self.contour) > 0
+
+
+def segment_reference(
+    rgb: Image,
+    reference: Image,
+    valid: Mask,
+    height: Field | None = None,
+    settings: SegmentationSettings | None = None,
+) -> Segmentation:
+    """Garment against a picture of the empty table, both (H, W, 3) uint8 in the same view.
+
+    valid: (H, W), where both pictures see the table. height: (H, W) [m] above the empty table's own
+    measured height, NaN where unknown; it decides only whether a dark, wide region is cloth or shadow.
+    """
+    settings = settings or SegmentationSettings()
+    image, table = _log_colour(rgb), _log_colour(reference)
+    table = table + _light_change(image - table, valid)
+    noise = _noise_scale(rgb)
+    doubt = _distance_from_table(image - table, noise, valid, settings)
+    core = _core(doubt, image - table, valid, height, settings)
+    if np.count_nonzero(core) < settings.smallest_area // 4:
+        return _nothing(valid.shape)
+    likeness = _distance_from_garment(image, noise, core)
+    garment = (doubt > likeness) & (doubt > 3.0) & valid
+    mask, share = _clean(garment | core, settings)
+    if not mask.any():
+        return _nothing(valid.shape)
+    contour, clear = refine_boundary(mask, rgb, np.exp(table))
+    return Segmentation(_filled(contour, valid), contour, share * clear)
+
+
+def segment_plain(
+    rgb: Image, valid: Mask, height: Field | None = None, settings: SegmentationSettings | None = None
+) -> Segmentation:
+    """Garment on a table of one colour, which is fitted to the rim of the view (a plane in log colour)."""
+    return segment_reference(rgb, _fitted_table(rgb, valid), valid, height, settings)
+
+
+def segment_watershed(
+    rgb: Image, valid: Mask, settings: SegmentationSettings | None = None
+) -> Segmentation:
+    """The paper's: watershed from the four corners (background) and the centre (foreground)."""
+    settings = settings or SegmentationSettings()
+    rows, columns = np.nonzero(valid)
+    top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
+    radius = max(min(bottom - top, right - left) // 20, 2)
+    markers = np.zeros(valid.shape, np.int32)
+    for row in (top + radius, bottom - radius):
+        inside = np.flatnonzero(valid[row])
+        for column in (inside[0] + radius, inside[-1] - radius):
+            cv2.circle(markers, (int(column), int(row)), int(radius), 1, -1)
+    cv2.circle(markers, (int(left + right) // 2, int(top + bottom) // 2), int(radius), 2, -1)
+    markers[~valid] = 1
+    labels = cv2.watershed(np.ascontiguousarray(cv2.medianBlur(rgb, 5)), markers)
+    mask, share = _clean(labels == 2, settings)
+    if not mask.any():
+        return _nothing(valid.shape)
+    contour, clear = refine_boundary(mask, rgb, None)
+    return Segmentation(_filled(contour, valid), contour, share * clear)
+
+
+def _nothing(shape: tuple[int, ...]) -> Segmentation:
+    return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0)
+
+
+def _filled(contour: Array, valid: Mask) -> Mask:
+    """The pixels whose centres lie within a sub-pixel contour."""
+    # Four times finer than the picture: fillPoly also paints every cell that the outline touches.
+    fine = np.zeros((4 * valid.shape[0], 4 * valid.shape[1]), np.uint8)
+    cv2.fillPoly(fine, [np.round((contour + 0.5) * 4 * 16 - 8).astype(np.int32)], 255, shift=4)
+    image = cv2.resize(fine, (valid.shape[1], valid.shape[0]), interpolation=cv2.INTER_AREA)
+    return (image > 127) & valid
+
+
+def _log_colour(rgb: Image) -> Field:
+    """The offset keeps the noise of dark pixels finite."""
+    smooth = cv2.GaussianBlur(rgb, (0, 0), 0.8).astype(np.float32)
+    return np.log(smooth + 8.0)
+
+
+def _noise_scale(rgb: Image) -> Field:
+    """Noise of log colour grows as 1 / intensity."""
+    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), 2.0).astype(np.float32)
+    return 128.0 / (grey + 8.0)
+
+
+def _light_change(difference: Field, valid: Mask) -> Field:
+    """How the light (or the exposure) changed since the reference: a plane per channel, (H, W, 3).
+
+    Fitted to the pixels that agree with the commonest change; the garment is an outlier.
+    """
+    rows, columns = valid.shape
+    r, c = np.mgrid[0:rows:6, 0:columns:6]
+    keep = valid[r, c]
+    r, c = r[keep], c[keep]
+    d = difference[r, c].astype(float)
+    basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
+    centre = np.array([_mode(channel) for channel in d.T])
+    plane = np.zeros((3, 3))
+    plane[0] = centre
+    for tolerance in (0.12, 0.08, 0.08):
+        inlier = np.abs(d - basis @ plane).max(axis=1) < tolerance
+        if np.count_nonzero(inlier) < 50:
+            break
+        plane = np.linalg.lstsq(basis[inlier], d[inlier], rcond=None)[0]
+    along = (np.arange(rows) / rows - 0.5).astype(np.float32)[:, None, None]
+    across = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, :, None]
+    p = plane.astype(np.float32)
+    return p[0] + along * p[1] + across * p[2]
+
+
+def _mode(values: Array) -> float:
+    """The commonest value, from a smoothed histogram 0.02 wide."""
+    edges = np.arange(-2.0, 2.02, 0.02)
+    counts, _ = np.histogram(np.clip(values, -1.99, 1.99), edges)
+    best = int(np.argmax(np.convolve(counts, np.ones(5), mode="same")))
+    near = values[np.abs(values - (edges[best] + 0.01)) < 0.05]
+    return float(np.median(near)) if len(near) else 0.0
+
+
+def _opponent(colour: Field) -> tuple[Field, Field, Field]:
+    """Log luminance and the two log chromaticities, which no change of light's strength alters."""
+    r, g, b = colour[..., 0], colour[..., 1], colour[..., 2]
+    return (r + g + b) / 3.0, (r - g) / np.float32(2**0.5), (r + g - 2.0 * b) / np.float32(6**0.5)
+
+
+def _distance_from_table(
+    difference: Field, noise: Field, valid: Mask, settings: SegmentationSettings
+) -> Field:
+    """Distance of each pixel from the table in any shade, in standard deviations (H, W)."""
+    light, c1, c2 = _opponent(difference)
+    table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
+    chroma_sigma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006) * noise
+    light_sigma = max(_spread(light, noise, table), 0.02) * noise
+    beyond = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
+    return np.sqrt((c1 * c1 + c2 * c2) / chroma_sigma**2 + (beyond / light_sigma) ** 2)
+
+
+def _spread(values: Field, noise: Field, where: Mask) -> float:
+    """Robust standard deviation of values / noise."""
+    sample = (values[where] / noise[where])[::7]
+    return float(1.4826 * np.median(np.abs(sample - np.median(sample)))) if len(sample) > 20 else 0.03
+
+
+def _core(
+    doubt: Field, difference: Field, valid: Mask, height: Field | None, settings: SegmentationSettings
+) -> Mask:
+    """What is surely garment: no shade of the table, or a wide dark region that stands above it."""
+    core = _open((doubt > settings.surely_garment) & valid, 5)
+    dark = (_opponent(difference)[0] < -settings.dark_offset) & valid & ~core
+    dark = _open(dark, settings.shadow_rim)
+    if not dark.any():
+        return core
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8))
+    for i in range(1, count):
+        region = labels == i
+        if stats[i, cv2.CC_STAT_AREA] >= 200 and _stands_up(region, height, settings):
+            core |= region
+    return core
+
+
+def _stands_up(region: Mask, height: Field | None, settings: SegmentationSettings) -> bool:
+    """Cloth by its height; without depth a wide dark region is taken for cloth."""
+    if height is None:
+        return True
+    samples = height[region]
+    samples = samples[np.isfinite(samples)]
+    return len(samples) < 50 or float(samples.mean()) > settings.garment_height
+
+
+def _distance_from_garment(image: Field, noise: Field, core: Mask) -> Field:
+    """Distance of each pixel from the nearest of three colours learnt inside `core` (H, W)."""
+    inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    where = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
+    channels = np.stack(_opponent(image), axis=-1)
+    sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
+    centres, covariances = _colours(sample)
+    level = float(np.median(noise.ravel()[where]))
+    best = np.full(image.shape[:2], np.inf, np.float32)
+    for centre, covariance in zip(centres, covariances, strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(covariance)).astype(np.float32)
+        z = (channels - centre.astype(np.float32)) @ root.T
+        best = np.minimum(best, np.einsum("...i,...i->...", z, z))
+    return np.sqrt(best) * level / np.maximum(noise, level)
+
+
+def _colours(sample: Array, count: int = 3) -> tuple[list[Array], list[Array]]:
+    """Cluster centres (3,) and covariances (3, 3) by Lloyd's algorithm from luminance quantiles."""
+    order = np.argsort(sample[:, 0], kind="stable")
+    centres = sample[order[[int(len(order) * (i + 0.5) / count) for i in range(count)]]]
+    scale = np.array([0.3, 1.0, 1.0])
+    label = np.zeros(len(sample), int)
+    for _ in range(8):
+        gap = (sample[:, None] - centres[None]) * scale
+        label = np.argmin((gap**2).sum(axis=2), axis=1)
+        centres = np.array(
+            [sample[label == i].mean(axis=0) if (label == i).any() else centres[i] for i in range(count)]
+        )
+    floor = np.diag([0.04**2, 0.012**2, 0.012**2])
+    kept = [i for i in range(count) if np.count_nonzero(label == i) > 20]
+    return [centres[i] for i in kept], [np.cov(sample[label == i].T) + floor for i in kept]
+
+
+def _open(mask: Mask, size: int) -> Mask:
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, ball) > 0
+
+
+def _clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, float]:
+    """The largest region, closed, opened and without holes; and its share of all the foreground."""
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    work = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ball)
+    work = cv2.morphologyEx(work, cv2.MORPH_OPEN, ball)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(work)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    if count < 2 or areas.max() < settings.smallest_area:
+        return np.zeros(mask.shape, bool), 0.0
+    largest = (labels == 1 + int(np.argmax(areas))).astype(np.uint8)
+    contours, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(largest, contours, -1, 1, thickness=cv2.FILLED)
+    rivals = areas[areas > settings.smallest_area // 10].sum()
+    return largest > 0, float(areas.max() / max(rivals, areas.max()))
+
+
+def _fitted_table(rgb: Image, valid: Mask) -> Image:
+    """A table picture guessed from the rim of the view: a plane in log colour, outliers left out."""
+    rows, columns = valid.shape
+    inner = cv2.erode(valid.astype(np.uint8), np.ones((41, 41), np.uint8), borderValue=0) > 0
+    rim = valid & ~inner
+    r, c = np.nonzero(rim)
+    r, c = r[::11], c[::11]
+    colour = _log_colour(rgb)
+    d = colour[r, c].astype(float)
+    basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
+    keep = np.ones(len(r), bool)
+    plane = np.zeros((3, 3))
+    for _ in range(4):
+        plane = np.linalg.lstsq(basis[keep], d[keep], rcond=None)[0]
+        residual = np.abs(d - basis @ plane).max(axis=1)
+        keep = residual <= max(2.0 * float(np.median(residual)), 1e-3)
+    along = (np.arange(rows) / rows - 0.5)[:, None, None]
+    across = (np.arange(columns) / columns - 0.5)[None, :, None]
+    table = np.exp(plane[0] + along * plane[1] + across * plane[2]) - 8.0
+    return np.clip(table, 0, 255).astype(np.uint8)

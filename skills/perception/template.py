@@ -1,0 +1,104 @@
+"""What perception has to know of a garment: its name, its category and its outline with named corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from robots.ports import Array, frozen
+
+__all__ = ["GarmentOutline", "Template", "polygon_area", "symmetries"]
+
+
+class GarmentOutline(Protocol):
+    """Any garment that perception can look for; `skills.garments` has the full one.
+
+    template: (k, 2) [m] at nominal size, centred on 0, in the orientation as laid (table frame's axes);
+    its vertices are the key points, in the order of `keypoints`.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def category(self) -> str: ...
+
+    @property
+    def keypoints(self) -> tuple[str, ...]: ...
+
+    @property
+    def template(self) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """The smallest `GarmentOutline`: for a silhouette without a fold plan."""
+
+    name: str
+    category: str
+    keypoints: tuple[str, ...]
+    template: Array
+
+    def __post_init__(self) -> None:
+        polygon = np.asarray(self.template, dtype=float)
+        if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
+            raise ValueError(f"template of {self.name!r} must be (k >= 3, 2), not {polygon.shape}")
+        if len(self.keypoints) != len(polygon):
+            raise ValueError(f"{self.name!r}: {len(self.keypoints)} names for {len(polygon)} key points")
+        if abs(polygon_area(polygon)) < 1e-6:
+            raise ValueError(f"template of {self.name!r} has no area")
+        object.__setattr__(self, "template", frozen(polygon.copy()))
+
+
+def polygon_area(polygon: Array) -> float:
+    """Signed area of a closed polygon (k, 2): positive when it runs counter-clockwise [unit^2]."""
+    x, y = np.asarray(polygon, dtype=float).T
+    return 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
+
+
+def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
+    """The symmetries of a silhouette that no picture of it can resolve, by name.
+
+    'rotated_90' and 'rotated_180' about the centroid; 'mirrored' when some mirror image coincides with it
+    after a rotation (front and back look alike). tolerance: largest boundary distance, relative to the
+    polygon's diagonal.
+    """
+    outline = _resample(polygon, 200)
+    outline = outline - _centroid(polygon)
+    largest = tolerance * float(np.linalg.norm(np.ptp(outline, axis=0)))
+    tree = cKDTree(outline)
+
+    def coincides(image: Array) -> bool:
+        return bool(tree.query(image)[0].max() <= largest)
+
+    turns = (("rotated_90", np.pi / 2), ("rotated_180", np.pi))
+    names = [name for name, angle in turns if coincides(outline @ _rotation(angle).T)]
+    # A mirror axis of a silhouette is an axis of its second moments, or those are equal in all directions
+    # (then eighths of a turn are tried, which a square needs).
+    _, axes = np.linalg.eigh(np.cov(outline.T))
+    tilt = 2.0 * float(np.arctan2(axes[1, 1], axes[0, 1]))
+    mirrored = outline * np.array([1.0, -1.0])
+    if any(coincides(mirrored @ _rotation(tilt + k * np.pi / 4).T) for k in range(8)):
+        names.append("mirrored")
+    return tuple(names)
+
+
+def _rotation(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _centroid(polygon: Array) -> Array:
+    following = np.roll(polygon, -1, axis=0)
+    cross = polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]
+    return ((polygon + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+
+
+def _resample(polygon: Array, n: int) -> Array:
+    closed = np.vstack([polygon, polygon[:1]])
+    arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
+    s = np.linspace(0.0, arc[-1], n, endpoint=False)
+    return np.stack([np.interp(s, arc, closed[:, 0]), np.interp(s, arc, closed[:, 1])], axis=1)

@@ -1,0 +1,121 @@
+"""The rectified table view: pixels become metres before anything else happens.
+
+The camera sees the table plane through a homography, H = K (r1 r2 t) of the pinhole model (Hartley and
+Zisserman, Multiple View Geometry, section 8.1.1). Resampling the picture by it gives an image in which a
+pixel is a square of fixed size on the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array, CameraFrame
+from skills.vocabulary import CameraCalibration, Table
+
+__all__ = ["RectifiedView", "TableView"]
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedView:
+    """One picture in table coordinates.
+
+    rgb: (H, W, 3) uint8; height: (H, W) float32 above the table [m], NaN where the sensor saw nothing;
+    valid: (H, W) bool, where the camera sees the table at all.
+    """
+
+    rgb: NDArray[np.uint8]
+    height: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+
+
+class TableView:
+    """A picture from straight above the table, as the robot would see it: far is up, left is left.
+
+    Row 0 is at the table's largest x, column 0 at its largest y. `pixel`: edge of a pixel on the table [m].
+    Pixel coordinates are (column, row); whole numbers are the pixels' centres. What stands above the table
+    appears where its line of sight meets z = 0: `shadow_on_table` says where.
+    """
+
+    def __init__(self, calibration: CameraCalibration, table: Table, pixel: float = 0.002) -> None:
+        self.pixel = pixel
+        self.shape = (round((table.x[1] - table.x[0]) / pixel), round((table.y[1] - table.y[0]) / pixel))
+        if min(self.shape) < 8:
+            raise ValueError(f"table {table.x} x {table.y} m is too small for pixels of {pixel} m")
+        self._x_far, self._y_left = table.x[1], table.y[1]
+        self._calibration = calibration
+        T_camera_table = np.linalg.inv(calibration.T_table_camera)
+        self.camera_position: Array = np.asarray(calibration.T_table_camera)[:3, 3]
+        self._project = calibration.intrinsics.matrix @ T_camera_table[:3]
+        table_from_pixel = np.array(
+            [[0.0, -pixel, self._x_far - 0.5 * pixel], [-pixel, 0.0, self._y_left - 0.5 * pixel], [0, 0, 1.0]]
+        )
+        self.homography: Array = self._project[:, [0, 1, 3]] @ table_from_pixel
+        """(3, 3): view pixel (column, row, 1) -> camera pixel, up to scale."""
+        self.valid = self._inside()
+
+    def to_table(self, uv: Array, height: float = 0.0) -> Array:
+        """View pixels (..., 2) (column, row) -> (..., 2) [m] of what is seen there at `height` above the table."""
+        uv = np.asarray(uv, dtype=float)
+        x = self._x_far - (uv[..., 1] + 0.5) * self.pixel
+        y = self._y_left - (uv[..., 0] + 0.5) * self.pixel
+        on_table = np.stack([x, y], axis=-1)
+        c = self.camera_position
+        return c[:2] + (on_table - c[:2]) * (1.0 - height / c[2])
+
+    def to_pixel(self, xy: Array) -> Array:
+        """Points on the table (..., 2) [m] -> view pixels (..., 2) (column, row)."""
+        xy = np.asarray(xy, dtype=float)
+        column = (self._y_left - xy[..., 1]) / self.pixel - 0.5
+        row = (self._x_far - xy[..., 0]) / self.pixel - 0.5
+        return np.stack([column, row], axis=-1)
+
+    def to_image(self, xyz: Array) -> Array:
+        """Points in the table frame (..., 2) or (..., 3) [m] -> camera pixels (..., 2)."""
+        xyz = np.asarray(xyz, dtype=float)
+        if xyz.shape[-1] == 2:
+            xyz = np.concatenate([xyz, np.zeros_like(xyz[..., :1])], axis=-1)
+        uvw = xyz @ self._project[:, :3].T + self._project[:, 3]
+        return uvw[..., :2] / uvw[..., 2:]
+
+    def shadow_on_table(self, xyz: Array) -> Array:
+        """Where points (..., 3) above the table appear on z = 0, seen from the camera (..., 2) [m]."""
+        xyz = np.asarray(xyz, dtype=float)
+        c = self.camera_position
+        stretch = c[2] / np.maximum(c[2] - xyz[..., 2:], 1e-6)
+        return c[:2] + (xyz[..., :2] - c[:2]) * stretch
+
+    def rectify(self, frame: CameraFrame) -> RectifiedView:
+        """Resample one picture, colour bilinearly, depth (as height) by nearest neighbour."""
+        size = (self.shape[1], self.shape[0])
+        rgb = cv2.warpPerspective(
+            frame.rgb, self.homography, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        height = cv2.warpPerspective(
+            self._height(frame), self.homography, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"),
+        )
+        return RectifiedView(rgb.astype(np.uint8, copy=False), height.astype(np.float32, copy=False), self.valid)
+
+    def _height(self, frame: CameraFrame) -> NDArray[np.float32]:
+        """Depth (H, W) along the optical axis -> height above the table (H, W) [m]."""
+        k, T = self._calibration.intrinsics, self._calibration.T_table_camera
+        rows, columns = frame.depth.shape
+        across = T[2, 0] * (np.arange(columns) - k.cx) / k.fx
+        down = T[2, 1] * (np.arange(rows) - k.cy) / k.fy
+        slope = (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
+        return frame.depth * slope + np.float32(T[2, 3])
+
+    def _inside(self) -> NDArray[np.bool_]:
+        """Where the camera's picture covers the view, one camera pixel inside its border."""
+        k = self._calibration.intrinsics
+        rows, columns = self.shape
+        c, r = np.arange(columns)[None, :], np.arange(rows)[:, None]
+        u, v, w = (h[0] * c + h[1] * r + h[2] for h in self.homography)
+        inside = (w > 0) & (u >= w) & (u <= (k.width - 2) * w) & (v >= w) & (v <= (k.height - 2) * w)
+        inside.setflags(write=False)
+        return inside

@@ -1,0 +1,162 @@
+"""Folding as geometry: the exact isometry of a flat sheet under a sequence of fold lines.
+
+Each line mirrors what lies on its moving side, all layers of it, and puts that on top, upside down. Points
+are named by their material coordinates, so the same functions map key points, meshes and outlines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skills.vocabulary import Array, FoldLine, Material, frozen
+
+__all__ = [
+    "FoldedPoints",
+    "SheetMesh",
+    "fold_points",
+    "fold_xy",
+    "layers_at",
+    "outline_of",
+    "silhouette",
+    "target_vertices",
+]
+
+TOUCH = 1e-6
+"""How far outside an edge a point still counts as on the sheet [m]: reflections round."""
+
+
+class SheetMesh(Protocol):
+    """What folding needs of a cloth mesh."""
+
+    @property
+    def rest(self) -> Array: ...
+    @property
+    def layer(self) -> NDArray: ...
+    @property
+    def triangles(self) -> NDArray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class FoldedPoints:
+    """positions: (n, 2) after the folds. layers: (n,) int, how many layers of cloth lie beneath each point."""
+
+    positions: Array
+    layers: NDArray[np.int64]
+
+
+def fold_xy(lines: Sequence[FoldLine], xy: Array) -> Array:
+    """(..., 2) material -> (..., 2) folded, one line after the other."""
+    p = np.array(xy, dtype=float)
+    for line in lines:
+        p = np.where((line.signed_distance(p) > 0)[..., None], line.reflect(p), p)
+    return p
+
+
+def fold_points(
+    lines: Sequence[FoldLine],
+    xy: Array,
+    outline: Array | None = None,
+    sheet: NDArray | None = None,
+    sheets: int = 1,
+) -> FoldedPoints:
+    """Where material points (n, 2) lie after the folds and how many layers lie beneath each.
+
+    outline: (k, 2) polygon of the flat garment (default: the convex hull of the points); what lies beneath is
+    counted there, so a sleeve folded beside the body is not lifted. sheets: layers of the flat garment;
+    sheet: (n,) which of them each point belongs to, 0 at the table.
+    """
+    xy = np.asarray(xy, dtype=float)
+    sheet = np.zeros(len(xy), dtype=int) if sheet is None else np.asarray(sheet, dtype=int)
+    polygon = shapely.MultiPoint(xy).convex_hull if outline is None else _polygon(outline)
+    positions, moved = _trace(lines, xy)
+    layers = np.zeros(len(xy), dtype=np.int64)
+    pieces = _pieces(lines, polygon)
+    keys = [tuple(row) for row in moved]
+    for own in set(keys):
+        here = np.array([k == own for k in keys])
+        for other, region in pieces.items():
+            if _order(other) < _order(own):
+                layers[here] += sheets * shapely.intersects_xy(region, *positions[here].T)
+        upside_down = sum(own) % 2 == 1
+        layers[here] += (sheets - 1 - sheet[here]) if upside_down else sheet[here]
+    return FoldedPoints(frozen(positions), frozen(layers))
+
+
+def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int = 1) -> int:
+    """How many layers of cloth lie at the place xy (2,) after the folds; outline (k, 2): of the flat garment."""
+    pieces = _pieces(lines, _polygon(outline))
+    return sheets * sum(bool(shapely.intersects_xy(region, *xy)) for region in pieces.values())
+
+
+def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
+    """(m, 2) outline of the folded garment seen from above; outline (k, 2): of the flat one."""
+    region = shapely.union_all(list(_pieces(lines, _polygon(outline)).values())).simplify(2 * TOUCH)
+    return np.array(max(shapely.get_parts(region), key=lambda g: g.area).exterior.coords)[:-1]
+
+
+def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Material) -> Array:
+    """(n, 3) the ideal folded shape of a mesh: the isometry of its rest coordinates.
+
+    Vertices lie on the middle of their layer, as in the simulation: z = (k + 1/2) x thickness, k counted from 0.
+    """
+    sheets = int(mesh.layer.max()) + 1
+    folded = fold_points(lines, mesh.rest, outline_of(mesh), mesh.layer, sheets)
+    return np.column_stack([folded.positions, (folded.layers + 0.5) * material.thickness])
+
+
+def outline_of(mesh: SheetMesh) -> Array:
+    """(k, 2) the silhouette of a mesh in rest coordinates."""
+    silhouette = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles]))
+    parts = shapely.get_parts(silhouette)
+    return np.array(max(parts, key=lambda g: g.area).exterior.coords)[:-1]
+
+
+def _polygon(outline: Array) -> shapely.Geometry:
+    return shapely.make_valid(shapely.Polygon(outline))
+
+
+def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Positions (n, 2), and which folds moved each point (n, folds)."""
+    p, moved = xy.copy(), np.zeros((len(xy), len(lines)), dtype=bool)
+    for i, line in enumerate(lines):
+        moved[:, i] = line.signed_distance(p) > 0
+        p = np.where(moved[:, i, None], line.reflect(p), p)
+    return p, moved
+
+
+def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[bool, ...], shapely.Geometry]:
+    """What each history of moves became: folds that moved it -> where it lies now, grown by TOUCH."""
+    pieces: dict[tuple[bool, ...], shapely.Geometry] = {(): outline}
+    reach = 4.0 * (1.0 + float(np.abs(outline.bounds).max()))
+    for line in lines:
+        half = _half_plane(line, reach)
+        split: dict[tuple[bool, ...], shapely.Geometry] = {}
+        for history, region in pieces.items():
+            stays, moves = region.difference(half), region.intersection(half)
+            if stays.area > TOUCH**2:
+                split[(*history, False)] = stays
+            if moves.area > TOUCH**2:
+                split[(*history, True)] = shapely.transform(moves, line.reflect)
+        pieces = split
+    return {history: region.buffer(TOUCH, join_style="mitre") for history, region in pieces.items()}
+
+
+def _half_plane(line: FoldLine, reach: float) -> shapely.Polygon:
+    along, across = reach * line.direction, reach * line.normal
+    p = line.point
+    return shapely.Polygon([p - along, p + along, p + along + across, p - along + across])
+
+
+def _order(moved: tuple[bool, ...]) -> int:
+    """Place in the stack of a piece by the folds that moved it: a fold puts what it moves on top, reversed."""
+    order, top = 0, 0
+    for i, m in enumerate(moved):
+        order = 2 * top + 1 - order if m else order
+        top = 2 ** (i + 1) - 1
+    return order

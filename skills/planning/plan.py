@@ -1,0 +1,206 @@
+"""From what lies on the table and the garment's plan to fold steps: lines, grasps, targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
+from skills.planning.folding import fold_xy, layers_at, silhouette
+from skills.vocabulary import (
+    Array,
+    Failure,
+    FailureKind,
+    FoldLine,
+    FoldStep,
+    GarmentState,
+    Grasp,
+    Outcome,
+    Side,
+    frozen,
+)
+
+__all__ = ["RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
+
+RELEASE_CLEARANCE = 0.005
+"""How far above the stack the tips let go [m]: a pinch driven into the stack pushes it away."""
+
+IN_LINE = 0.5
+"""Two grasps count as one behind the other when they differ in y by less than this share of their distance."""
+
+
+def plan_folds(
+    state: GarmentState, garment: Garment, variants: Mapping[str, str] | None = None, done: int = 0
+) -> Outcome[tuple[FoldStep, ...]]:
+    """The fold steps for a garment as it lies flat, from step `done` on.
+
+    variants: step name -> name of the variant to use where it is not the first (when an arm cannot reach).
+    The state is always that of the flat garment before its first fold: later steps are stated by what the
+    earlier ones made of it. After a drift, move the plan with `translate_plan`.
+
+    Fails with CATEGORY_MISMATCH when another category lies there, LOW_CONFIDENCE when key points are
+    missing or do not span the fold line. An unknown variant is a ValueError.
+    """
+    failure = _mismatch(state, garment)
+    if failure is not None:
+        return Outcome(failure=failure)
+    lines: list[FoldLine] = []
+    steps: list[FoldStep] = []
+    for index, step in enumerate(garment.plan):
+        variant = _variant(step, (variants or {}).get(step.name))
+        line = _fold_line(step, variant, state.keypoints)
+        if line is None:
+            return Outcome(failure=_degenerate(step))
+        steps.append(_fold_step(step, variant, index, line, tuple(lines), state, garment))
+        lines.append(line)
+    return Outcome(tuple(steps[done:]), notes={"steps": len(steps) - done})
+
+
+def translate_plan(
+    steps: Sequence[FoldStep], offset: Array, rotation: float = 0.0, about: Array | None = None
+) -> tuple[FoldStep, ...]:
+    """The same steps for a garment that has drifted: turned by `rotation` [rad] about `about` (2,), then moved
+    by `offset` (2,) [m].
+
+    Lines of earlier steps move along, so the steps' target belongs to rest coordinates moved alike.
+    """
+    centre = np.zeros(2) if about is None else np.asarray(about, dtype=float)
+
+    def move(xy: Array) -> Array:
+        return frozen(rigid_motion(xy, offset, rotation, centre))
+
+    def move_line(line: FoldLine) -> FoldLine:
+        return FoldLine(move(line.point), frozen(rigid_motion(line.direction, np.zeros(2), rotation, np.zeros(2))))
+
+    def move_step(step: FoldStep) -> FoldStep:
+        grasps = {
+            side: replace(g, point=move(g.point), heading=_fold_angle(g.heading + rotation))
+            for side, g in step.grasps.items()
+        }
+        targets = {side: frozen(np.append(move(t[:2]), t[2])) for side, t in step.targets.items()}
+        earlier = tuple(move_line(line) for line in step.earlier)
+        return replace(step, line=move_line(step.line), earlier=earlier, grasps=grasps, targets=targets)
+
+    return tuple(move_step(step) for step in steps)
+
+
+def rigid_motion(xy: Array, offset: Array, rotation: float, about: Array) -> Array:
+    """(..., 2) turned by `rotation` [rad] about `about` (2,), then moved by `offset` (2,)."""
+    c, s = np.cos(rotation), np.sin(rotation)
+    return (np.asarray(xy) - about) @ np.array([[c, s], [-s, c]]) + about + np.asarray(offset)
+
+
+def _mismatch(state: GarmentState, garment: Garment) -> Failure | None:
+    if state.category != garment.category:
+        return Failure(
+            FailureKind.CATEGORY_MISMATCH,
+            f"a {state.category} lies on the table, {garment.name} is a {garment.category}",
+            "lay the garment that was named, or name the one that lies there",
+            {"seen": state.category, "expected": garment.category},
+        )
+    missing = [name for name in garment.keypoints if name not in state.keypoints]
+    if missing:
+        return Failure(
+            FailureKind.LOW_CONFIDENCE,
+            f"key points not found: {', '.join(missing)}",
+            "look again; smooth the garment if this repeats",
+            {"missing": missing},
+        )
+    return None
+
+
+def _degenerate(step: PlanStep) -> Failure:
+    return Failure(
+        FailureKind.LOW_CONFIDENCE,
+        f"the key points leave no fold line for step {step.name}",
+        "look again; smooth the garment if this repeats",
+        {"step": step.name},
+    )
+
+
+def _variant(step: PlanStep, name: str | None) -> PlanVariant:
+    if name is None:
+        return step.variants[0]
+    for variant in step.variants:
+        if variant.name == name:
+            return variant
+    known = ", ".join(v.name for v in step.variants)
+    raise ValueError(f"step {step.name} has no variant {name!r}, but {known}")
+
+
+def _fold_line(step: PlanStep, variant: PlanVariant, keypoints: Mapping[str, Array]) -> FoldLine | None:
+    """Directed so that the key points that move lie to its left; None if they do not lie on one side."""
+    a, b = (anchor.on(keypoints) for anchor in step.line)
+    length = float(np.linalg.norm(b - a))
+    if length < 0.02:
+        return None
+    line = FoldLine(frozen(a), frozen((b - a) / length))
+    d = np.array([line.signed_distance(keypoints[name]) for name in variant.moves])
+    if abs(np.sign(d).sum()) != len(d):
+        return None
+    return line if d[0] > 0 else FoldLine(frozen(b), frozen((a - b) / length))
+
+
+def _fold_step(
+    step: PlanStep,
+    variant: PlanVariant,
+    index: int,
+    line: FoldLine,
+    earlier: tuple[FoldLine, ...],
+    state: GarmentState,
+    garment: Garment,
+) -> FoldStep:
+    outline = np.array([state.keypoints[name] for name in garment.keypoints])
+    middle = _middle_of_moving(line, silhouette(earlier, outline))
+    points = [_grasp_point(g, line, earlier, state.keypoints, middle) for g in variant.grasps]
+    sides = _assign_arms(variant.grasps, points)
+    grasps: dict[Side, Grasp] = {}
+    targets: dict[Side, Array] = {}
+    for plan, point, side in sorted(zip(variant.grasps, points, sides, strict=True), key=lambda t: t[2].value):
+        layers = max(layers_at(earlier, outline, point, garment.layers), garment.layers)
+        heading = _fold_angle(float(np.arctan2(line.direction[1], line.direction[0])) + plan.turn)
+        height = layers * garment.material.thickness
+        grasps[side] = Grasp(side, frozen(point), heading, layers, height)
+        landing = line.reflect(point)
+        below = layers_at(earlier, outline, landing, garment.layers) * garment.material.thickness
+        targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
+    return FoldStep(step.name, index, line, earlier, grasps, targets)
+
+
+def _middle_of_moving(line: FoldLine, outline: Array) -> float:
+    """Middle of the moving part along the fold line [m from the line's point]."""
+    along = (outline - line.point) @ line.direction
+    moving = along[line.signed_distance(outline) > 0]
+    return float((moving.min() + moving.max()) / 2)
+
+
+def _grasp_point(
+    grasp: PlanGrasp, line: FoldLine, earlier: tuple[FoldLine, ...], keypoints: Mapping[str, Array], middle: float
+) -> Array:
+    at = fold_xy(earlier, grasp.at.on(keypoints))
+    along = float((at - line.point) @ line.direction)
+    across, inwards = grasp.inset
+    return at - across * line.normal + np.sign(middle - along) * inwards * line.direction
+
+
+def _assign_arms(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[Side]:
+    """The arm of each grasp. 'auto': the arm of that side; of two in line along x, the left takes the far one."""
+    if len(grasps) == 1:
+        arm = grasps[0].arm
+        return [Side(arm) if arm != "auto" else (Side.LEFT if points[0][1] >= 0 else Side.RIGHT)]
+    named = [Side(g.arm) if g.arm != "auto" else None for g in grasps]
+    for own, other in ((0, 1), (1, 0)):
+        if named[own] is None and (fixed := named[other]) is not None:
+            named[own] = fixed.other
+    if named[0] is not None and named[1] is not None:
+        return [named[0], named[1]]
+    dx, dy = points[0] - points[1]
+    first_left = dx > 0 if abs(dy) < IN_LINE * np.hypot(dx, dy) else dy > 0
+    return [Side.LEFT, Side.RIGHT] if first_left else [Side.RIGHT, Side.LEFT]
+
+
+def _fold_angle(angle: float) -> float:
+    """A held line has no direction: its angle in (-60, 120] degrees, away from either axis."""
+    return float(np.pi * 2 / 3 - (np.pi * 2 / 3 - angle) % np.pi)

@@ -1,0 +1,55 @@
+"""The fold's own frame: origin at the grasp, first axis level to the target, third up, distance as unit.
+
+In it the arc of a small towel and that of a large one are the same numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skills.vocabulary import Array, FoldStep, Side
+
+__all__ = ["FoldFrame", "frames_of", "grasp_ends"]
+
+
+@dataclass(frozen=True, eq=False)
+class FoldFrame:
+    """start, end: (3,) of the arc, table frame [m]. The axes are level-forward, level-left, up."""
+
+    start: Array
+    end: Array
+
+    @property
+    def distance(self) -> float:
+        return float(np.linalg.norm(self.end - self.start))
+
+    @property
+    def axes(self) -> Array:
+        """(3, 3), one unit axis a row."""
+        forward = (self.end - self.start) * (1.0, 1.0, 0.0)
+        forward = forward / np.linalg.norm(forward)
+        up = np.array([0.0, 0.0, 1.0])
+        return np.stack([forward, np.cross(up, forward), up])
+
+    def normalise(self, control: Array) -> Array:
+        """Control points (n + 1, 3) -> the inner ones (n - 1, 3) in this frame, without unit."""
+        return (control[1:-1] - self.start) @ self.axes.T / self.distance
+
+    def denormalise(self, inner: Array) -> Array:
+        """The inverse: inner points (n - 1, 3) -> control points (n + 1, 3) that begin and end exactly here."""
+        points = self.start + self.distance * np.asarray(inner) @ self.axes
+        return np.vstack([self.start, points, self.end])
+
+
+def grasp_ends(step: FoldStep, side: Side, thickness: float) -> tuple[Array, Array]:
+    """Where an arm's arc begins and ends (3,), (3,): the tips under the lowest layer taken, and the release."""
+    grasp = step.grasps[side]
+    below = grasp.height - grasp.layers * thickness
+    return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[side])
+
+
+def frames_of(step: FoldStep, thickness: float) -> dict[Side, FoldFrame]:
+    """The frame of every arm of a step; thickness of one layer [m]."""
+    return {side: FoldFrame(*grasp_ends(step, side, thickness)) for side in step.grasps}

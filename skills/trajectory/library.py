@@ -1,0 +1,245 @@
+"""Arcs that were optimised before: normalised, with their provenance, looked up and scaled to the fold at hand."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from skills.trajectory.bezier import arc_lengths
+from skills.trajectory.frame import frames_of
+from skills.trajectory.objective import ALPHA, cost
+from skills.trajectory.paths import fold_duration
+from skills.vocabulary import Array, FoldStep, GraspTrajectory, Material, Side, frozen
+
+__all__ = [
+    "SCHEMA",
+    "Library",
+    "LibraryEntry",
+    "Refusal",
+    "entry_from",
+    "from_json",
+    "lookup",
+    "to_json",
+    "trajectory_from",
+]
+
+SCHEMA = "foldcell.library/1"
+
+SIZE_RATIO = 1.30
+"""Look-up limit: how much larger or smaller either side of the garment may be than the entry's."""
+
+MATERIAL_RATIOS = {
+    "friction_static": 1.35,
+    "stretch_fraction": 2.5,
+    "bending_length": 1.6,
+    "areal_mass": 1.6,
+    "friction_layers": 1.5,
+}
+"""Look-up limits of the fabric, as ratios either way: what optimised arcs were seen to bear, and a little less."""
+
+SANE = 3.0
+"""Inner control points lie within this many fold distances of the grasp; anything else is not an arc."""
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryEntry:
+    """One optimised fold. inner: side -> (n - 1, 3) inner control points in the fold's frame.
+
+    size_m: extent of the flat garment along x and y as laid [m]; dissimilarity and dissimilarity_initial: D of
+    this arc and of the paper's first guess [m], on a mesh with this edge length [m]; version: of the program.
+    """
+
+    category: str
+    step: str
+    variant: str
+    garment: str
+    material: Material
+    size_m: tuple[float, float]
+    inner: Mapping[Side, Array]
+    edge_length: float
+    method: str
+    dissimilarity: float
+    dissimilarity_initial: float
+    simulations: int
+    max_tool_speed: float
+    version: str
+
+
+@dataclass(frozen=True)
+class Library:
+    """Entries in order of preference among equals: the first of equally near ones is used."""
+
+    entries: tuple[LibraryEntry, ...] = ()
+
+    def with_entry(self, entry: LibraryEntry) -> Library:
+        """This library with one more entry, which replaces the one it supersedes and goes first."""
+        return Library((entry, *(e for e in self.entries if _identity(e) != _identity(entry))))
+
+    def merged(self, other: Library) -> Library:
+        """Both; this one's entries go first."""
+        return Library((*self.entries, *other.entries))
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """An entry that was not read, and why. index: its place in the file, -1 for the file itself."""
+
+    index: int
+    reason: str
+
+
+def entry_from(
+    trajectory: GraspTrajectory,
+    step: FoldStep,
+    *,
+    category: str,
+    variant: str,
+    garment: str,
+    material: Material,
+    size_m: tuple[float, float],
+    edge_length: float,
+    method: str,
+    dissimilarity_initial: float,
+    max_tool_speed: float,
+    version: str,
+) -> LibraryEntry:
+    """What is kept of an optimised fold."""
+    frames = frames_of(step, material.thickness)
+    inner = {s: frozen(frames[s].normalise(c)) for s, c in trajectory.control_points.items()}
+    return LibraryEntry(
+        category, step.name, variant, garment, material, size_m, inner, edge_length, method,
+        trajectory.dissimilarity, dissimilarity_initial, trajectory.simulations, max_tool_speed, version,
+    )  # fmt: skip
+
+
+def lookup(
+    library: Library,
+    category: str,
+    step: str,
+    material: Material,
+    size_m: tuple[float, float],
+    variant: str | None = None,
+) -> LibraryEntry | None:
+    """The entry for this category and step that is nearest in size and fabric, None if none is within limits."""
+    nearest: tuple[float, LibraryEntry] | None = None
+    for entry in library.entries:
+        if (entry.category, entry.step) != (category, step) or variant not in (None, entry.variant):
+            continue
+        away = _distance(entry, material, size_m)
+        if away is not None and (nearest is None or away < nearest[0]):
+            nearest = (away, entry)
+    return None if nearest is None else nearest[1]
+
+
+def trajectory_from(
+    entry: LibraryEntry, step: FoldStep, thickness: float, max_tool_speed: float | None = None
+) -> GraspTrajectory | None:
+    """The entry's arcs for the step at hand: its grasps and targets, scaled by the distance of the fold.
+
+    thickness of one layer [m]. D is the entry's own: what this fold will come to has to be simulated. A single
+    arm's arc serves the other arm in mirror image; None when the entry has not as many arms as the step.
+    """
+    frames = frames_of(step, thickness)
+    inner = dict(entry.inner)
+    if set(inner) != set(frames):
+        if len(inner) != len(frames):
+            return None
+        ((side, points),) = inner.items()
+        inner = {side.other: points * (1.0, -1.0, 1.0)}
+    controls = {side: frozen(frames[side].denormalise(points)) for side, points in inner.items()}
+    duration = fold_duration(controls, max_tool_speed or entry.max_tool_speed)
+    lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
+    c = cost(lengths, entry.dissimilarity, ALPHA)
+    return GraspTrajectory(controls, duration, "library", c, entry.dissimilarity)
+
+
+def to_json(library: Library) -> str:
+    """The library as text; each entry carries the hash of its content."""
+    rows = [{"sha256": _digest(body), **body} for body in map(_body, library.entries)]
+    return json.dumps({"schema": SCHEMA, "entries": rows}, indent=1) + "\n"
+
+
+def from_json(text: str) -> tuple[Library, tuple[Refusal, ...]]:
+    """The entries that can be trusted, and what was refused: a corrupt or foreign entry is never used."""
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        return Library(), (Refusal(-1, f"not JSON: {error}"),)
+    if not isinstance(data, dict) or not isinstance(data.get("entries"), list):
+        return Library(), (Refusal(-1, "not a trajectory library"),)
+    if data.get("schema") != SCHEMA:
+        return Library(), (Refusal(-1, f"schema {data.get('schema')!r}, this program reads {SCHEMA!r}"),)
+    entries, refused = [], []
+    for index, row in enumerate(data["entries"]):
+        try:
+            entries.append(_entry(row))
+        except _Refused as error:
+            refused.append(Refusal(index, str(error)))
+    return Library(tuple(entries)), tuple(refused)
+
+
+class _Refused(Exception):
+    pass
+
+
+def _identity(entry: LibraryEntry) -> tuple[object, ...]:
+    return entry.category, entry.step, entry.variant, entry.garment, entry.material, entry.size_m
+
+
+def _distance(entry: LibraryEntry, material: Material, size_m: tuple[float, float]) -> float | None:
+    """Sum of squares of log ratios over their limits; None when one of them is beyond its limit."""
+    ratios = [(a / b, SIZE_RATIO) for a, b in zip(entry.size_m, size_m, strict=True)]
+    ratios += [(getattr(entry.material, f) / getattr(material, f), r) for f, r in MATERIAL_RATIOS.items()]
+    away = [abs(np.log(ratio)) / np.log(limit) for ratio, limit in ratios]
+    return None if max(away) > 1.0 else float(np.sum(np.square(away)))
+
+
+def _body(entry: LibraryEntry) -> dict[str, Any]:
+    body = {k: v for k, v in entry.__dict__.items() if k not in ("material", "inner", "size_m")}
+    body["size_m"] = list(entry.size_m)
+    body["material"] = {**asdict(entry.material), "assumed": list(entry.material.assumed)}
+    body["inner"] = {side.value: points.tolist() for side, points in sorted(entry.inner.items())}
+    return body
+
+
+def _digest(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _entry(row: object) -> LibraryEntry:
+    if not isinstance(row, dict):
+        raise _Refused("not an object")
+    body = {k: v for k, v in row.items() if k != "sha256"}
+    if row.get("sha256") != _digest(body):
+        raise _Refused("its content does not match its hash: it was edited or damaged")
+    try:
+        material = Material(**{**body.pop("material"), "assumed": tuple(row["material"]["assumed"])})
+        inner = {Side(s): frozen(np.array(p, dtype=float)) for s, p in body.pop("inner").items()}
+        size = body.pop("size_m")
+        entry = LibraryEntry(**body, material=material, inner=inner, size_m=(float(size[0]), float(size[1])))
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError) as error:
+        raise _Refused(f"not an entry of {SCHEMA}: {error}") from None
+    _check(entry)
+    return entry
+
+
+def _check(entry: LibraryEntry) -> None:
+    """Content that hashes rightly can still be nonsense."""
+    points = list(entry.inner.values())
+    if not points or any(p.ndim != 2 or p.shape[1] != 3 or len(p) < 1 for p in points):
+        raise _Refused("its control points are not (n, 3)")
+    if not all(np.isfinite(p).all() and np.abs(p).max() <= SANE for p in points):
+        raise _Refused("its control points are not near the fold")
+    if not _positive((entry.edge_length, entry.max_tool_speed, entry.dissimilarity, *entry.size_m)):
+        raise _Refused("a length, speed or dissimilarity is not positive")
+    if not _positive(getattr(entry.material, name) for name in MATERIAL_RATIOS):
+        raise _Refused("a material figure is not positive")
+
+
+def _positive(values: Iterable[object]) -> bool:
+    return all(isinstance(v, int | float) and np.isfinite(v) and v > 0 for v in values)

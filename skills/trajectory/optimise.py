@@ -1,0 +1,247 @@
+"""The best arc for a fold: what the paper minimises, by its method and by better ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skills.cloth.predict import predict_fold
+from skills.trajectory.bezier import initial_controls, two_parameter_controls
+from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
+from skills.trajectory.paths import tool_paths
+from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
+from skills.vocabulary import (
+    Array,
+    Failure,
+    FailureKind,
+    FoldStep,
+    GraspTrajectory,
+    Material,
+    Outcome,
+    Side,
+    ToolPath,
+)
+
+__all__ = ["METHODS", "ClothPredictor", "optimise_fold", "tool_paths"]
+
+Progress = Callable[[int, int, float], None]
+"""Called after each simulation with: simulations done, budget, best D so far [m]."""
+
+PAPER_H = 1.0 / 3.0
+HEIGHTS = (PAPER_H, 0.5, 0.7)
+SKEWS = (0.0, 0.15, -0.15)
+"""The grid of the default method, in units of the fold's distance; the paper's initial arc comes first."""
+
+POLISH_DELTA = 0.05
+"""Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
+
+PAPER_DELTAS = (0.1, 0.001)
+"""The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
+
+LOWEST, HIGHEST = 0.1, 1.2
+"""Bounds of the inner control points' height and of their way along the fold, in units of its distance."""
+BACK, BEYOND = -0.2, 1.2
+
+POOR_SHARE = 0.05
+"""D above this share of the garment's diagonal is a fold that is not worth making."""
+
+
+def optimise_fold(
+    step: FoldStep,
+    mesh: TrajectoryMesh,
+    positions: Array,
+    material: Material,
+    method: str = "default",
+    budget: int | None = None,
+    executor: Executor | None = None,
+    threads: int = 2,
+    progress: Progress | None = None,
+    predict: Predictor | None = None,
+    max_tool_speed: float = 0.35,
+    max_height: float = 0.40,
+    start: Controls | None = None,
+) -> Outcome[GraspTrajectory]:
+    """The arcs, one for each arm of the step, that fold the mesh from `positions` (n, 3) best.
+
+    method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
+    points, secant Levenberg-Marquardt), 'default' (grid over height and skew, then a polish of variables that the
+    arms share). budget: simulations (default 1, 25, 120, 25). start: arcs to begin from besides (warm start).
+    predict: the simulation, default `ClothPredictor()`. max_height: of an arc over the table [m].
+
+    Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_initial_m
+    and dissimilarity_m, simulations, failed_simulations, method. Fails with OPTIMISER_FAILED when no simulation
+    came to an end, PREDICTION_POOR when the best fold is predicted to be bad. An unknown method is a ValueError.
+    """
+    if method not in METHODS:
+        raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
+    search, default_budget = METHODS[method]
+    problem = FoldProblem(
+        step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height
+    )
+    own = ThreadPoolExecutor(threads) if executor is None else None
+    try:
+        evaluator = Evaluator(problem, budget or default_budget, executor or own, progress)  # type: ignore[arg-type]
+        evaluator.one(_initial(problem))
+        if start is not None and evaluator.left > 0:
+            evaluator.one(start)
+        search(problem, evaluator)
+    finally:
+        if own is not None:
+            own.shutdown()
+    return _outcome(problem, evaluator, method)
+
+
+@dataclass(frozen=True)
+class ClothPredictor:
+    """The cell's own cloth simulation at its default settings, as a value that a process can be sent."""
+
+    release_s: float = 0.3
+    settle_s: float = 1.0
+
+    def __call__(
+        self, mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /
+    ) -> Array:
+        prediction = predict_fold(
+            mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s
+        )
+        return prediction.vertices
+
+
+def _outcome(problem: FoldProblem, evaluator: Evaluator, method: str) -> Outcome[GraspTrajectory]:
+    first, best = evaluator.first, evaluator.best
+    assert first is not None and best is not None
+    notes: dict[str, float | int | str] = {
+        "method": method,
+        "dissimilarity_initial_m": first.dissimilarity,
+        "dissimilarity_m": best.dissimilarity,
+        "simulations": evaluator.count,
+        "failed_simulations": evaluator.failed,
+    }
+    if best.failed:
+        what = f"none of {evaluator.count} simulations of step {problem.step.name} came to an end"
+        hint = "look again; check the garment's material figures"
+        return Outcome(failure=Failure(FailureKind.OPTIMISER_FAILED, what, hint, notes), notes=notes)
+    limit = POOR_SHARE * float(np.linalg.norm(np.ptp(problem.mesh.rest, axis=0)))
+    if best.dissimilarity > limit:
+        missed = 1e3 * best.dissimilarity
+        what = f"the best arc of step {problem.step.name} would miss by {missed:.0f} mm on average"
+        hint = "lay the garment flatter or elsewhere, or give the optimiser a larger budget"
+        failure = Failure(FailureKind.PREDICTION_POOR, what, hint, {**notes, "limit_m": limit})
+        return Outcome(failure=failure, notes=notes)
+    trajectory = GraspTrajectory(
+        best.controls, best.duration, "optimised", best.cost, best.dissimilarity, evaluator.count
+    )
+    return Outcome(trajectory, notes=notes)
+
+
+def _initial(problem: FoldProblem) -> Controls:
+    return {s: initial_controls(f.start, f.end, _capped(problem, PAPER_H)) for s, f in problem.frames.items()}
+
+
+def _capped(problem: FoldProblem, height: float) -> float:
+    """A height of both inner points, low enough for the arc's top (3/4 of it) to stay under the ceiling."""
+    distance = max(f.distance for f in problem.frames.values())
+    return min(height, problem.max_height / (0.75 * distance))
+
+
+def _two_parameter(problem: FoldProblem, height: float, skew: float) -> Controls:
+    height = _capped(problem, float(np.clip(height, LOWEST, HIGHEST)))
+    skew = float(np.clip(skew, -0.4, 0.4))
+    return {s: two_parameter_controls(f.start, f.end, height, skew) for s, f in problem.frames.items()}
+
+
+def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:
+    """Nothing to search: the initial arc has been simulated."""
+
+
+def _search_grid(problem: FoldProblem, evaluator: Evaluator) -> tuple[float, float]:
+    """Simulate the grid, but for its first point, which is the initial arc. Returns the best height and skew."""
+    points = [(h, s) for h in HEIGHTS for s in SKEWS][1 : evaluator.left + 1]
+    assert evaluator.first is not None
+    candidates = evaluator.many([_two_parameter(problem, *p) for p in points])
+    costs = [evaluator.first.cost, *(c.cost for c in candidates)]
+    return [(PAPER_H, 0.0), *points][int(np.argmin(costs))]
+
+
+def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
+    best = _search_grid(problem, evaluator)
+    _polish(problem, evaluator, np.array(best), lambda x: _two_parameter(problem, x[0], x[1]))
+
+
+def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
+    """The grid, then a polish in four variables that the arms share: way along and height of both inner points."""
+    _search_grid(problem, evaluator)
+    assert evaluator.best is not None
+    frames = problem.frames
+    inner = np.mean([frames[s].normalise(c) for s, c in evaluator.best.controls.items()], axis=0)
+    _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x))
+
+
+def _shared(problem: FoldProblem, x: Array) -> Controls:
+    """Arcs of all arms from (way, height) of each inner point (2 (n - 1),), in units of the fold's distance."""
+    way, height = x.reshape(-1, 2).T
+    way, height = np.clip(way, BACK, BEYOND), np.clip(height, LOWEST, HIGHEST)
+    height = height * min(1.0, _capped(problem, float(height.max())) / height.max())
+    inner = np.column_stack([way, np.zeros(len(way)), height])
+    return {side: frame.denormalise(inner) for side, frame in problem.frames.items()}
+
+
+def _polish(
+    problem: FoldProblem, evaluator: Evaluator, x0: Array, controls: Callable[[Array], Controls]
+) -> None:
+    """Secant Levenberg-Marquardt from the best point known, within what is left of the budget."""
+    if evaluator.left <= len(x0):
+        return
+    assert evaluator.best is not None
+    distance = max(f.distance for f in problem.frames.values())
+    options = SecantOptions(delta=POLISH_DELTA / distance, max_evaluations=evaluator.left)
+    _secant(evaluator, x0, controls, options, evaluator.best)
+
+
+def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
+    """The paper's: all coordinates of all inner control points, from h = 1/3, for both readings of its delta."""
+    assert evaluator.first is not None
+    first = evaluator.first
+    sides = list(first.controls)
+
+    def controls(x: Array) -> Controls:
+        inner = x.reshape(len(sides), -1, 3)
+        out: Controls = {}
+        for side, points in zip(sides, inner, strict=True):
+            frame = problem.frames[side]
+            z = np.clip(points[:, 2], 0.0, problem.max_height / 0.75)
+            out[side] = np.vstack([frame.start, np.column_stack([points[:, :2], z]), frame.end])
+        return out
+
+    x0 = np.concatenate([first.controls[s][1:-1].ravel() for s in sides])
+    for i, delta in enumerate(PAPER_DELTAS):
+        share = evaluator.left // (len(PAPER_DELTAS) - i)
+        _secant(evaluator, x0, controls, SecantOptions(delta=delta, max_evaluations=share), first)
+
+
+def _secant(
+    evaluator: Evaluator,
+    x0: Array,
+    controls: Callable[[Array], Controls],
+    options: SecantOptions,
+    known: Candidate,
+) -> None:
+    def many(points: Sequence[Array]) -> list[Array]:
+        return [np.array([c.cost]) for c in evaluator.many([controls(x) for x in points])]
+
+    secant_levenberg_marquardt(
+        lambda x: many([x])[0], x0, options, many=many, f0=np.array([known.cost])
+    )
+
+
+METHODS: dict[str, tuple[Callable[[FoldProblem, Evaluator], object], int]] = {
+    "default": (_search_default, 25),
+    "paper": (_search_paper, 120),
+    "two_parameter": (_search_two_parameter, 25),
+    "initial": (_search_initial, 1),
+}
+"""Name -> search and its usual budget of simulations."""

@@ -1,0 +1,118 @@
+"""From Bezier control points to tool paths over time: what is simulated and what the arms shall execute."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skills.trajectory.bezier import arc_lengths, evaluate
+from skills.vocabulary import Array, FoldStep, GraspTrajectory, Side, ToolPath, frozen
+
+__all__ = ["SpeedLaw", "fold_duration", "fold_paths", "tool_paths"]
+
+TOOL_ACCELERATION = 0.8
+"""Peak of the tool's acceleration along a fold [m/s2]: jerks pull at the cloth, the paper's cause of drift."""
+
+RATE = 100.0
+"""Samples of a tool path per second [Hz]."""
+
+
+@dataclass(frozen=True)
+class SpeedLaw:
+    """Distance over time along a path: from rest to rest, smooth ramps, a level top.
+
+    length [m], top speed [m/s], ramp: duration of each ramp [s]. The speed in a ramp is top (3 r^2 - 2 r^3), r in
+    0..1, so acceleration is continuous and peaks at 1.5 top / ramp.
+    """
+
+    length: float
+    top: float
+    ramp: float
+
+    @classmethod
+    def fastest(cls, length: float, max_speed: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
+        """The quickest law under both caps; a short path never reaches the top speed."""
+        top = min(max_speed, float(np.sqrt(acceleration * length / 1.5)))
+        return cls(length, top, 1.5 * top / acceleration)
+
+    @classmethod
+    def lasting(cls, length: float, duration: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
+        """The law of a given duration with its ramps at this acceleration (steeper if the duration needs it)."""
+        # duration = ramp + length / top and ramp = 1.5 top / acceleration: the smaller root is the gentler speed.
+        k = 1.5 / acceleration
+        root = duration**2 - 4 * k * length
+        top = (duration - np.sqrt(root)) / (2 * k) if root > 0 else 2 * length / duration
+        return cls(length, float(top), duration - length / float(top))
+
+    @property
+    def duration(self) -> float:
+        return self.ramp + self.length / self.top
+
+    def distance(self, t: Array) -> Array:
+        """(n,) distance travelled [m] at times (n,) [s], clamped to the ends."""
+        t = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+
+        def ramped(dt: Array) -> Array:
+            r = np.clip(dt / self.ramp, 0.0, 1.0)
+            return self.top * self.ramp * (r**3 - r**4 / 2)
+
+        level = self.top * np.clip(t - self.ramp, 0.0, self.duration - 2 * self.ramp)
+        slowing = self.top * self.ramp / 2 - ramped(self.duration - t)
+        return ramped(t) + level + np.where(t > self.duration - self.ramp, slowing, 0.0)
+
+
+def fold_duration(controls: Mapping[Side, Array], max_speed: float) -> float:
+    """The least duration [s] of a fold along these arcs: the longer arm sets it."""
+    longest = max(arc_lengths(c)[1][-1] for c in controls.values())
+    return SpeedLaw.fastest(float(longest), max_speed).duration
+
+
+def tool_paths(
+    trajectory: GraspTrajectory,
+    step: FoldStep,
+    max_speed: float | None = None,
+    pitch: Mapping[Side, float | Array] | float = 0.0,
+    rate: float = RATE,
+) -> dict[Side, ToolPath]:
+    """The timed tool paths of a trajectory, all arms on one clock, by arc length.
+
+    The motion takes trajectory.duration [s], longer if `max_speed` [m/s] asks for it. The held line keeps the
+    heading of its grasp. pitch: of the hand about the held line [rad], one for all, one for each arm, or a profile
+    (k,) over the path, evenly spaced in arc length. The path begins at the grasp and ends at the release.
+    """
+    duration = trajectory.duration
+    if max_speed is not None:
+        duration = max(duration, fold_duration(trajectory.control_points, max_speed))
+    headings = {side: grasp.heading for side, grasp in step.grasps.items()}
+    return fold_paths(trajectory.control_points, headings, duration, pitch, rate)
+
+
+def fold_paths(
+    controls: Mapping[Side, Array],
+    headings: Mapping[Side, float],
+    duration: float,
+    pitch: Mapping[Side, float | Array] | float = 0.0,
+    rate: float = RATE,
+) -> dict[Side, ToolPath]:
+    """As `tool_paths`, from control points (n + 1, 3) and headings [rad]."""
+    t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * rate)) + 1))
+    share = _share_travelled(controls, duration, t)
+    paths = {}
+    for side, control in controls.items():
+        u, s = arc_lengths(control)
+        position = evaluate(control, np.interp(share * s[-1], s, u))
+        position[0], position[-1] = control[0], control[-1]
+        tilt = np.atleast_1d(pitch[side] if isinstance(pitch, Mapping) else pitch)
+        profile = np.interp(share, np.linspace(0.0, 1.0, len(tilt)), tilt)
+        heading = np.full(len(t), headings[side])
+        roll = np.zeros(len(t))
+        paths[side] = ToolPath(frozen(t), frozen(position), frozen(heading), frozen(profile), frozen(roll))
+    return paths
+
+
+def _share_travelled(controls: Mapping[Side, Array], duration: float, t: Array) -> Array:
+    """(n,) share of its arc that every arm has covered at t: the law of the longest, stretched to the duration."""
+    longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
+    return SpeedLaw.lasting(longest, duration).distance(t) / longest

@@ -1,0 +1,151 @@
+"""One fold as a function of its arcs: simulate, compare with the target, cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import CellError
+from skills.planning.folding import target_vertices
+from skills.trajectory.bezier import arc_lengths
+from skills.trajectory.frame import FoldFrame, frames_of
+from skills.trajectory.objective import ALPHA, cost, dissimilarity
+from skills.trajectory.paths import fold_duration, fold_paths
+from skills.vocabulary import Array, FoldStep, Material, Side, ToolPath
+
+__all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Predictor", "TrajectoryMesh"]
+
+Controls = dict[Side, Array]
+"""Control points (n + 1, 3) of each arm, table frame."""
+
+FAILED = 1.0
+"""The D that a candidate whose simulation failed is charged [m]: worse than any fold, and finite."""
+
+
+class TrajectoryMesh(Protocol):
+    """What this package needs of a cloth mesh (skills.cloth.mesh.ClothMesh has it)."""
+
+    @property
+    def rest(self) -> Array: ...
+    @property
+    def layer(self) -> NDArray: ...
+    @property
+    def triangles(self) -> NDArray: ...
+    @property
+    def area(self) -> Array: ...
+
+
+class Predictor(Protocol):
+    """Simulates one fold: vertices (n, 3) after release and settling. Pure and safe to call from threads."""
+
+    def __call__(
+        self, mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /
+    ) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One simulated set of arcs. dissimilarity: the paper's D [m]; cost: its C; both of `controls`."""
+
+    controls: Controls
+    dissimilarity: float
+    cost: float
+    duration: float
+    failed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FoldProblem:
+    """What does not change while one fold is optimised. positions: (n, 3) of the mesh before the fold.
+
+    max_tool_speed [m/s], max_height: of the arcs above the table [m].
+    """
+
+    step: FoldStep
+    mesh: TrajectoryMesh
+    positions: Array
+    material: Material
+    predict: Predictor
+    max_tool_speed: float
+    max_height: float
+
+    @cached_property
+    def target(self) -> Array:
+        """(n, 3) the ideal shape."""
+        return target_vertices(self.mesh, self.step.lines, self.material)
+
+    @cached_property
+    def frames(self) -> dict[Side, FoldFrame]:
+        return frames_of(self.step, self.material.thickness)
+
+    @cached_property
+    def headings(self) -> dict[Side, float]:
+        return {side: grasp.heading for side, grasp in self.step.grasps.items()}
+
+    def evaluate(self, controls: Controls) -> Candidate:
+        """Simulate one candidate. A simulation that fails is a candidate that failed, not an exception."""
+        duration = fold_duration(controls, self.max_tool_speed)
+        lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
+        try:
+            end = self.predict(
+                self.mesh, self.positions, self.material, fold_paths(controls, self.headings, duration)
+            )
+            d = dissimilarity(self.target, end, self.mesh.triangles, self.mesh.area)
+        except CellError:
+            d = float("nan")
+        failed = not np.isfinite(d)
+        d = FAILED if failed else d
+        return Candidate(controls, d, cost(lengths, d, ALPHA), duration, failed)
+
+
+class Evaluator:
+    """Evaluates candidates side by side, counts them, keeps the best and the first.
+
+    What it returns depends on the candidates only, never on which simulation ends first: batches are given and
+    taken in order, ties go to the earlier candidate.
+    """
+
+    def __init__(
+        self,
+        problem: FoldProblem,
+        budget: int,
+        executor: Executor,
+        progress: Callable[[int, int, float], None] | None,
+    ) -> None:
+        self.problem = problem
+        self.budget = budget
+        self.first: Candidate | None = None
+        self.best: Candidate | None = None
+        self.count = 0
+        self.failed = 0
+        self._executor = executor
+        self._progress = progress
+
+    @property
+    def left(self) -> int:
+        return self.budget - self.count
+
+    def many(self, batch: Sequence[Controls]) -> list[Candidate]:
+        """Simulate a batch."""
+        candidates = list(self._executor.map(self.problem.evaluate, batch))
+        for candidate in candidates:
+            self._take(candidate)
+        return candidates
+
+    def one(self, controls: Controls) -> Candidate:
+        return self.many([controls])[0]
+
+    def _take(self, candidate: Candidate) -> None:
+        self.count += 1
+        self.failed += candidate.failed
+        self.first = self.first or candidate
+        if self.best is None or candidate.cost < self.best.cost:
+            self.best = candidate
+        if self._progress is not None:
+            self._progress(self.count, self.budget, self.best.dissimilarity)

@@ -1,0 +1,154 @@
+"""A strict fake of a cell's ports: it obeys at once, and raises on what no cell may be told.
+
+Time passes only in `sleep_until`. `at` schedules something to happen at a moment of cell time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MappingProxyType
+
+import numpy as np
+
+from robots.errors import DriverError, FailureKind
+from robots.ports import (
+    Array,
+    CameraFrame,
+    GripperState,
+    Intrinsics,
+    JointSetpoint,
+    JointState,
+    Ports,
+    Side,
+    StopState,
+    TactileReading,
+)
+
+RATE_LIMIT = 1.6  # [rad/s]: more than any Baxter shoulder joint may do
+
+
+class FakeCell:
+    """The state behind the fake ports."""
+
+    def __init__(self, q: Array | None = None) -> None:
+        self.now = 0.0
+        self.q = np.zeros(14) if q is None else np.array(q)
+        self.frozen_since: float | None = None
+        self.stop_reason = ""
+        self.commands: list[tuple[float, Array]] = []
+        self.openings = {s: 0.04 for s in Side}
+        self.follows = True
+        self._due: list[tuple[float, Callable[[], None]]] = []
+
+    def at(self, t: float, happen: Callable[[], None]) -> None:
+        self._due.append((t, happen))
+
+    def ports(self) -> Ports:
+        return Ports(
+            driver="fake", simulated=True, clock=_Clock(self), arms=_Arms(self), head=_Head(),
+            grippers=MappingProxyType({s: _Gripper(self, s) for s in Side}),
+            tactile=MappingProxyType({s: _Tactile(self, s) for s in Side}),
+            camera=_Camera(self), stop=_Stop(self), attendant=_Attendant(),
+        )  # fmt: skip
+
+
+class _Clock:
+    def __init__(self, cell: FakeCell) -> None:
+        self._cell = cell
+
+    def now(self) -> float:
+        return self._cell.now
+
+    def sleep_until(self, t: float) -> None:
+        self._cell.now = max(t, self._cell.now)
+        due = [d for d in self._cell._due if d[0] <= self._cell.now]
+        self._cell._due = [d for d in self._cell._due if d[0] > self._cell.now]
+        for _, happen in due:
+            happen()
+
+
+class _Arms:
+    command_timeout = 0.2
+
+    def __init__(self, cell: FakeCell) -> None:
+        self._cell = cell
+
+    def state(self) -> JointState:
+        c = self._cell
+        stamp = c.now if c.frozen_since is None else c.frozen_since
+        return JointState(stamp, c.q.copy(), np.zeros(14), np.zeros(14), 0.0)
+
+    def enable(self) -> None:
+        if self._cell.stop_reason:
+            raise DriverError(FailureKind.STOPPED, "enabled while stopped")
+
+    def command(self, q: Array, qd: Array) -> JointSetpoint:
+        c = self._cell
+        if c.stop_reason:
+            raise AssertionError("a set-point was sent to a stopped robot")
+        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(qd))):
+            raise AssertionError("a set-point that is not a number")
+        if c.commands:
+            t, last = c.commands[-1]
+            jump = min(np.abs(q - last).max(), np.abs(q - c.q).max())  # holding where the arms stand is no jump
+            if c.now > t and jump > RATE_LIMIT * (c.now - t) + 0.03:
+                raise AssertionError("a set-point that jumps")
+        c.commands.append((c.now, q.copy()))
+        if c.follows:
+            c.q = q.copy()
+        return JointSetpoint(c.now, q, qd, False)
+
+
+class _Head:
+    def command_pan(self, angle: float) -> None: ...
+
+
+class _Gripper:
+    max_opening = 0.0416
+
+    def __init__(self, cell: FakeCell, side: Side) -> None:
+        self._cell, self.side = cell, side
+
+    def calibrate(self) -> None: ...
+
+    def command(self, opening: float, force: float) -> None:
+        self._cell.openings[self.side] = opening
+
+    def state(self) -> GripperState:
+        return GripperState(self._cell.now, self.side, self._cell.openings[self.side], 0.0, False, True)
+
+
+class _Tactile:
+    def __init__(self, cell: FakeCell, side: Side) -> None:
+        self._cell, self.side = cell, side
+
+    def reading(self) -> TactileReading:
+        return TactileReading(self._cell.now, self.side, np.zeros((2, 4, 3)), np.zeros(2))
+
+
+class _Camera:
+    def __init__(self, cell: FakeCell) -> None:
+        self._cell = cell
+
+    def capture(self) -> CameraFrame:
+        k = Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0)
+        rgb = np.zeros((48, 64, 3), np.uint8)
+        return CameraFrame(self._cell.now, 0, rgb, np.ones((48, 64), np.float32), k)
+
+
+class _Stop:
+    def __init__(self, cell: FakeCell) -> None:
+        self._cell = cell
+
+    def trigger(self, reason: str) -> None:
+        self._cell.stop_reason = reason
+
+    def state(self) -> StopState:
+        return StopState(self._cell.now, bool(self._cell.stop_reason), self._cell.stop_reason)
+
+    def reset(self) -> None:
+        self._cell.stop_reason = ""
+
+
+class _Attendant:
+    def lay_garment(self) -> None: ...

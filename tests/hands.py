@@ -1,0 +1,107 @@
+"""A hand that can be felt with: readings of known forces and openings through noisy, drifting sensors.
+
+Drawn without any of the code under test. Noise figures are those of the simulated cell (one scale: 1); `scale`
+multiplies them all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.ports import GripperState, Side, TactileReading
+from skills.grasping.reading import HandReading
+
+RATE = 100.0
+CELL_NOISE, CELL_GAIN, CELL_DRIFT, DRIFT_TIME = 0.01, 0.01, 0.02, 120.0
+TIP_NOISE, OPENING_NOISE, FORCE_NOISE, EFFORT_NOISE = 0.03, 0.00015, 0.3, 0.3
+TABLE_STIFFNESS, CLOTH_STIFFNESS, ARM_STIFFNESS = 2500.0, 250.0, 1500.0
+GRIPPER_SPEED, FORCE_TIME = 0.10, 0.05
+
+
+class SensedHand:
+    """`pads`, `tip`, `opening`, `height`, `effort`: the truth, free to set. `read` moves on by one reading."""
+
+    def __init__(self, seed: int, scale: float = 1.0) -> None:
+        self.rng = np.random.default_rng([seed, round(10 * scale)])
+        self.scale = scale
+        self.now = 0.0
+        self.pads, self.tip = np.zeros(2), np.zeros(2)
+        self.opening, self.height, self.effort = 0.035, 0.05, np.zeros(7)
+        self.gain = 1.0 + self.scale * CELL_GAIN * self.rng.standard_normal((2, 4, 3))
+        self.drift = self.scale * CELL_DRIFT * self.rng.standard_normal((2, 4, 3))
+        share = self.rng.uniform(0.5, 1.5, (2, 4, 3))  # how a pad's force spreads over its cells
+        self.share = share / share.sum(axis=(1, 2), keepdims=True)
+
+    def wait(self, seconds: float) -> None:
+        keep = np.exp(-seconds / DRIFT_TIME)
+        step = self.scale * CELL_DRIFT * np.sqrt(1 - keep**2) * self.rng.standard_normal((2, 4, 3))
+        self.drift = keep * self.drift + step
+        self.now += seconds
+
+    def read(self) -> HandReading:
+        self.wait(1 / RATE)
+        noise = self.scale * self.rng.standard_normal(40)
+        cells = self.gain * self.share * self.pads[:, None, None] + self.drift
+        cells = cells + CELL_NOISE * noise[:24].reshape(2, 4, 3)
+        tactile = TactileReading(self.now, Side.LEFT, cells, self.tip + TIP_NOISE * noise[24:26])
+        opening = self.opening + OPENING_NOISE * noise[26]
+        force = self.pads.mean() + FORCE_NOISE * noise[27]
+        gripper = GripperState(self.now, Side.LEFT, opening, force, False, True)
+        return HandReading(self.now, tactile, gripper, self.height, self.effort + EFFORT_NOISE * noise[28:35])
+
+
+class DescendingHand(SensedHand):
+    """An arm that follows heights with a lag and gives way under load, over cloth on a hard table at 0."""
+
+    def __init__(self, seed: int, scale: float = 1.0, top: float = 0.0025, floor: float = 0.0) -> None:
+        super().__init__(seed, scale)
+        self.top, self.floor = top, floor
+        self.lag = self.rng.uniform(0.02, 0.06)
+        self.wanted = self.height
+        self.lever = np.array([0.0, 0.7, 0.1, 0.5, 0.0, 0.2, 0.0])  # of a force at the tool on each joint [m]
+        self.peak = 0.0
+        self.follow(self.height)
+
+    def follow(self, command: float) -> None:
+        """One tick: the free height chases the command; the load pushes back through the arm's stiffness."""
+        self.wanted += (command - self.wanted) * (1 - np.exp(-1 / RATE / self.lag))
+        self.height = self.wanted if self.wanted >= self.top else self._rest_height()
+        force = self.reaction(self.height)
+        self.tip = force * np.array([0.6, 0.4])
+        self.effort = np.array([0.0, 20.0, 0.0, 8.0, 0.0, 1.0, 0.0]) + 4.0 * self.height + force * self.lever
+        self.peak = max(self.peak, force)
+
+    def reaction(self, height: float) -> float:
+        """On both tips together, at this height of the tool."""
+        cloth = min(max(self.top - height, 0.0), self.top - self.floor) * CLOTH_STIFFNESS
+        return float(2 * (cloth + max(self.floor - height, 0.0) * TABLE_STIFFNESS))
+
+    def _rest_height(self) -> float:
+        """Where the arm's spring, pulling to `wanted`, balances what it presses on."""
+        low, high = self.wanted, self.top
+        for _ in range(20):
+            middle = (low + high) / 2
+            if self.reaction(middle) > ARM_STIFFNESS * (middle - self.wanted):
+                low = middle
+            else:
+                high = middle
+        return (low + high) / 2
+
+
+class ClosingHand(SensedHand):
+    """Pads that close at the gripper's speed onto cloth `thickness` high, then press."""
+
+    def __init__(self, seed: int, scale: float = 1.0, thickness: float = 0.0025, jammed: bool = False) -> None:
+        super().__init__(seed, scale)
+        self.thickness, self.jammed = thickness, jammed
+
+    def drive(self, opening: float, force: float) -> None:
+        """One tick towards a command."""
+        if self.jammed:
+            return
+        goal = max(opening, self.thickness)
+        step = GRIPPER_SPEED / RATE
+        self.opening += float(np.clip(goal - self.opening, -step, step))
+        pressing = opening < self.thickness + 1e-6 and self.opening <= goal + 1e-6
+        aim = force if pressing else 0.0
+        self.pads = self.pads + (aim - self.pads) * (1 - np.exp(-1 / RATE / FORCE_TIME))

@@ -1,0 +1,196 @@
+"""Pictures of a garment on a table with known key points, drawn without any of the code under test.
+
+A pinhole camera looks at a textured table; the garment is a textured slab with rounded corners and wavy
+edges. Light falls off over the table, the slab casts a soft shadow, the camera blurs and is noisy, the
+exposure changes between two pictures. Only numpy and cv2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from robots.ports import CameraFrame, Intrinsics
+from skills.vocabulary import CameraCalibration, Table
+
+TABLE = Table(height=-0.10, x=(0.20, 1.05), y=(-0.60, 0.60))
+TOWEL = np.array([[0.20, 0.30], [-0.20, 0.30], [-0.20, -0.30], [0.20, -0.30]])
+TOWEL_NAMES = ("far_left", "near_left", "near_right", "far_right")
+
+
+def camera(position=(0.12, 0.0, 1.05), target=(0.6, 0.0, 0.0), width=640, height=480) -> CameraCalibration:
+    """The nominal camera, in the table frame, 58 x 45 degrees."""
+    z = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
+    x = np.cross(z, (0.0, 0.0, 1.0))
+    x /= np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    T[:3, 3] = position
+    intrinsics = Intrinsics(
+        width, height, width / 2 / np.tan(np.deg2rad(29)), height / 2 / np.tan(np.deg2rad(22.5)),
+        (width - 1) / 2, (height - 1) / 2,
+    )
+    return CameraCalibration(intrinsics, T)
+
+
+def place(polygon, x, y, angle):
+    """The polygon (k, 2) turned by `angle` [rad] about 0 and moved to (x, y)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(polygon) @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+@dataclass
+class Scene:
+    """What lies on the table, and in which light. Colours are linear RGB, 0..1."""
+
+    seed: int = 0
+    table_colour: tuple = (0.45, 0.35, 0.25)
+    table_contrast: float = 0.12
+    polygons: list = field(default_factory=list)  # (k, 2) each, table frame, all of one fabric
+    fabric: tuple = (0.15, 0.25, 0.55)
+    stripes: float = 0.0
+    thickness: float = 0.003
+    bumps: list = field(default_factory=list)  # (x, y, radius, height)
+    rounding: float = 0.006
+    wobble: float = 0.0015
+    gradient: tuple = (0.25, 0.15)
+    shadow: float = 0.45
+    light: tuple = (0.5, 0.6)  # tangent of the light's slope along x and y
+    gain: float = 1.0
+    noise: float = 0.012
+    blur: float = 0.6
+    depth_noise: float = 1.4e-3
+
+
+def render(scene: Scene, calibration: CameraCalibration | None = None, sequence: int = 0) -> CameraFrame:
+    """Take the picture."""
+    calibration = calibration or camera()
+    rng = np.random.default_rng([scene.seed, sequence])
+    k = calibration.intrinsics
+    points, _ = _intersect(calibration, 2, 0.0)
+    layout = _Layout(scene)
+    colour = _table(scene, points)
+    inside, top = _garment(scene, layout, calibration)
+    shade = layout.sample(layout.shadow, points)
+    colour = colour * (1 - scene.shadow * shade[..., None])
+    cloth = _cloth(scene, top)
+    colour = np.where(inside[..., None] > 0.5, cloth, colour)
+    light = 1 + scene.gradient[0] * (points[..., 0] - 0.6) + scene.gradient[1] * points[..., 1]
+    colour = cv2.resize(np.float32(colour * light[..., None] * scene.gain), (k.width, k.height),
+                        interpolation=cv2.INTER_AREA)
+    if scene.blur:
+        colour = cv2.GaussianBlur(colour, (0, 0), scene.blur)
+    encoded = np.clip(colour, 0, 1) ** (1 / 2.2) + scene.noise * rng.standard_normal(colour.shape)
+    rgb = np.uint8(np.clip(encoded, 0, 1) * 255 + 0.5)
+    return CameraFrame(float(sequence), sequence, rgb, _depth(scene, layout, calibration, rng), k)
+
+
+def _intersect(calibration, factor, z):
+    """Table points (h, w, 2) at height z seen by each (sub)pixel, and their depth."""
+    k, T = calibration.intrinsics, calibration.T_table_camera
+    u, v = np.meshgrid(np.arange(k.width * factor), np.arange(k.height * factor))
+    rays = np.stack([((u + 0.5) / factor - 0.5 - k.cx) / k.fx, ((v + 0.5) / factor - 0.5 - k.cy) / k.fy,
+                     np.ones_like(u, dtype=float)], axis=-1)
+    d = rays @ T[:3, :3].T
+    depth = (z - T[2, 3]) / d[..., 2]
+    return T[:2, 3] + d[..., :2] * depth[..., None], depth
+
+
+class _Layout:
+    """Masks on a fine grid of the table (0.5 mm): the garment, its shadow, its height."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.step, self.origin, shape = 0.001, np.array([-0.3, -1.2]), (1800, 2400)
+        rng = np.random.default_rng(scene.seed + 1000)
+        mask = np.zeros(shape, np.uint8)
+        for polygon in scene.polygons:
+            wavy = _wavy(polygon, scene.wobble, rng)
+            cells = np.round(((wavy - self.origin) / self.step)[:, ::-1] * 16).astype(np.int32)
+            cv2.fillPoly(mask, [cells], 255, shift=4)
+        if scene.rounding > 0 and scene.polygons:
+            size = 2 * round(scene.rounding / self.step) + 1
+            ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+            mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, ball)
+        self.mask = np.float32(mask) / 255
+        self.height = self.mask * np.float32(scene.thickness)
+        for x, y, radius, height in scene.bumps:
+            gx = self.origin[0] + self.step * np.arange(shape[0])[:, None] - x
+            gy = self.origin[1] + self.step * np.arange(shape[1])[None, :] - y
+            self.height += np.float32(self.mask * height * np.exp(-(gx**2 + gy**2) / (2 * radius**2)))
+        shift = np.array(scene.light) * (scene.thickness + 0.004) / self.step
+        M = np.float32([[1, 0, shift[1]], [0, 1, shift[0]]])
+        cast = np.maximum(cv2.warpAffine(self.mask, M, self.mask.shape[::-1]), self.mask)
+        self.shadow = cv2.GaussianBlur(cast, (0, 0), 2.5)
+
+    def sample(self, field_, points):
+        grid = (points - self.origin) / self.step
+        return cv2.remap(field_, np.float32(grid[..., 1]), np.float32(grid[..., 0]), cv2.INTER_LINEAR)
+
+
+def _wavy(polygon, amplitude, rng):
+    """The polygon resampled every 5 mm, its edges waved along their normals; corners stay."""
+    out = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        length = np.linalg.norm(b - a)
+        s = np.linspace(0, 1, max(int(length / 0.005), 2), endpoint=False)
+        normal = np.array([b[1] - a[1], a[0] - b[0]]) / length
+        wave = sum(rng.normal() * np.sin(np.pi * n * s) / n for n in (1, 2, 3, 5, 7)) * amplitude
+        out.append(a + np.outer(s, b - a) + np.outer(wave, normal))
+    return np.concatenate(out)
+
+
+def _table(scene, points):
+    """Wood: soft streaks along y."""
+    rng = np.random.default_rng(scene.seed + 2000)
+    streaks = cv2.GaussianBlur(rng.standard_normal((512, 512)).astype(np.float32), (0, 0), sigmaX=12, sigmaY=1.2)
+    streaks /= streaks.std()
+    grid = np.float32((points * (350, 350)) % 512)
+    texture = cv2.remap(streaks, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
+    return np.array(scene.table_colour) * (1 + scene.table_contrast * texture[..., None])
+
+
+def _cloth(scene, points):
+    """Woven cloth, stripes if asked, soft shading of shallow waves."""
+    weave = 1 + 0.05 * np.sin(points[..., 0] * 1500) * np.sin(points[..., 1] * 1400)
+    waves = 1 + 0.05 * np.sin(points[..., 0] * 25 + 1) * np.cos(points[..., 1] * 18)
+    stripe = 1 + scene.stripes * np.sign(np.sin(points[..., 1] * 60))
+    return np.array(scene.fabric) * (weave * waves * stripe)[..., None]
+
+
+def _garment(scene, layout, calibration):
+    """Which subpixels see the slab's top, and where on it (its side is thinner than a pixel)."""
+    top, _ = _intersect(calibration, 2, scene.thickness)
+    return layout.sample(layout.mask, top), top
+
+
+def _depth(scene, layout, calibration, rng):
+    points, depth = _intersect(calibration, 1, 0.0)
+    _, unit = _intersect(calibration, 1, 1.0)
+    per_metre = unit - depth
+    depth = depth + layout.sample(layout.height, points) * per_metre
+    depth = depth + scene.depth_noise * depth**2 * rng.standard_normal(depth.shape)
+    depth = np.float32(np.round(depth / 0.001) * 0.001)
+    depth[rng.random(depth.shape) < 0.01] = np.nan
+    return depth
+
+
+def towel_scene(seed: int) -> tuple[Scene, np.ndarray]:
+    """A towel drawn from `seed` and its true key points (4, 2), labelled as `TOWEL_NAMES`."""
+    rng = np.random.default_rng(seed)
+    truth = place(TOWEL, rng.uniform(0.50, 0.68), rng.uniform(-0.10, 0.10), rng.uniform(-0.3, 0.3))
+    fabrics = [(0.15, 0.25, 0.55), (0.75, 0.72, 0.68), (0.5, 0.08, 0.08), (0.1, 0.35, 0.15), (0.6, 0.5, 0.15)]
+    tables = [(0.45, 0.35, 0.25), (0.3, 0.22, 0.14), (0.5, 0.5, 0.5), (0.55, 0.48, 0.38)]
+    scene = Scene(
+        seed=seed, polygons=[truth], fabric=fabrics[rng.integers(5)], table_colour=tables[rng.integers(4)],
+        stripes=float(rng.choice([0.0, 0.3])), light=tuple(rng.uniform(-1, 1, 2)),
+        shadow=rng.uniform(0.3, 0.6), gain=rng.uniform(0.9, 1.1), thickness=rng.uniform(0.002, 0.005),
+    )
+    return scene, truth
+
+
+def empty(scene: Scene) -> CameraFrame:
+    """The same table without the garment, taken before (other exposure, other noise)."""
+    bare = Scene(**{**scene.__dict__, "polygons": [], "bumps": [], "gain": 1.0})
+    return render(bare, sequence=100_000)

@@ -1,0 +1,39 @@
+"""What several of these tests need."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+NOBODY = 65534
+
+
+class Locked:
+    """A folder, and a way to make it read-only that also binds root."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @contextmanager
+    def read_only(self) -> Iterator[None]:
+        self.folder.chmod(0o555)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(NOBODY)  # root would write anyway
+        try:
+            yield
+        finally:
+            if root:
+                os.seteuid(0)
+            self.folder.chmod(0o755)
+
+
+@pytest.fixture
+def lockable() -> Iterator[Locked]:
+    """A folder that everybody can reach (pytest's own are closed to others)."""
+    with tempfile.TemporaryDirectory(prefix="foldcell-test-") as name:
+        Path(name).chmod(0o755)
+        yield Locked(Path(name))

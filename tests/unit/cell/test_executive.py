@@ -1,0 +1,114 @@
+"""The table of states, walked: what must hold for any table that runs a robot cell."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cell.executive import Executive, complete_table
+from cell.recovery import RECOVERIES, choose_recovery
+from cell.states import HANDS_ON_CLOTH, TERMINAL, Effect, Event, State
+from robots.errors import FailureKind, InternalError
+
+ROWS = complete_table()
+WORKING = [s for s in State if s not in TERMINAL and s is not State.IDLE]
+
+
+def successors(state: State) -> set[State]:
+    return {r.target for r in ROWS if r.state is state}
+
+
+def reachable(start: State) -> set[State]:
+    seen, todo = {start}, [start]
+    while todo:
+        for s in successors(todo.pop()) - seen:
+            seen.add(s)
+            todo.append(s)
+    return seen
+
+
+def test_every_state_is_reached_and_can_end() -> None:
+    assert reachable(State.IDLE) == set(State)
+    for s in WORKING:
+        assert reachable(s) & TERMINAL, s
+
+
+def test_nothing_leaves_an_end() -> None:
+    assert not [r for r in ROWS if r.state in TERMINAL]
+
+
+def test_one_row_for_a_state_and_event() -> None:
+    assert len({(r.state, r.event) for r in ROWS}) == len(ROWS)
+
+
+@pytest.mark.parametrize("state", WORKING)
+def test_stop_and_crash_are_known_everywhere(state: State) -> None:
+    to = {r.event: (r.target, r.effect) for r in ROWS if r.state is state}
+    assert to[Event.STOP] == (State.STOPPED, Effect.HOLD)
+    assert to[Event.CRASH][0] in {State.MAKING_SAFE, State.FAULT}
+
+
+def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
+    for s in HANDS_ON_CLOTH:
+        target = next(r.target for r in ROWS if r.state is s and r.event is Event.FAILED)
+        assert target is State.CLEARING
+
+
+def test_no_way_into_motion_but_through_the_motion_plan() -> None:
+    """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there."""
+    sources = {r.state for r in ROWS if r.target is State.APPROACHING}
+    assert sources == {State.PLANNING_MOTION, State.AWAITING_APPROVAL}
+
+
+def test_the_straight_run() -> None:
+    machine = Executive()
+    events = [Event.START] + [Event.DONE] * 15 + [Event.NEXT_FOLD] + [Event.DONE] * 9 + [Event.ALL_FOLDED]
+    for e in events:
+        machine.handle(e)
+    assert machine.state is State.FOLDED
+    assert machine.ended
+
+
+def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
+    with pytest.raises(InternalError, match="'approve' in state 'idle'") as e:
+        Executive().handle(Event.APPROVE)
+    assert "start" in e.value.hint
+
+
+def test_resume_enters_the_interrupted_state_anew() -> None:
+    machine = Executive()
+    entered = machine.handle(Event.START)
+    machine.handle(Event.PAUSE)
+    assert machine.state is State.PAUSED
+    resumed = machine.handle(Event.RESUME)
+    assert (resumed.target, resumed.effect) == (entered.target, entered.effect)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.sampled_from(list(Event)), max_size=40))
+def test_any_sequence_of_events_stays_on_the_table(events: list[Event]) -> None:
+    machine = Executive()
+    for e in [Event.START, *events]:
+        if e in machine.allowed():
+            before = machine.state
+            step = machine.handle(e)
+            assert step.source is before
+            assert machine.state is step.target
+        else:
+            with pytest.raises(InternalError):
+                machine.handle(e)
+
+
+@pytest.mark.parametrize("kind", list(FailureKind))
+@pytest.mark.parametrize("attended", [True, False])
+def test_recoveries_are_bounded_and_known_to_the_machine(kind: FailureKind, attended: bool) -> None:
+    known = {r.event for r in ROWS if r.state is State.RECOVERING}
+    tried = [choose_recovery(kind, n, attended).event for n in range(1, 10)]
+    assert set(tried) <= known
+    assert tried[-1] is (Event.ASK if attended else Event.GIVE_UP)
+
+
+def test_a_stop_is_never_recovered_by_itself() -> None:
+    for kind in (FailureKind.STOPPED, FailureKind.HARDWARE_FAULT, FailureKind.ABORTED):
+        assert kind not in RECOVERIES

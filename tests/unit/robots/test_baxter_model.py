@@ -1,0 +1,156 @@
+"""Baxter's model: joint order, limits, tool frames, parked pose."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from robots.baxter.model import FINGER_JOINTS, load_model
+from robots.model import JointLimits, arm_chain
+from robots.ports import Side, arm_slice
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+def test_joints_are_left_then_right_from_shoulder_to_wrist(model):
+    order = ["s0", "s1", "e0", "e1", "w0", "w1", "w2"]
+    assert list(model.joint_names) == [f"left_{j}" for j in order] + [f"right_{j}" for j in order]
+    q = np.arange(14) / 10
+    full = model.configuration(q)
+    for name, value in zip(model.joint_names, q, strict=True):
+        assert full[model.pin_model.joints[model.pin_model.getJointId(name)].idx_q] == value
+
+
+def test_protective_limits_are_the_published_ones_and_planning_stays_inside(model):
+    lower = [-1.7017, -2.147, -3.0542, -0.05, -3.059, -1.5708, -3.059]
+    upper = [1.7017, 1.047, 3.0542, 2.618, 3.059, 2.094, 3.059]
+    for side in Side:
+        assert model.protective.lower[arm_slice(side)] == pytest.approx(lower, abs=1e-3)
+        assert model.protective.upper[arm_slice(side)] == pytest.approx(upper, abs=1e-3)
+        assert model.protective.velocity[arm_slice(side)] == pytest.approx([1.5] * 4 + [4.0] * 3)
+    for name in ("velocity", "acceleration", "jerk"):
+        assert np.all(getattr(model.planning, name) < getattr(model.protective, name))
+        assert np.all(getattr(model.commissioning, name) < getattr(model.planning, name))
+    assert np.all(model.planning.lower > model.protective.lower)
+    assert np.all(model.planning.upper < model.protective.upper)
+    # The figures that planning was measured with.
+    assert model.planning.acceleration[:7] == pytest.approx([3.0] * 4 + [6.0] * 3)
+
+
+def test_named_limits_scale_the_velocity_only(model):
+    half = model.limits("planning", 0.5)
+    assert half.velocity == pytest.approx(0.5 * model.protective.velocity)
+    assert half.acceleration is model.planning.acceleration
+    with pytest.raises(KeyError):
+        model.limits("reckless")
+
+
+def test_limits_refuse_nonsense():
+    good = np.ones(14)
+    with pytest.raises(ValueError, match="upper"):
+        JointLimits(good, good, good, good, good)
+    with pytest.raises(ValueError, match="jerk"):
+        JointLimits(-good, good, good, good, 0 * good)
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_pads_close_along_the_tools_y_and_meet_at_its_origin(model, side):
+    """The convention of robots.ports, read off the URDF's own finger joints and tips."""
+    pm = model.pin_model
+    data = pm.createData()
+
+    def tips(opening):
+        q = model.configuration(np.linspace(-0.3, 0.9, 14))
+        left, right = FINGER_JOINTS[side]
+        q[pm.joints[pm.getJointId(left)].idx_q] = opening
+        q[pm.joints[pm.getJointId(right)].idx_q] = -opening
+        pin.framesForwardKinematics(pm, data, q)
+        tool = data.oMf[pm.getFrameId(model.tool_frame[side])]
+        letter = side[0]
+        return [
+            tool.actInv(data.oMf[pm.getFrameId(f"{letter}_gripper_{f}_finger_tip")]).translation for f in ("l", "r")
+        ]
+
+    narrow, wide = tips(0.0), tips(0.02)
+    for a, b, sign in zip(narrow, wide, (1.0, -1.0), strict=True):
+        assert b - a == pytest.approx([0.0, sign * 0.02, 0.0], abs=1e-12)
+        assert np.delete(a, 1) == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert narrow[0] + narrow[1] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_tool_z_points_out_of_the_hand(model):
+    pm, data = model.pin_model, model.pin_model.createData()
+    pin.framesForwardKinematics(pm, data, model.configuration(np.full(14, 0.4)))
+    for side in Side:
+        tool = data.oMf[pm.getFrameId(model.tool_frame[side])]
+        wrist = data.oMi[pm.getJointId(f"{side}_w2")]
+        assert tool.actInv(wrist.translation) == pytest.approx([0.0, 0.0, -0.27125], abs=1e-4)
+
+
+def test_a_chain_has_to_be_one(model):
+    joints = tuple(model.joint_names[:7])
+    with pytest.raises(ValueError, match="follows"):
+        arm_chain(model.pin_model, joints[::-1], "left_gripper")
+    with pytest.raises(ValueError, match="not fixed"):
+        arm_chain(model.pin_model, joints, "right_gripper")
+
+
+def test_collision_geometry_is_convex_and_filtered_by_the_srdf(model):
+    shapes = model.collision_model.geometryObjects
+    assert not any(isinstance(s.geometry, coal.BVHModelBase) for s in shapes)
+    names = {
+        frozenset((shapes[p.first].name, shapes[p.second].name)) for p in model.collision_model.collisionPairs
+    }
+    assert len(names) == 547
+    assert frozenset(("left_upper_shoulder_0", "left_lower_shoulder_0")) not in names
+    assert frozenset(("left_wrist_0", "right_wrist_0")) in names
+
+
+def test_the_arms_are_mirror_images_when_parked(model):
+    left, right = (model.tool_pose(side, model.q_park) for side in Side)
+    assert left[:3, 3] * [1, -1, 1] == pytest.approx(right[:3, 3], abs=1e-6)
+
+
+def _surface(shape: coal.CollisionGeometry) -> np.ndarray:
+    if isinstance(shape, coal.Cylinder):
+        a = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        ring = np.stack([shape.radius * np.cos(a), shape.radius * np.sin(a), 0 * a], axis=1)
+        return np.vstack([ring + [0, 0, s * shape.halfLength] for s in (-1, 0, 1)])
+    shape.computeLocalAABB()
+    low, high = shape.aabb_local.min_, shape.aabb_local.max_
+    return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])
+
+
+def test_parked_arms_are_out_of_the_cameras_view(model):
+    """Every arm link lies wholly beyond one side of the view's pyramid, with at least 10 mm to spare."""
+    pm, geometry = model.pin_model, model.collision_model
+    data, placed = pm.createData(), geometry.createData()
+    pin.updateGeometryPlacements(pm, data, geometry, placed, model.configuration(model.q_park))
+    to_camera = np.linalg.inv(T_base_camera(model.head_pan))
+    k = INTRINSICS
+    # Inward normals of the four side planes, from the picture's own edges.
+    planes = np.array(
+        [
+            [k.fx, 0.0, k.cx + 0.5],
+            [-k.fx, 0.0, k.width - 0.5 - k.cx],
+            [0.0, k.fy, k.cy + 0.5],
+            [0.0, -k.fy, k.height - 0.5 - k.cy],
+        ]
+    )
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    checked = 0
+    for i, shape in enumerate(geometry.geometryObjects):
+        if not pm.names[shape.parentJoint].startswith(("left_", "right_", "l_", "r_")):
+            continue
+        points = _surface(shape.geometry) @ placed.oMg[i].rotation.T + placed.oMg[i].translation
+        seen = points @ to_camera[:3, :3].T + to_camera[:3, 3]
+        outside = (-(seen @ planes.T)).min(axis=0).max()
+        assert outside > 0.010, f"{shape.name} is {outside * 1e3:.0f} mm from leaving the picture"
+        checked += 1
+    assert checked == 34

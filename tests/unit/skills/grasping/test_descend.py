@@ -1,0 +1,175 @@
+"""The guarded descent: where it stops, how hard it touches, and what it refuses to take for a garment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
+from skills.grasping.settings import GraspSettings
+from skills.grasping.zero import Zero, start_zero, zero
+from skills.vocabulary import Outcome
+from tests.hands import DescendingHand, SensedHand
+
+SETTINGS = GraspSettings()
+TOP = 0.0025
+GOAL = DescentGoal(contact=0.0, bottom=-0.008, through=TOP)
+SEEDS = range(100)
+
+
+def zero_of(hand: SensedHand) -> Zero:
+    state = start_zero(SETTINGS)
+    while not isinstance(state, Outcome):
+        state = zero(hand.read(), state)
+    return state.unwrap()
+
+
+def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0) -> tuple[Outcome[Contact], float]:
+    """Run a descent; the outcome and how long it took."""
+    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, goal, zero_of(hand), hand.read())
+    begun = hand.now
+    while not isinstance(state, Outcome):
+        assert hand.now - begun < seconds, "the descent does not end"
+        command, state = descend(hand.read(), state)
+        hand.follow(command.height)
+    return state, hand.now - begun
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_it_presses_the_cloth_to_the_table_and_not_harder(scale: float) -> None:
+    """100 descents each: all end by the tips, within 1 mm of the table, under 6 N on the arm."""
+    hands = [DescendingHand(seed, scale, TOP) for seed in SEEDS]
+    ends = [lower(hand)[0].unwrap() for hand in hands]
+    assert all(end.by == "tip" for end in ends)
+    assert max(abs(end.height) for end in ends) < 0.001
+    assert max(hand.peak for hand in hands) < 6.0
+
+
+@pytest.mark.parametrize("table", [-0.005, -0.002, 0.003])
+def test_a_table_that_is_not_where_it_was_thought_is_found(table: float) -> None:
+    """Arms are off by millimetres: the touch decides, not the height."""
+    for seed in range(40):
+        hand = DescendingHand(seed, 1.0, table + TOP, table)
+        end, _ = lower(hand)
+        assert end.unwrap().by == "tip"
+        assert end.unwrap().height == pytest.approx(table, abs=0.001)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_a_first_touch_stops_on_top_of_the_cloth(scale: float) -> None:
+    goal = DescentGoal(contact=0.010, bottom=-0.005)
+    for seed in range(60):
+        end, _ = lower(DescendingHand(seed, scale, top=0.010), goal)
+        assert 0.0065 < end.unwrap().height < 0.010
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_no_touch_in_the_air(scale: float) -> None:
+    """Nothing down to the bound is NO_CONTACT, in every descent: noise is never taken for a contact."""
+    for seed in SEEDS:
+        hand = DescendingHand(seed, scale, top=-0.05, floor=-0.06)
+        end, _ = lower(hand)
+        assert end.failure is not None and end.failure.kind is FailureKind.NO_CONTACT
+        assert hand.height >= GOAL.bottom - 1e-9 and hand.peak == 0.0
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_efforts_stop_a_hand_whose_tips_are_numb(scale: float) -> None:
+    for seed in range(60):
+        hand = DescendingHand(seed, scale, TOP)
+        follow = hand.follow
+
+        def numb(height: float, follow=follow, hand=hand) -> None:
+            follow(height)
+            hand.tip = np.zeros(2)
+
+        hand.follow = numb  # type: ignore[method-assign]
+        end, _ = lower(hand)
+        assert end.unwrap().by == "effort" and hand.peak < 20.0
+
+
+def test_something_far_above_the_garment_is_not_the_garment() -> None:
+    end, _ = lower(DescendingHand(1, top=0.042, floor=0.037))
+    assert end.failure is not None and end.failure.kind is FailureKind.IN_COLLISION
+    assert end.failure.values["height_m"] == pytest.approx(0.038, abs=0.004)
+
+
+def test_the_stop_height_ends_it_well_without_a_touch() -> None:
+    goal = DescentGoal(contact=0.0, bottom=-0.005, stop=0.006)
+    end, _ = lower(DescendingHand(1, top=0.0, floor=-0.01), goal)
+    assert end.unwrap().by == "height"
+    assert 0.004 < end.unwrap().height <= 0.006
+
+
+def test_it_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
+    hand = DescendingHand(3, top=TOP)
+    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    heights, commands = [], []
+    while not isinstance(state, Outcome):
+        command, state = descend(hand.read(), state)
+        hand.follow(command.height)
+        heights.append(hand.height)
+        commands.append(command.height)
+    speed = -np.diff(commands[:-1]) * 100.0
+    fast = np.array(heights[:-2]) > 0.020
+    assert speed[fast].max() <= SETTINGS.approach_speed + 1e-9
+    assert np.median(speed[fast]) == pytest.approx(SETTINGS.approach_speed)
+    near = np.array(heights[:-2]) < 0.012
+    assert speed[near].max() <= SETTINGS.guarded_speed + 1e-9
+
+
+def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:
+    """A stalled arm: the command stays within the lead, and the descent ends; so it does just over the bound."""
+    for height, kind in ((0.05, FailureKind.TRACKING_ERROR), (GOAL.bottom + 0.002, FailureKind.NO_CONTACT)):
+        hand = DescendingHand(1)
+        state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+        hand.height = height
+        for _ in range(1500):
+            if isinstance(state, Outcome):
+                break
+            command, state = descend(hand.read(), state)
+            assert command.height >= hand.height - SETTINGS.lead - 1e-12
+        assert isinstance(state, Outcome) and state.failure is not None
+        assert state.failure.kind is kind
+
+
+def test_without_news_it_holds_and_counts_nothing() -> None:
+    hand = DescendingHand(1)
+    state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    hand.tip = np.array([5.0, 5.0])
+    reading = hand.read()
+    command, state = descend(reading, state)
+    for k in range(8):  # the same reading, again and again: one touch, not nine
+        again = replace(reading, stamp=reading.stamp + 0.01 * k)
+        held, state = descend(again, state)
+        assert held.hold and held.height == command.height
+        assert isinstance(state, DescentState) and state.tip_count == 1
+
+
+def test_stale_or_senseless_readings_end_it() -> None:
+    hand = DescendingHand(1)
+    state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    late = replace(hand.read(), stamp=hand.now + 0.2)
+    command, end = descend(late, state)
+    assert isinstance(end, Outcome) and end.failure is not None
+    assert end.failure.kind is FailureKind.STALE_STATE and command.hold
+    hand.tip = np.array([np.nan, 0.0])
+    command, end = descend(hand.read(), state)
+    assert isinstance(end, Outcome) and end.failure is not None
+    assert end.failure.kind is FailureKind.HARDWARE_FAULT
+    assert command.hold and command.height == hand.height
+
+
+def test_limits_the_wrong_way_round_are_refused() -> None:
+    with pytest.raises(ValueError, match="bottom"):
+        DescentGoal(contact=0.0, bottom=0.01)
+    with pytest.raises(ValueError, match="bottom"):
+        DescentGoal(contact=0.01, bottom=0.005, stop=0.0)
+
+
+def test_the_same_readings_give_the_same_commands() -> None:
+    first, second = (lower(DescendingHand(5)) for _ in range(2))
+    assert first == second

@@ -1,0 +1,102 @@
+"""Collision checks against geometry that can be worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robots.baxter.model import load_model
+from robots.ports import Side, arm_slice
+from skills.motion import ik
+from skills.motion.collision import CollisionChecker
+from skills.vocabulary import Table, tool_rotation
+
+TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def checker(model):
+    return CollisionChecker(model, TABLE)
+
+
+def hand_at(model, side, x, y, height, heading=0.0):
+    """(14,) one hand pointing down with its tip `height` above the table, the other arm parked."""
+    T = np.eye(4)
+    T[:3, :3] = tool_rotation(np.array([heading]), np.zeros(1), np.zeros(1))[0]
+    T[:3, 3] = [x, y, TABLE.height + height]
+    q = np.array(model.q_park)
+    seeds = np.random.default_rng(5).uniform(-1, 1, (30, 7)) + model.park(side)
+    seeds = np.clip(seeds, model.planning.lower[arm_slice(side)], model.planning.upper[arm_slice(side)])
+    q[arm_slice(side)] = ik.solve_seeds(model, side, T, seeds)[0]
+    return q
+
+
+def test_the_parked_arms_are_free(model, checker):
+    assert checker.contact(model.q_park) is None
+    assert checker.clearance(model.q_park) > 0.1
+
+
+def test_a_hand_over_the_table_is_free_and_one_through_it_is_not(model, checker):
+    high, low = hand_at(model, Side.LEFT, 0.6, 0.2, 0.10), hand_at(model, Side.LEFT, 0.6, 0.2, -0.10)
+    assert not checker.in_collision(high)
+    assert checker.in_collision(low) and checker.in_collision(low, allow_fingertips=True)
+    contact = checker.contact(low)
+    assert contact is not None and contact.second == "table" and contact.first.startswith("l")
+
+
+def test_fingertips_may_touch_only_when_allowed(model, checker):
+    touching = hand_at(model, Side.RIGHT, 0.6, -0.2, 0.002)
+    assert checker.in_collision(touching)
+    assert checker.contact(touching).first in model.fingertips[Side.RIGHT]
+    assert not checker.in_collision(touching, allow_fingertips=True)
+
+
+def test_clearance_over_the_table_is_the_fingertips_height(model, checker):
+    """The URDF's finger boxes end 5.15 mm beyond the tool's origin."""
+    for height in (0.05, 0.08):
+        q = hand_at(model, Side.LEFT, 0.65, 0.25, height)
+        assert checker.clearance(q) == pytest.approx(height - 0.00515, abs=5e-5)
+
+
+def test_hands_collide_with_each_other(model, checker):
+    q = hand_at(model, Side.LEFT, 0.6, 0.03, 0.15)
+    q[arm_slice(Side.RIGHT)] = hand_at(model, Side.RIGHT, 0.6, -0.03, 0.15)[arm_slice(Side.RIGHT)]
+    contact = checker.contact(q)
+    assert contact is not None
+    assert {contact.first.split("_")[0][0], contact.second.split("_")[0][0]} == {"l", "r"}
+    q = hand_at(model, Side.LEFT, 0.6, 0.2, 0.15)
+    q[arm_slice(Side.RIGHT)] = hand_at(model, Side.RIGHT, 0.6, -0.2, 0.15)[arm_slice(Side.RIGHT)]
+    assert checker.contact(q) is None
+
+
+def test_a_collision_verdict_agrees_with_the_distances(model, checker):
+    """Two code paths of coal: the verdict with margins, and the distances themselves."""
+    rng = np.random.default_rng(8)
+    plain = CollisionChecker(model, TABLE, body_margin=0.0, table_margin=0.0, fingertip_margin=0.0)
+    for _ in range(60):
+        q = rng.uniform(model.planning.lower, model.planning.upper)
+        assert plain.in_collision(q) == (plain.clearance(q) <= 1e-6)
+        if plain.in_collision(q):
+            assert checker.in_collision(q)
+
+
+def test_an_edge_is_blocked_by_what_stands_between_free_ends(model, checker):
+    """One hand on each side of the other: straight on leads through it."""
+    a, b = hand_at(model, Side.LEFT, 0.75, 0.05, 0.10), hand_at(model, Side.LEFT, 0.45, 0.05, 0.10)
+    other = hand_at(model, Side.RIGHT, 0.60, 0.0, 0.10)[arm_slice(Side.RIGHT)]
+    assert checker.edge_free(a, b)
+    a[arm_slice(Side.RIGHT)] = b[arm_slice(Side.RIGHT)] = other
+    if not checker.in_collision(a) and not checker.in_collision(b):
+        assert not checker.edge_free(a, b)
+    assert checker.first_collision(np.linspace(a, b, 20)) is not None
+
+
+def test_contacts_on_a_path_are_located(model, checker):
+    up, down = hand_at(model, Side.LEFT, 0.6, 0.2, 0.12), hand_at(model, Side.LEFT, 0.6, 0.2, -0.05)
+    contact = checker.first_collision(np.array([up, up, down, up]))
+    assert contact is not None and contact.index == 2

@@ -1,0 +1,97 @@
+"""Compiled kinematics against Pinocchio; inverse kinematics against its own forward map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from robots.baxter.model import load_model
+from robots.ports import Side, arm_slice
+from skills.motion import ik
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+def _random(model, rng, side):
+    cut = arm_slice(side)
+    return rng.uniform(model.planning.lower[cut], model.planning.upper[cut])
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_forward_kinematics_and_jacobian_equal_pinocchio(model, side):
+    rng = np.random.default_rng(1)
+    pm, data = model.pin_model, model.pin_model.createData()
+    frame = pm.getFrameId(model.tool_frame[side])
+    columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[arm_slice(side)]]
+    for _ in range(50):
+        q = _random(model, rng, side)
+        both = np.zeros(14)
+        both[arm_slice(side)] = q
+        full = model.configuration(both)
+        pin.framesForwardKinematics(pm, data, full)
+        assert np.abs(ik.tool_pose(model.chains[side], q) - data.oMf[frame].homogeneous).max() < 1e-12
+        J = pin.computeFrameJacobian(pm, data, full, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        assert np.abs(ik.jacobian(model.chains[side], q) - J[:, columns]).max() < 1e-12
+
+
+def test_reachable_poses_are_found_within_the_limits(model):
+    rng = np.random.default_rng(2)
+    side, cut = Side.RIGHT, arm_slice(Side.RIGHT)
+    seeds = np.array([_random(model, rng, side) for _ in range(20)])
+    for _ in range(150):
+        T = ik.tool_pose(model.chains[side], _random(model, rng, side))
+        found = ik.solve_seeds(model, side, T, seeds)
+        assert len(found) > 0
+        for q in found:
+            assert np.abs(ik.tool_pose(model.chains[side], q) - T).max() < 1e-7
+            assert np.all(q >= model.planning.lower[cut]) and np.all(q <= model.planning.upper[cut])
+
+
+def test_a_near_start_gives_a_near_solution(model):
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        q = 0.9 * _random(model, rng, Side.LEFT)
+        q = np.clip(q, model.planning.lower[:7], model.planning.upper[:7])
+        T = ik.tool_pose(model.chains[Side.LEFT], q)
+        T[:3, 3] += rng.normal(0, 1e-4, 3)
+        found = ik.solve_pose(model, Side.LEFT, T, q, gain=0.0)
+        if found is not None and np.linalg.svd(ik.jacobian(model.chains[Side.LEFT], q))[1][-1] > 0.05:
+            assert np.abs(found - q).max() < 0.02
+
+
+def test_what_is_out_of_reach_has_no_solution(model):
+    T = np.eye(4)
+    T[:3, 3] = [2.5, 0.0, 0.0]
+    assert ik.solve_pose(model, Side.LEFT, T, np.zeros(7)) is None
+    assert len(ik.solve_seeds(model, Side.LEFT, T, np.zeros((3, 7)))) == 0
+
+
+def _line(model, length):
+    """A straight way in front of the left arm, hand down."""
+    q0 = np.array([-0.3, -0.3, 0.0, 1.2, 0.0, 0.7, 0.0])
+    T = ik.tool_pose(model.chains[Side.LEFT], q0)
+    position = T[:3, 3] + np.linspace(0, length, 80)[:, None] * np.array([0.2, -1.0, 0.1]) / np.linalg.norm([0.2, 1, 0.1])
+    return np.tile(T[:3, :3], (80, 1, 1)), position, q0
+
+
+def test_a_followed_path_is_reached_everywhere_without_jumps(model):
+    rotation, position, q0 = _line(model, 0.4)
+    way = ik.follow_path(model, Side.LEFT, rotation, position, q0)
+    assert way.complete and way.q.shape == (80, 7)
+    for q, R, p in zip(way.q, rotation, position, strict=True):
+        T = ik.tool_pose(model.chains[Side.LEFT], q)
+        assert np.abs(T[:3, 3] - p).max() < 1e-8 and np.abs(T[:3, :3] - R).max() < 1e-8
+    assert np.abs(np.diff(way.q, axis=0)).max() < 0.05
+    # Smooth enough to be timed with a jerk limit: third differences carry no solver noise.
+    assert np.abs(np.diff(way.q[1:], n=3, axis=0)).max() < 1e-3
+
+
+def test_a_path_that_leaves_the_workspace_ends_where_it_leaves(model):
+    rotation, position, q0 = _line(model, 3.0)
+    way = ik.follow_path(model, Side.LEFT, rotation, position, q0)
+    assert not way.complete
+    assert 5 < len(way.q) < 60

@@ -1,0 +1,131 @@
+"""The last check before anything is sent: every way a trajectory can be wrong has to be named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.baxter.model import load_model
+from robots.errors import FailureKind
+from robots.ports import ArmTrajectory, Side
+from skills.motion.check import check_trajectory
+from skills.motion.collision import CollisionChecker
+from skills.motion.plan import plan_free_motion
+from skills.motion.timing import free_motion
+from skills.vocabulary import Table, ToolPath
+
+MODEL = load_model()
+TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
+
+
+@pytest.fixture(scope="module")
+def checker():
+    return CollisionChecker(MODEL, TABLE)
+
+
+@pytest.fixture(scope="module")
+def good():
+    q1 = MODEL.q_park + np.array([0.2, 0.1, 0.0, -0.3, 0.0, 0.2, 0.1] + [0.0] * 7)
+    return free_motion(MODEL.q_park, q1, MODEL.planning)
+
+
+def judged(checker, trajectory, q_now=None, **options):
+    start = trajectory.q[0] if q_now is None else q_now
+    return check_trajectory(MODEL, checker, trajectory, start, MODEL.planning, **options)
+
+
+def altered(trajectory, name, index, value):
+    a = np.array(getattr(trajectory, name))
+    a[index] = value
+    return replace(trajectory, **{name: a})
+
+
+def test_a_good_trajectory_passes_and_says_how_hard_it_works(checker, good):
+    share = judged(checker, good).unwrap()
+    assert 0.3 < share.worst <= 1.0
+
+
+@pytest.mark.parametrize("name", ["t", "q", "qd", "qdd"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_numbers_are_refused(checker, good, name, value):
+    index = 7 if name == "t" else (7, 3)
+    result = judged(checker, altered(good, name, index, value), good.q[0])
+    assert result.failure is not None and result.failure.kind is FailureKind.LIMIT_EXCEEDED
+
+
+def test_a_state_that_is_not_a_number_is_a_start_mismatch(checker, good):
+    q = np.array(good.q[0])
+    q[4] = np.nan
+    assert judged(checker, good, q).failure.kind is FailureKind.START_MISMATCH
+
+
+@pytest.mark.parametrize(("off", "passes"), [(0.9, True), (1.1, False)])
+def test_the_start_has_to_be_where_the_arms_are(checker, good, off, passes):
+    q = np.array(good.q[0])
+    q[10] -= np.deg2rad(off)
+    result = judged(checker, good, q)
+    assert result.ok is passes
+    if not passes:
+        assert result.failure.kind is FailureKind.START_MISMATCH
+        assert "right_e1" in result.failure.what
+
+
+def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
+    assert not judged(checker, altered(good, "t", 5, good.t[4])).ok
+    assert not judged(checker, replace(good, t=good.t + 0.1)).ok
+    sparse = ArmTrajectory(good.t[::3], good.q[::3], good.qd[::3], good.qdd[::3])
+    assert "far apart" in judged(checker, sparse).failure.what
+
+
+def test_it_has_to_begin_and_end_at_rest(checker, good):
+    cut = ArmTrajectory(good.t[:30], good.q[:30], good.qd[:30], good.qdd[:30])
+    assert "rest" in judged(checker, cut).failure.what
+
+
+@pytest.mark.parametrize("faster", [1.05, 2.0])
+def test_a_trajectory_played_too_fast_is_refused(checker, good, faster):
+    quick = ArmTrajectory(good.t / faster, good.q, good.qd * faster, good.qdd * faster**2)
+    failure = judged(checker, quick).failure
+    assert failure.kind is FailureKind.LIMIT_EXCEEDED
+    assert failure.values["jerk_share"] == pytest.approx(0.98 * faster**3, rel=0.02)
+
+
+def test_samples_that_do_not_fit_their_velocities_are_refused(checker, good):
+    """A jump in position that the velocities do not tell of: the interpolant would whip."""
+    assert not judged(checker, altered(good, "q", (len(good.t) // 2, 2), good.q[len(good.t) // 2, 2] + 0.01)).ok
+
+
+def test_a_joint_beyond_its_range_is_named(checker):
+    q1 = np.array(MODEL.q_park)
+    q1[5] = MODEL.planning.upper[5] + 0.05
+    failure = judged(checker, free_motion(MODEL.q_park, q1, MODEL.planning)).failure
+    assert failure.kind is FailureKind.LIMIT_EXCEEDED and "left_w1" in failure.what
+
+
+def test_a_trajectory_through_the_table_is_refused(checker):
+    q1 = np.array(MODEL.q_park)
+    q1[[0, 7]] += [-0.5, 0.5]
+    q1[[1, 8]] += 0.6
+    motion = free_motion(MODEL.q_park, q1, MODEL.planning)
+    failure = judged(checker, motion).failure
+    assert failure.kind is FailureKind.IN_COLLISION and "table" in failure.what
+    planned = plan_free_motion(MODEL, checker, MODEL.q_park, q1)
+    assert planned.failure is not None and planned.failure.values["end"] == "goal"
+
+
+def test_a_tool_off_its_path_is_refused(checker, good):
+    from skills.motion import ik
+
+    T = np.array([ik.tool_pose(MODEL.chains[Side.LEFT], q[:7]) for q in good.q])
+    position = T[:, :3, 3] - [0, 0, TABLE.height]
+    zero = np.zeros(len(position))
+
+    def along(offset):
+        return {Side.LEFT: ToolPath(good.t, position + offset, zero, zero, zero)}
+
+    assert judged(checker, good, intended=along([0, 0, 0.003]), table=TABLE).ok
+    failure = judged(checker, good, intended=along([0, 0, 0.02]), table=TABLE).failure
+    assert failure.kind is FailureKind.OFF_TARGET
+    assert 0.005 < failure.values["deviation_m"] <= 0.0201

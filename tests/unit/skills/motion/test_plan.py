@@ -1,0 +1,302 @@
+"""Whole folds planned for Baxter: what the tools do, judged by kinematics and checks of its own."""
+
+from __future__ import annotations
+
+import socket
+
+import numpy as np
+import pytest
+
+from robots.baxter.model import load_model
+from robots.errors import FailureKind
+from robots.ports import Side, arm_slice
+from skills.motion import route
+from skills.motion.check import check_trajectory, path_deviation
+from skills.motion.collision import CollisionChecker
+from skills.motion.plan import plan_arc, plan_fold_motion, plan_free_motion, plan_grasp, plan_withdrawal
+from skills.motion.posture import Posture, angles_of
+from skills.motion.timing import peaks
+from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath, tool_rotation
+
+MODEL = load_model()
+TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
+TOWELS = {"small": (0.30, 0.42), "medium": (0.40, 0.60), "large": (0.50, 0.80)}
+INSET, EDGE, TOP = 0.015, 0.010, 0.012
+
+
+@pytest.fixture(scope="module")
+def checker():
+    return CollisionChecker(MODEL, TABLE)
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch):
+    """Planning opens no socket: one of Ruckig's features would call a service."""
+
+    def refuse(*_args, **_kwargs):
+        raise AssertionError("motion planning opened a socket")
+
+    for name in ("socket", "create_connection", "getaddrinfo"):
+        monkeypatch.setattr(socket, name, refuse)
+
+
+def arc(start, end, heading, height=0.5, speed=0.30, rate=100.0):
+    """A tool path along a cubic Bezier, from rest to rest (minimum jerk in arc length)."""
+    start, end = np.array(start, float), np.array(end, float)
+    span = np.linalg.norm(end - start)
+    up = np.array([0.0, 0.0, height * span])
+    control = [start, start + up, end + up, end]
+    u = np.linspace(0, 1, 2001)[:, None]
+    curve = (
+        (1 - u) ** 3 * control[0] + 3 * u * (1 - u) ** 2 * control[1] + 3 * u**2 * (1 - u) * control[2] + u**3 * control[3]
+    )
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    duration = 1.875 * s[-1] / speed
+    t = np.linspace(0, duration, int(duration * rate) + 1)
+    x = t / duration
+    travelled = (10 * x**3 - 15 * x**4 + 6 * x**5) * s[-1]
+    position = np.stack([np.interp(travelled, s, curve[:, k]) for k in range(3)], axis=1)
+    zero = np.zeros(len(t))
+    return ToolPath(t, position, zero + heading, zero, zero)
+
+
+def fold(ends, heading, **options):
+    """A fold step and its paths; ends: side -> (start (3,), end (3,))."""
+    paths = {side: arc(a, b, heading, **options) for side, (a, b) in ends.items()}
+    duration = max(p.t[-1] for p in paths.values())
+    paths = {
+        s: ToolPath(p.t * duration / p.t[-1], p.position, p.heading, p.pitch, p.roll) for s, p in paths.items()
+    }
+    grasps = {s: Grasp(s, p.position[0, :2], heading, 1, 0.0025) for s, p in paths.items()}
+    line = FoldLine(np.zeros(2), np.array([np.cos(heading), np.sin(heading)]))
+    return FoldStep("fold", 0, line, (), grasps, {s: p.position[-1] for s, p in paths.items()}), paths
+
+
+def towel_fold(name, number, x=0.60, y=0.0, angle=0.0, **options):
+    """Fold 1: far edge onto near edge. Fold 2: what then lies in the near half, left edge onto right edge."""
+    lx, ly = TOWELS[name]
+    c, s = np.cos(angle), np.sin(angle)
+
+    def at(a, b, z):
+        return (x + c * a - s * b, y + s * a + c * b, z)
+
+    if number == 1:
+        a, b = lx / 2 - EDGE, ly / 2 - INSET
+        ends = {Side.LEFT: (at(a, b, 0.0), at(-a, b, TOP)), Side.RIGHT: (at(a, -b, 0.0), at(-a, -b, TOP))}
+        return fold(ends, np.pi / 2 + angle, **options)
+    far, near, b = -INSET, -lx / 2 + INSET, ly / 2 - EDGE
+    ends = {Side.LEFT: (at(far, b, 0.0), at(far, -b, TOP)), Side.RIGHT: (at(near, b, 0.0), at(near, -b, TOP))}
+    return fold(ends, angle, **options)
+
+
+def planned(checker, step, paths, **options):
+    return plan_fold_motion(MODEL, checker, TABLE, step, paths, MODEL.q_park, **options)
+
+
+def tools(side, q):
+    return np.array([MODEL.tool_pose(side, x) for x in q])
+
+
+@pytest.mark.parametrize("angle_deg", [0, 10])
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("name", list(TOWELS))
+def test_every_towel_fold_is_planned_and_holds_what_it_promises(checker, name, number, angle_deg):
+    step, paths = towel_fold(name, number, angle=np.deg2rad(angle_deg))
+    motion = planned(checker, step, paths).unwrap()
+    parts = (motion.approach, motion.fold, motion.retreat, motion.park)
+    for part in parts:
+        assert peaks(part, MODEL.planning).worst <= 1.0 + 1e-6
+    assert np.array_equal(motion.approach.q[0], MODEL.q_park)
+    assert motion.fold.q[0] == pytest.approx(motion.grasp.q_grasp, abs=1e-9)
+    assert motion.retreat.q[0] == pytest.approx(motion.fold.q[-1], abs=1e-9)
+    assert motion.park.q[0] == pytest.approx(motion.retreat.q[-1], abs=1e-9)
+    assert motion.park.q[-1] == pytest.approx(MODEL.q_park, abs=1e-9)
+
+    # Another checker, with half the margins, looks between the planner's own samples.
+    strict = CollisionChecker(MODEL, TABLE, body_margin=0.005, table_margin=0.01, fingertip_margin=0.01)
+    for part, grasping in zip(parts, (False, True, True, False), strict=True):
+        assert strict.first_collision(part.q[1::5], allow_fingertips=grasping) is None
+
+    assert path_deviation(MODEL, TABLE, motion.fold, {s: paths[p.path] for s, p in motion.postures.items()}) < 2e-4
+    for side, posture in motion.postures.items():
+        intended, done = paths[posture.path], motion.tool_paths[side]
+        assert done.position[0] == pytest.approx(intended.position[0], abs=1e-6)
+        assert done.position[-1] == pytest.approx(intended.position[-1], abs=1e-6)
+        # The held line keeps its direction, but for a turn of the hand by pi.
+        line = np.stack([np.cos(done.heading), np.sin(done.heading)], axis=1)
+        meant = np.array([np.cos(intended.heading[0]), np.sin(intended.heading[0])])
+        if posture.roll == 0.0:
+            assert np.abs(line @ meant) == pytest.approx(1.0, abs=1e-6)
+        assert abs(posture.pitch) <= np.deg2rad(20.01) and abs(posture.roll) <= np.deg2rad(10.01)
+        # And the tool path says what the joints do.
+        T = tools(side, motion.fold.q[::25])
+        R = tool_rotation(done.heading[::25], done.pitch[::25], done.roll[::25])
+        assert np.abs(T[:, :3, :3] - R).max() < 1e-9
+
+
+def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
+    step, paths = towel_fold("medium", 1)
+    motion = planned(checker, step, paths, approach_height=0.1).unwrap()
+    for side, way in motion.descend.items():
+        assert way.depth[0] == 0.0 and way.depth[-1] == pytest.approx(0.115)
+        q = np.tile(motion.grasp.q_above, (len(way.depth), 1))
+        q[:, arm_slice(side)] = way.q
+        assert q[0] == pytest.approx(motion.grasp.q_above, abs=1e-9)
+        T = tools(side, q)
+        start = paths[motion.postures[side].path].position[0]
+        assert np.abs(T[:, :2, 3] - start[:2]).max() < 1e-7
+        assert T[:, 2, 3] - TABLE.height == pytest.approx(start[2] + 0.1 - way.depth, abs=1e-7)
+        assert np.abs(T[:, :3, :3] - T[0, :3, :3]).max() < 1e-7
+        grasp = np.array(motion.grasp.q_above)
+        grasp[arm_slice(side)] = way.at(way.grasp_depth)
+        assert MODEL.tool_pose(side, grasp)[:3, 3] - [0, 0, TABLE.height] == pytest.approx(start, abs=1e-5)
+
+
+def test_retreats_go_straight_up(checker):
+    step, paths = towel_fold("small", 2)
+    motion = planned(checker, step, paths).unwrap()
+    for side in motion.postures:
+        T = tools(side, motion.retreat.q)
+        assert np.abs(T[:, :2, 3] - T[0, :2, 3]).max() < 1e-4
+        assert np.diff(T[:, 2, 3]).min() > -1e-6
+        assert T[-1, 2, 3] - T[0, 2, 3] == pytest.approx(0.10, abs=1e-6)
+        assert (np.diff(T[:, 2, 3]) / np.diff(motion.retreat.t)).max() <= 0.26
+
+
+def test_the_same_question_has_the_same_answer(checker):
+    step, paths = towel_fold("medium", 2, angle=0.1)
+    a = planned(checker, step, paths).unwrap()
+    b = planned(CollisionChecker(MODEL, TABLE), step, paths).unwrap()
+    assert a.postures == b.postures
+    for name in ("approach", "fold", "retreat", "park"):
+        assert np.array_equal(getattr(a, name).q, getattr(b, name).q)
+        assert np.array_equal(getattr(a, name).t, getattr(b, name).t)
+
+
+def test_another_choice_can_be_asked_for(checker):
+    step, paths = towel_fold("medium", 1)
+    first = planned(checker, step, paths).unwrap()
+    second = planned(checker, step, paths, avoid=[first.postures]).unwrap()
+    assert second.postures != first.postures
+
+
+def test_the_tools_speed_is_capped_while_they_hold(checker):
+    step, paths = towel_fold("medium", 1, speed=0.8)
+    free, capped = planned(checker, step, paths).unwrap(), planned(checker, step, paths, tool_speed=0.2).unwrap()
+    assert capped.fold.duration > 1.5 * free.fold.duration
+    for path in capped.tool_paths.values():
+        speed = np.linalg.norm(np.diff(path.position, axis=0), axis=1) / np.diff(path.t)
+        assert speed.max() < 0.202
+
+
+def test_an_arc_is_planned_again_from_where_the_hands_really_are(checker):
+    """The descent ended 4 mm higher and the arms lag a little: the arc starts there and ends as meant."""
+    step, paths = towel_fold("medium", 1)
+    motion = planned(checker, step, paths).unwrap()
+    q = np.array(motion.grasp.q_grasp)
+    for side, way in motion.descend.items():
+        q[arm_slice(side)] = way.at(way.grasp_depth - 0.004)
+    q += np.random.default_rng(3).normal(0.0, 0.003, 14)
+    again = plan_arc(MODEL, checker, TABLE, paths, motion.postures, q).unwrap()
+    assert again.fold.q[0] == pytest.approx(q, abs=1e-6)
+    assert peaks(again.fold, MODEL.planning).worst <= 1.0 + 1e-6
+    for side, posture in motion.postures.items():
+        goal = paths[posture.path]
+        done = again.tool_paths[side]
+        assert np.linalg.norm(done.position[0] - goal.position[0]) > 0.002
+        assert done.position[-1] == pytest.approx(goal.position[-1], abs=1e-6)
+        R = done.rotation[-1] @ posture.rotation(goal)[-1].T
+        assert np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)) < 1e-5
+        # It leaves upwards as the plan does: no dip at the start.
+        assert done.position[:, 2].min() > min(done.position[0, 2], goal.position[:, 2].min()) - 1e-3
+
+
+def test_a_grasp_is_planned_again_elsewhere(checker):
+    step, paths = towel_fold("medium", 1)
+    motion = planned(checker, step, paths).unwrap()
+    shifted = {
+        s: ToolPath(p.t, p.position + [-0.01, 0.0, -0.003], p.heading, p.pitch, p.roll) for s, p in paths.items()
+    }
+    q_now = np.array(motion.grasp.q_above)
+    grasp = plan_grasp(MODEL, checker, TABLE, shifted, motion.postures, q_now).unwrap()
+    assert grasp.approach.duration < 1.0
+    for side, posture in motion.postures.items():
+        tip = MODEL.tool_pose(side, grasp.q_grasp)[:3, 3] - [0, 0, TABLE.height]
+        assert tip == pytest.approx(shifted[posture.path].position[0], abs=1e-5)
+
+
+def test_one_arm_folds_while_the_other_stays_parked(checker):
+    step, paths = fold({Side.RIGHT: ((0.6, -0.3, 0.0), (0.6, -0.05, 0.01))}, 0.0)
+    motion = planned(checker, step, paths).unwrap()
+    (arm,) = motion.postures
+    for part in (motion.approach, motion.fold, motion.retreat, motion.park):
+        assert np.abs(part.q[:, arm_slice(arm.other)] - MODEL.park(arm.other)).max() < 1e-9
+
+
+def test_what_is_out_of_reach_is_named(checker):
+    step, paths = towel_fold("medium", 1, x=1.25)
+    failure = planned(checker, step, paths).failure
+    assert failure.kind is FailureKind.UNREACHABLE
+    assert "table frame" in failure.what and failure.values["postures"] > 100
+
+
+def test_hands_that_would_collide_are_named(checker):
+    ends = {Side.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)), Side.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01))}
+    step, paths = fold(ends, np.pi / 2)
+    failure = planned(checker, step, paths).failure
+    assert failure.kind is FailureKind.IN_COLLISION
+    assert "left" in failure.what and "right" in failure.what
+
+
+def test_paths_have_to_fit_the_step(checker):
+    step, paths = towel_fold("medium", 1)
+    with pytest.raises(ValueError, match="do not fit"):
+        planned(checker, step, {Side.LEFT: paths[Side.LEFT]})
+
+
+def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
+    step, paths = towel_fold("large", 2)
+    motion = planned(checker, step, paths).unwrap()
+    q_now = motion.fold.at(0.4 * motion.fold.duration)[0]
+    away = plan_withdrawal(MODEL, checker, q_now).unwrap()
+    for part in (away.retreat, away.park):
+        assert check_trajectory(MODEL, checker, part, part.q[0], MODEL.planning).ok
+    assert away.park.q[-1] == pytest.approx(MODEL.q_park)
+
+
+def test_detours_are_found_when_straight_on_is_blocked(checker):
+    """Hands that have to pass each other: left far right near, and the other way round."""
+    step, paths = towel_fold("small", 2)
+    a = planned(checker, step, paths).unwrap().grasp.q_above
+    mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
+    b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
+    assert not checker.in_collision(b) and not checker.edge_free(a, b)
+    motion = plan_free_motion(MODEL, checker, a, b).unwrap()
+    assert check_trajectory(MODEL, checker, motion, a, MODEL.planning).ok
+
+
+def test_rrt_connect_finds_the_same_way_for_the_same_seed(checker):
+    step, paths = towel_fold("small", 2)
+    a = planned(checker, step, paths).unwrap().grasp.q_above
+    mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
+    b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
+    ways = [route._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
+    assert ways[0] is not None and np.array_equal(*ways)
+    assert np.array_equal(ways[0][0], a) and np.array_equal(ways[0][-1], b)
+    for p, q in zip(ways[0], ways[0][1:], strict=False):
+        assert checker.edge_free(p, q)
+
+
+def test_angles_are_the_inverse_of_the_vocabularys_rotation():
+    rng = np.random.default_rng(0)
+    h, p, r = rng.uniform(-3, 3, 50), rng.uniform(-1.2, 1.2, 50), rng.uniform(-1.2, 1.2, 50)
+    R = tool_rotation(h, p, r)
+    assert np.abs(tool_rotation(*angles_of(R)) - R).max() < 1e-12
+
+
+def test_a_turned_hand_leans_the_same_way():
+    """Turning by pi is about the hand's own axis: the approach direction stays, the line is the same."""
+    path = arc((0.5, 0.2, 0.0), (0.5, -0.2, 0.0), 0.4)
+    plain, turned = (Posture(Side.LEFT, t, 0.3, -0.2).rotation(path) for t in (False, True))
+    assert plain[:, :, 2] == pytest.approx(turned[:, :, 2])
+    assert plain[:, :, 0] == pytest.approx(-turned[:, :, 0])

@@ -1,0 +1,178 @@
+"""Time laws: within every limit as the arms will see them, on the path, and not much slower than they need."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from robots.baxter.model import load_model
+from robots.errors import InternalError
+from skills.motion.timing import (
+    TICK,
+    free_motion,
+    hold,
+    join,
+    peaks,
+    stop_profile,
+    time_law,
+    time_path,
+)
+
+MODEL = load_model()
+LIMITS = MODEL.planning
+TOLERANCE = 1.0 + 1e-6
+
+
+def random_configuration(rng):
+    return rng.uniform(LIMITS.lower, LIMITS.upper)
+
+
+def wavy(rng, knots=6, size=1.0, samples=60):
+    """A smooth joint path (samples, 14)."""
+    return CubicSpline(np.linspace(0, 1, knots), rng.uniform(-size, size, (knots, 14)))(np.linspace(0, 1, samples))
+
+
+def measured(trajectory):
+    """Velocity, acceleration and jerk shares from `ArmTrajectory.at` alone: what a streaming driver sees."""
+    t = np.linspace(0, trajectory.duration, 4 * len(trajectory.t))
+    v = np.array([trajectory.at(x)[1] for x in t])
+    a = np.diff(v, axis=0) / np.diff(t)[:, None]
+    return np.abs(v / LIMITS.velocity).max(), np.abs(a / LIMITS.acceleration).max()
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6))
+def test_free_motions_are_straight_lines_within_the_limits(seed):
+    rng = np.random.default_rng(seed)
+    q0, q1 = random_configuration(rng), random_configuration(rng)
+    motion = free_motion(q0, q1, LIMITS)
+    assert np.array_equal(motion.q[0], q0) and np.array_equal(motion.q[-1], q1)
+    assert not motion.qd[[0, -1]].any()
+    assert np.diff(motion.t).max() <= TICK + 1e-9 and np.diff(motion.t).min() > 0.5 * TICK
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    v, a = measured(motion)
+    assert v <= TOLERANCE and a <= TOLERANCE
+    u = (motion.q - q0) @ (q1 - q0) / ((q1 - q0) @ (q1 - q0))
+    assert np.abs(q0 + u[:, None] * (q1 - q0) - motion.q).max() < 1e-6
+    assert motion.duration >= (np.abs(q1 - q0) / LIMITS.velocity).max()
+
+
+def test_one_free_joint_takes_the_closed_form_time():
+    """A long move at the velocity limit: D / v + v / a + a / j (trapezoid of acceleration)."""
+    q1 = np.zeros(14)
+    q1[0] = 1.5
+    motion = free_motion(np.zeros(14), q1, LIMITS)
+    v, a, j = (0.98 * x[0] for x in (LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
+    assert motion.duration == pytest.approx(1.5 / v + v / a + a / j, rel=1e-6)
+
+
+def test_standing_still_is_a_motion_too():
+    q = random_configuration(np.random.default_rng(0))
+    motion = free_motion(q, q, LIMITS)
+    assert motion.duration > 0 and np.array_equal(motion.q[-1], q) and peaks(motion, LIMITS).worst == 0.0
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6), st.floats(0.1, 1.5))
+def test_timed_paths_stay_on_the_path_within_the_limits(seed, size):
+    path = wavy(np.random.default_rng(seed), size=size)
+    motion = time_path(path, LIMITS)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    v, a = measured(motion)
+    assert v <= TOLERANCE and a <= TOLERANCE
+    assert motion.q[0] == pytest.approx(path[0], abs=1e-9) and motion.q[-1] == pytest.approx(path[-1], abs=1e-9)
+    assert not motion.qd[[0, -1]].any()
+    # Every sample given is passed, and nothing else: distance from the densely drawn path.
+    dense = CubicSpline(np.linspace(0, 1, 60), path)(np.linspace(0, 1, 6000))
+    gap = np.array([np.abs(dense - q).max(axis=1).min() for q in motion.q[:: max(1, len(motion.q) // 40)]])
+    assert gap.max() < 5e-3 * size
+    passed = np.array([np.abs(motion.q - q).max(axis=1).min() for q in path[::10]])
+    assert passed.max() < 0.02
+
+
+def test_a_straight_path_is_timed_nearly_as_fast_as_ruckig_can():
+    rng = np.random.default_rng(4)
+    ratios = []
+    for _ in range(10):
+        q0, q1 = random_configuration(rng), random_configuration(rng)
+        line = q0 + np.linspace(0, 1, 50)[:, None] * (q1 - q0)
+        ratios.append(time_path(line, LIMITS).duration / free_motion(q0, q1, LIMITS).duration)
+    assert np.median(ratios) < 1.15 and min(ratios) > 0.97
+
+
+def test_the_cap_on_the_tools_speed_is_kept():
+    path = wavy(np.random.default_rng(5), size=0.3)
+    length = np.stack([np.linspace(0, 1.0, 60), np.linspace(0, 0.4, 60) ** 2], axis=1)
+    motion = time_path(path, LIMITS, lengths=length, speed=0.2)
+    free = time_path(path, LIMITS)
+    assert motion.duration > 5.0 > free.duration
+    # The arc length travelled is a function of the path: recover it by the nearest sample.
+    fine = CubicSpline(np.linspace(0, 1, 60), np.hstack([path, length]))(np.linspace(0, 1, 8000))
+    travelled = np.array([fine[np.abs(fine[:, :14] - q).max(axis=1).argmin(), 14] for q in motion.q])
+    speed = np.diff(travelled[::10]) / np.diff(motion.t[::10])
+    assert speed.max() < 0.21
+
+
+def test_a_wished_law_is_kept_when_the_limits_allow_it():
+    t = np.linspace(0, 6.0, 120)
+    u = t / 6.0
+    s = 10 * u**3 - 15 * u**4 + 6 * u**5
+    a, b = np.zeros(14), np.full(14, 0.8)
+    motion = time_law(a + s[:, None] * (b - a), t, LIMITS)
+    assert 6.0 <= motion.duration < 6.3
+    late = 0.5 * (motion.duration - 6.0)
+    for ti in np.linspace(0.5, 5.5, 20):
+        wish = np.interp(ti, t, s) * 0.8
+        assert motion.at(ti + late)[0][3] == pytest.approx(wish, abs=3e-3)
+
+
+def test_a_wish_beyond_the_limits_is_slowed_only_where_they_bind():
+    rng = np.random.default_rng(6)
+    path = wavy(rng, size=0.8, samples=200)
+    t = np.linspace(0, 1.0, 200)
+    motion = time_law(path, t, LIMITS)
+    assert motion.duration > 1.5
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert motion.duration < 1.6 * time_path(path, LIMITS).duration
+
+
+def test_joined_motions_have_to_meet():
+    rng = np.random.default_rng(7)
+    a, b, c = (random_configuration(rng) for _ in range(3))
+    first, second = free_motion(a, b, LIMITS), free_motion(b, c, LIMITS)
+    whole = join([first, second])
+    assert whole.duration == pytest.approx(first.duration + second.duration)
+    assert peaks(whole, LIMITS).worst <= TOLERANCE
+    with pytest.raises(InternalError):
+        join([first, hold(c)])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 0.97])
+def test_a_stop_stays_on_the_path_and_ends_at_rest(share):
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    t = share * motion.duration
+    stop = stop_profile(motion, t, MODEL.protective)
+    assert stop.q[0] == pytest.approx(motion.at(t)[0], abs=1e-9)
+    assert stop.qd[0] == pytest.approx(motion.at(t)[1], abs=1e-9)
+    assert not stop.qd[-1].any()
+    assert stop.duration <= 1.0
+    assert peaks(stop, MODEL.protective).worst <= TOLERANCE
+    fine = np.array([motion.at(x)[0] for x in np.linspace(t, motion.duration, 3000)])
+    assert max(np.abs(fine - q).max(axis=1).min() for q in stop.q[::5]) < 2e-3
+
+
+def test_peaks_measure_what_the_samples_do():
+    """Against a motion whose derivatives are known: q = sin(w t) / 10 on one joint."""
+    w, t = 4.0, np.linspace(0, 2, 201)
+    zero = np.zeros((201, 14))
+    q, qd, qdd = zero.copy(), zero.copy(), zero.copy()
+    q[:, 0], qd[:, 0], qdd[:, 0] = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w * w * np.sin(w * t)
+    from robots.ports import ArmTrajectory
+
+    share = peaks(ArmTrajectory(t, q, qd, qdd), LIMITS)
+    assert share.velocity == pytest.approx(0.1 * w / LIMITS.velocity[0], rel=1e-3)
+    assert share.acceleration == pytest.approx(0.1 * w**2 / LIMITS.acceleration[0], rel=1e-3)
+    assert share.jerk == pytest.approx(0.1 * w**3 / LIMITS.jerk[0], rel=2e-3)

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import Side
+from skills.perception.inspect import align, draw_shape, inspect
+from skills.perception.view import TableView
+from skills.vocabulary import FoldLine, FoldStep, PredictedShape
+from tests.scenes import TABLE, Scene, camera, empty, place, render
+
+# A towel 0.40 x 0.60 folded over its middle, left half onto right half: the fold is the left edge.
+HALF = place([[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]], 0.6, 0.0, 0.05)
+HEIGHT = 0.004
+
+
+def mesh(quad, z, n=16):
+    u, w = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
+    p = quad[1] + np.multiply.outer(u, quad[0] - quad[1]) + np.multiply.outer(w, quad[2] - quad[1])
+    vertices = np.dstack([p, np.full((n, n), z)]).reshape(-1, 3)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (x.ravel() for x in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    return PredictedShape(vertices, triangles, vertices[:, :2].copy())
+
+
+PREDICTED = mesh(HALF, HEIGHT)
+STEP = FoldStep(
+    "half", 0, FoldLine(HALF[0], (HALF[1] - HALF[0]) / np.linalg.norm(HALF[1] - HALF[0])), (), {},
+    {Side.LEFT: np.r_[HALF[3], 0.006], Side.RIGHT: np.r_[HALF[2], 0.006]},
+)
+SAGGED = np.array(
+    [*HALF[:3]]
+    + [HALF[2] + u * (HALF[3] - HALF[2]) + 0.045 * np.sin(np.pi * u) * np.array([0.0, 1.0])
+       for u in np.linspace(0.1, 0.9, 9)]
+    + [HALF[3]]
+)
+SHORT = np.array(
+    [HALF[0], HALF[1], HALF[2], HALF[2] + 0.55 * (HALF[3] - HALF[2]), HALF[3] + 0.35 * (HALF[0] - HALF[3])]
+)
+HANGING = HALF[3] + np.array([[0.0, 0.02], [-0.02, -0.06], [-0.08, -0.05], [-0.08, 0.02]])
+
+
+def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
+    scene = Scene(seed=4, polygons=list(polygons), bumps=list(bumps), thickness=thickness, wobble=0.001)
+    return inspect(render(scene), camera(), TABLE, empty(scene), PREDICTED, step)
+
+
+def test_a_fold_as_predicted_is_accepted():
+    seen = look([HALF]).unwrap()
+    assert seen.accepted and seen.confidence > 0.8
+    assert seen.iou > 0.97 and seen.drift_m < 0.002 and abs(seen.extra_height_m) < 0.002
+
+
+@pytest.mark.parametrize(("shift", "turn"), [((0.036, 0.048), 0.0), ((0.0, 0.02), 8.0)])
+def test_drift_is_measured_and_named(shift, turn):
+    moved = place(HALF - (0.6, 0.0), 0.6 + shift[0], shift[1], np.deg2rad(turn))
+    seen = look([moved]).unwrap()
+    assert seen.diagnosis is FailureKind.DRIFT
+    assert np.allclose(seen.drift, shift, atol=0.002)
+    assert np.rad2deg(seen.drift_rad) == pytest.approx(turn, abs=0.3)
+    assert seen.iou_aligned > 0.97 > seen.iou
+
+
+@pytest.mark.parametrize(
+    ("polygons", "bumps", "thickness", "kind"),
+    [
+        ([HALF], [(0.6, -0.05, 0.02, 0.030)], HEIGHT, FailureKind.PILING),
+        ([SAGGED], [], HEIGHT, FailureKind.SAG),
+        ([SHORT], [], HEIGHT, FailureKind.DROPPED_CORNER),
+        ([HALF, HANGING], [], HEIGHT, FailureKind.DROPPED_CORNER),
+        ([HALF], [], HEIGHT / 3, FailureKind.DROPPED_CORNER),
+    ],
+    ids=["pile", "sag", "corner short of its target", "corner hanging out", "upper layer not there"],
+)
+def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind):
+    seen = look(polygons, bumps, thickness).unwrap()
+    assert seen.diagnosis is kind
+    assert 0.0 < seen.confidence <= 1.0
+
+
+def test_without_the_step_a_bad_edge_is_off_target():
+    assert look([SHORT], step=None).unwrap().diagnosis is FailureKind.OFF_TARGET
+
+
+def test_an_empty_table_is_a_failure_of_looking():
+    outcome = look([])
+    assert outcome.failure is not None and outcome.failure.kind is FailureKind.NO_GARMENT
+
+
+def test_alignment_recovers_a_rigid_motion_in_spite_of_a_defect():
+    """The motion is known, a corner of the target is torn off: it must not turn the rest."""
+    turned = place(SHORT - (0.6, 0.0), 0.63, -0.02, 0.1)
+    R, t = align(HALF, turned)
+    whole = place(HALF - (0.6, 0.0), 0.63, -0.02, 0.1)
+    assert np.abs(HALF[:3] @ R.T + t - whole[:3]).max() < 0.003
+
+
+def test_the_upper_layer_hides_the_lower():
+    view = TableView(camera(), TABLE)
+    both = PredictedShape(
+        np.vstack([PREDICTED.vertices + np.array([0.0, 0.0, 0.02]), PREDICTED.vertices]),
+        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
+        np.vstack([PREDICTED.material, PREDICTED.material]),
+    )
+    image = draw_shape(view, both)
+    column, row = np.round(view.to_pixel(np.array([0.6, 0.0]))).astype(int)
+    assert image[row, column] == pytest.approx(0.024, abs=1e-6)

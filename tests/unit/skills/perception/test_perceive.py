@@ -1,0 +1,122 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import CameraFrame
+from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
+from skills.perception.perceive import perceive
+from skills.perception.template import Template, polygon_area
+from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
+
+TRIANGLE = Template("pennant", "pennant", ("a", "b", "c"), np.array([[0.3, 0.0], [-0.2, 0.25], [-0.2, -0.25]]))
+
+
+def failure(outcome):
+    assert outcome.failure is not None
+    return outcome.failure.kind
+
+
+def test_key_points_of_towels_to_a_few_millimetres(towel_picture, calibration, towels):
+    errors = []
+    for seed in range(6):
+        _, truth, picture, bare = towel_picture(seed)
+        seen = perceive(picture, calibration, TABLE, bare, towels, "medium_towel").unwrap()
+        errors += [np.linalg.norm(seen.state.keypoints[n] - p) for n, p in zip(TOWEL_NAMES, truth, strict=True)]
+        assert seen.state.category == "towel" and seen.state.confidence > 0.8
+        assert polygon_area(seen.state.contour) > 0
+        assert seen.state.ambiguous == ("rotated_180", "mirrored")
+    assert np.median(errors) < 0.003 and max(errors) < 0.008
+
+
+def test_auto_names_the_towel_by_its_size(towel_picture, calibration, towels):
+    _, _, picture, bare = towel_picture(0)
+    assert perceive(picture, calibration, TABLE, bare, towels).unwrap().garment == "medium_towel"
+
+
+def test_the_same_picture_gives_the_same_state(towel_picture, calibration, towels):
+    _, _, picture, bare = towel_picture(1)
+    a, b = (perceive(picture, calibration, TABLE, bare, towels).unwrap().state for _ in range(2))
+    assert np.array_equal(a.contour, b.contour) and a.confidence == b.confidence
+    assert all(np.array_equal(a.keypoints[n], b.keypoints[n]) for n in TOWEL_NAMES)
+
+
+def test_no_garment(bare_table, calibration, towels):
+    picture = render(Scene(seed=0), sequence=5)
+    assert failure(perceive(picture, calibration, TABLE, bare_table, towels)) is FailureKind.NO_GARMENT
+
+
+def test_out_of_view(calibration, towels):
+    scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.40, 0.0)])
+    outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
+    assert failure(outcome) is FailureKind.OUT_OF_VIEW
+
+
+def test_not_flat(calibration, towels):
+    scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0)], bumps=[(0.6, 0.05, 0.09, 0.07)])
+    assert failure(perceive(render(scene), calibration, TABLE, empty(scene), towels)) is FailureKind.NOT_FLAT
+
+
+def test_category_size_and_unknown(calibration, towels):
+    scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
+    picture, bare = render(scene), empty(scene)
+    known = [*towels, TRIANGLE]
+    wrong = perceive(picture, calibration, TABLE, bare, known, "pennant")
+    assert failure(wrong) is FailureKind.CATEGORY_MISMATCH
+    small = perceive(picture, calibration, TABLE, bare, known, "large_towel")
+    assert failure(small) is FailureKind.CATEGORY_MISMATCH and small.failure.values["scale"] < 0.7
+    assert perceive(picture, calibration, TABLE, bare, known, "small_towel").ok
+    assert failure(perceive(picture, calibration, TABLE, bare, [TRIANGLE])) is FailureKind.UNKNOWN_GARMENT
+    with pytest.raises(ValueError, match="none of"):
+        perceive(picture, calibration, TABLE, bare, towels, "sock")
+
+
+def broken(frame, how):
+    if how == "black":
+        return replace(frame, rgb=np.zeros_like(frame.rgb))
+    if how == "no depth":
+        return replace(frame, depth=np.full_like(frame.depth, np.nan))
+    return CameraFrame(frame.stamp, frame.sequence, frame.rgb[::2, ::2], frame.depth[::2, ::2], frame.intrinsics)
+
+
+@pytest.mark.parametrize("how", ["black", "no depth", "half the resolution"])
+def test_camera_faults(towel_picture, calibration, towels, how):
+    _, _, picture, bare = towel_picture(0)
+    outcome = perceive(broken(picture, how), calibration, TABLE, bare, towels)
+    assert failure(outcome) is FailureKind.CAMERA_FAULT
+    assert outcome.failure.hint
+    outcome = perceive(picture, calibration, TABLE, broken(bare, how), towels)
+    assert failure(outcome) is FailureKind.CAMERA_FAULT
+
+
+def test_a_frozen_camera_is_told_from_a_still_scene(towel_picture, calibration, towels):
+    scene, _, picture, bare = towel_picture(0)
+    stale = replace(picture, stamp=picture.stamp + 1.0, sequence=picture.sequence + 1)
+    outcome = perceive(stale, calibration, TABLE, bare, towels, previous=picture)
+    assert failure(outcome) is FailureKind.CAMERA_FAULT
+    still = render(scene, sequence=1)
+    assert perceive(still, calibration, TABLE, bare, towels, previous=picture).ok
+
+
+def test_the_table_moved_in_the_calibration_moves_the_key_points(towel_picture, towels):
+    """Metres come from the calibration: a camera believed 10 mm further left sees all 10 mm further left."""
+    _, _, picture, bare = towel_picture(2)
+    believed = camera()
+    believed.T_table_camera[1, 3] += 0.010
+    a = perceive(picture, camera(), TABLE, bare, towels).unwrap().state.keypoints
+    b = perceive(picture, believed, TABLE, bare, towels).unwrap().state.keypoints
+    for name in TOWEL_NAMES:
+        assert np.allclose(b[name] - a[name], [0.0, 0.010], atol=1.5e-3)
+
+
+def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
+    _, _, picture, bare = towel_picture(0)
+    seen = perceive(picture, calibration, TABLE, bare, towels).unwrap()
+    before = picture.rgb.copy()
+    camera_picture, view_picture = draw_on_camera(seen, picture.rgb), draw_on_view(seen)
+    assert np.array_equal(picture.rgb, before)
+    assert camera_picture.shape == picture.rgb.shape and view_picture.shape == seen.rgb.shape
+    corner = np.round(seen.view.to_pixel(seen.state.keypoints["far_left"])).astype(int)
+    assert view_picture[corner[1], corner[0], 0] > 200 > view_picture[corner[1], corner[0], 1]
+    assert np.array_equal(draw_overlay(picture.rgb), picture.rgb)

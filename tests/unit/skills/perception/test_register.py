@@ -1,0 +1,113 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skills.perception.energy import EnergyWeights, resample_closed
+from skills.perception.register import RegistrationSettings, register
+from skills.perception.template import Template, polygon_area, symmetries
+from tests.scenes import TOWEL, TOWEL_NAMES, place
+
+TOWEL_TEMPLATE = Template("medium_towel", "towel", TOWEL_NAMES, TOWEL)
+TROUSERS = Template(
+    "pants", "trousers",
+    ("waist_left", "crotch_side_left", "hem_left_out", "hem_left_in", "crotch", "hem_right_in", "hem_right_out",
+     "waist_right"),
+    np.array([[0.42, 0.19], [0.14, 0.22], [-0.5, 0.20], [-0.5, 0.05], [0.10, 0.0], [-0.5, -0.05], [-0.5, -0.20],
+              [0.42, -0.19]]),
+)
+
+
+def error(registration, names, truth):
+    return max(np.linalg.norm(registration.keypoints[n] - p) for n, p in zip(names, truth, strict=True))
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.4, 1.4), st.floats(0.9, 1.1), st.floats(0.93, 1.07)
+)
+def test_a_towel_is_found_at_any_place_turn_and_size(x, y, angle, size, aspect):
+    truth = place(TOWEL * (size * aspect, size), x, y, angle)
+    found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
+    assert error(found, TOWEL_NAMES, truth) < 0.002
+
+
+def test_the_labelling_nearest_to_the_orientation_as_laid_is_chosen():
+    """Turned by 100 degrees, a towel looks as if turned by -80: the smaller turn names the corners."""
+    truth = place(TOWEL, 0.0, 0.0, np.deg2rad(100))
+    found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
+    swapped = np.roll(truth, 2, axis=0)
+    assert error(found, TOWEL_NAMES, swapped) < 0.002
+    assert found.angle == pytest.approx(np.deg2rad(-80), abs=0.02)
+    assert found.ambiguous == ("rotated_180", "mirrored")
+
+
+def test_trousers_upside_down_are_not_ambiguous():
+    for angle in (0.2, np.pi + 0.2):
+        truth = place(TROUSERS.template, 0.0, 0.0, angle)
+        found = register(resample_closed(truth, 0.002), TROUSERS)
+        assert error(found, TROUSERS.keypoints, truth) < 0.01
+        assert found.ambiguous == ("mirrored",)
+
+
+def test_a_clockwise_template_keeps_its_names():
+    clockwise = Template("towel", "towel", TOWEL_NAMES[::-1], TOWEL[::-1])
+    assert polygon_area(clockwise.template) < 0
+    found = register(resample_closed(TOWEL, 0.002), clockwise)
+    assert error(found, TOWEL_NAMES, TOWEL) < 0.002
+    assert tuple(found.keypoints) == clockwise.keypoints
+    assert polygon_area(found.contour) > 0
+
+
+@pytest.mark.parametrize("radius", [0.008, 0.02])
+def test_rounded_corners_leave_key_points_where_the_edges_meet(radius):
+    from shapely import Polygon
+
+    rounded = np.array(Polygon(TOWEL).buffer(-radius).buffer(radius).exterior.coords)[:-1]
+    points = resample_closed(rounded, 0.002)
+    points = points + 0.0005 * np.random.default_rng(0).standard_normal(points.shape)
+    assert error(register(points, TOWEL_TEMPLATE), TOWEL_NAMES, TOWEL) < 0.0005 + 0.05 * radius
+
+
+def test_the_snap_sharpens_well_rounded_corners():
+    from shapely import Polygon
+
+    rounded = np.array(Polygon(TOWEL).buffer(-0.04).buffer(0.04).exterior.coords)[:-1]
+    points = resample_closed(rounded, 0.002)
+    lagging = register(points, TOWEL_TEMPLATE, RegistrationSettings(snap=0.0))
+    sharp = register(points, TOWEL_TEMPLATE)
+    assert error(sharp, TOWEL_NAMES, TOWEL) < 0.5 * error(lagging, TOWEL_NAMES, TOWEL)
+
+
+def test_the_energy_falls_from_update_to_update():
+    truth = place(TROUSERS.template * (1.05, 0.95), 0.02, 0.03, 0.4)
+    history = register(resample_closed(truth, 0.002), TROUSERS).history
+    assert all(b <= a * 1.0001 for a, b in pairwise(history[:-1]))
+    assert history[-1] < 0.05 * history[0]
+
+
+def test_the_papers_energy_alone_also_fits_a_towel():
+    truth = place(TOWEL * 1.04, 0.02, -0.03, 0.25)
+    one_way = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), snap=0.0)
+    assert error(register(resample_closed(truth, 0.002), TOWEL_TEMPLATE, one_way), TOWEL_NAMES, truth) < 0.012
+
+
+def test_symmetries_of_silhouettes():
+    square = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
+    assert symmetries(square) == ("rotated_90", "rotated_180", "mirrored")
+    parallelogram = np.array([[1.5, 1], [-0.5, 1], [-1.5, -1], [0.5, -1.0]])
+    assert symmetries(parallelogram) == ("rotated_180",)
+    assert symmetries(TROUSERS.template) == ("mirrored",)
+    assert symmetries(np.array([[0, 0], [3, 0], [1.0, 1.2]])) == ()
+
+
+@pytest.mark.parametrize(
+    ("polygon", "names"),
+    [(TOWEL[:2], ("a", "b")), (TOWEL, ("a", "b")), (np.zeros((4, 2)), TOWEL_NAMES)],
+)
+def test_a_template_that_is_no_polygon_is_refused(polygon, names):
+    with pytest.raises(ValueError):
+        Template("x", "x", names, polygon)

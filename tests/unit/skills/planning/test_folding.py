@@ -1,0 +1,140 @@
+"""Folding is an isometry of pieces: distances, areas and layers of paper, whatever the lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
+
+from skills.planning import folding
+from skills.planning.folding import fold_points, fold_xy, layers_at, outline_of, silhouette, target_vertices
+from skills.vocabulary import FoldLine, Material
+
+RECT = np.array([[-0.2, -0.3], [0.2, -0.3], [0.2, 0.3], [-0.2, 0.3]])
+FABRIC = Material(0.4, 0.03, 0.025, 0.002, 0.4, 0.35, 0.6)
+
+
+def line(x: float, y: float, degrees: float) -> FoldLine:
+    a = np.deg2rad(degrees)
+    return FoldLine(np.array([x, y]), np.array([np.cos(a), np.sin(a)]))
+
+
+coordinate = st.floats(-0.15, 0.15)
+lines = st.lists(st.builds(line, coordinate, coordinate, st.floats(-180, 180)), min_size=1, max_size=4)
+HALF = line(0.0, 0.0, -90.0)  # far half (x > 0) moves
+QUARTER = line(0.0, 0.0, 0.0)  # left half (y > 0) moves
+
+
+@given(lines, st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], seed: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.3, 0.3, (30, 2))
+    folded, moved = folding._trace(folds, points)
+    before = np.linalg.norm(points[:, None] - points, axis=-1)
+    after = np.linalg.norm(folded[:, None] - folded, axis=-1)
+    together = (moved[:, None] == moved).all(axis=-1)
+    assert np.allclose(after[together], before[together], atol=1e-12)
+    assert (after <= before + 1e-12).all()
+
+
+@given(lines)
+@settings(max_examples=60, deadline=None)
+def test_area_is_kept(folds: list[FoldLine]) -> None:
+    pieces = folding._pieces(folds, shapely.Polygon(RECT))
+    assert sum(p.buffer(-folding.TOUCH).area for p in pieces.values()) == pytest.approx(0.24, rel=1e-3)
+
+
+@given(lines, st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_folding_again_changes_nothing_and_unfolding_brings_back(folds: list[FoldLine], seed: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.3, 0.3, (20, 2))
+    once = fold_xy(folds[:1], points)
+    assert np.allclose(fold_xy(folds[:1], once), once, atol=1e-9)
+    moved = folds[0].signed_distance(points) > 0
+    assert np.allclose(np.where(moved[:, None], folds[0].reflect(once), once), points, atol=1e-12)
+
+
+@given(lines, st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_layers_at_one_place_are_all_different(folds: list[FoldLine], seed: int) -> None:
+    """Unfold a place by trying every history of moves: its preimages are the layers there, each once."""
+    rng = np.random.default_rng(seed)
+    place = fold_xy(folds, rng.uniform(-0.15, 0.15, 2))
+    preimages = [place]
+    for fold in reversed(folds):
+        preimages = [q for p in preimages for q in (p, fold.reflect(p))]
+    inside = [p for p in preimages if (np.abs(p) < (0.1999, 0.2999)).all()]
+    unique = [p for i, p in enumerate(inside) if all(np.linalg.norm(p - q) > 1e-9 for q in inside[:i])]
+    sheet = [p for p in unique if np.allclose(fold_xy(folds, p), place, atol=1e-9)]
+    on_the_way = [(f, fold_xy(folds[:i], p)) for p in sheet for i, f in enumerate(folds)]
+    near_crease = any(abs(f.signed_distance(p)) < 1e-4 for f, p in on_the_way)
+    near_edge = any((np.abs(np.abs(p) - (0.2, 0.3)) < 1e-3).any() for p in preimages)
+    if near_crease or near_edge or not sheet:
+        return
+    layers = fold_points(folds, np.array(sheet), RECT).layers
+    assert sorted(layers) == list(range(len(sheet)))
+    assert layers_at(folds, RECT, place) == len(sheet)
+
+
+def test_a_towel_folded_twice_is_four_layers_of_a_quarter() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(-0.19, 0.19, 9), np.linspace(-0.29, 0.29, 9)), axis=-1).reshape(-1, 2)
+    grid = grid[(np.abs(grid) > 1e-6).all(axis=1)]
+    folded = fold_points([HALF, QUARTER], grid, RECT)
+    near, right = grid[:, 0] < 0, grid[:, 1] < 0
+    expected = np.select([near & right, ~near & right, ~near & ~right], [0, 1, 2], 3)
+    assert (folded.layers == expected).all()
+    assert (folded.positions <= 0).all()
+    corners = silhouette([HALF, QUARTER], RECT)
+    assert shapely.Polygon(corners).area == pytest.approx(0.06, rel=1e-4)
+
+
+def test_two_sheets_turn_over_together() -> None:
+    points = np.array([[-0.1, 0.1], [-0.1, 0.1], [0.1, 0.1], [0.1, 0.1]])
+    folded = fold_points([HALF], points, RECT, sheet=np.array([0, 1, 0, 1]), sheets=2)
+    assert folded.layers.tolist() == [0, 1, 3, 2]
+
+
+def test_a_part_that_lands_beside_the_rest_is_not_lifted() -> None:
+    """An L: its foot is folded over a line that lays half of it on the leg and half on the bare table."""
+    outline = np.array([[0, 0], [0.4, 0], [0.4, 0.1], [0.1, 0.1], [0.1, 0.2], [0, 0.2]]) - (0.2, 0.1)
+    fold = line(-0.02, 0.0, -90.0)
+    points = np.array([[0.02, -0.05], [0.19, -0.05]])
+    folded = fold_points([fold], points, outline)
+    assert folded.layers.tolist() == [1, 0]
+    assert layers_at([fold], outline, folded.positions[0]) == 2
+    assert layers_at([fold], outline, folded.positions[1]) == 1
+
+
+@dataclass
+class Sheet:
+    rest: np.ndarray
+    layer: np.ndarray
+    triangles: np.ndarray
+
+
+def test_target_of_a_mesh_lies_on_the_middle_of_its_layers() -> None:
+    rng = np.random.default_rng(1)
+    rest = np.vstack([RECT, rng.uniform((-0.2, -0.3), (0.2, 0.3), (200, 2))])
+    mesh = Sheet(rest, np.zeros(len(rest), dtype=int), Delaunay(rest).simplices)
+    target = target_vertices(mesh, [HALF], FABRIC)
+    far = rest[:, 0] > 0
+    assert np.allclose(target[:, 0], -np.abs(rest[:, 0]))
+    assert np.allclose(target[:, 1], rest[:, 1])
+    assert np.allclose(target[:, 2], np.where(far, 0.003, 0.001))
+
+
+def test_outline_of_a_mesh_is_its_border_also_with_two_sheets() -> None:
+    rng = np.random.default_rng(2)
+    inner = rng.uniform((-0.19, -0.29), (0.19, 0.29), (60, 2))
+    rest = np.vstack([RECT, inner])
+    lower = Delaunay(rest).simplices
+    upper = np.where(lower >= 4, lower + 60, lower)
+    mesh = Sheet(np.vstack([rest, inner]), np.r_[np.zeros(64, int), np.ones(60, int)], np.vstack([lower, upper]))
+    assert shapely.Polygon(outline_of(mesh)).equals_exact(shapely.Polygon(RECT).normalize(), 1e-9) or (
+        shapely.Polygon(outline_of(mesh)).symmetric_difference(shapely.Polygon(RECT)).area < 1e-12
+    )

@@ -1,0 +1,154 @@
+"""Plans: every step's grasps lie on cloth, on the side that moves, and land where the fold puts them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cell.garments import list_garments, load_garment
+from robots.errors import FailureKind
+from skills.garments.garment import Garment
+from skills.planning.folding import fold_points, fold_xy, silhouette
+from skills.planning.plan import RELEASE_CLEARANCE, plan_folds, rigid_motion, translate_plan
+from skills.vocabulary import GarmentState, Side
+
+GARMENTS = {name: load_garment(name) for name in list_garments()}
+PAD_HALF_WIDTH = 0.010
+poses = st.tuples(st.floats(0.5, 0.7), st.floats(-0.1, 0.1), st.floats(-0.3, 0.3), st.floats(0.8, 1.2))
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+@given(pose=poses)
+@settings(max_examples=8, deadline=None)
+def test_grasps_hold_cloth_and_land_where_the_fold_puts_them(name: str, pose: tuple[float, ...]) -> None:
+    garment = GARMENTS[name]
+    state = garment.flat_state(*pose)
+    for step in plan_folds(state, garment).unwrap():
+        now = shapely.Polygon(silhouette(step.earlier, state.contour))
+        for side, grasp in step.grasps.items():
+            held = grasp.point + PAD_HALF_WIDTH * np.outer([-1, 1], [np.cos(grasp.heading), np.sin(grasp.heading)])
+            assert shapely.LineString(held).within(now)
+            assert now.exterior.distance(shapely.Point(grasp.point)) < 0.031
+            assert step.line.signed_distance(grasp.point) > 0.03
+            assert np.allclose(step.targets[side][:2], step.line.reflect(grasp.point), atol=1e-12)
+            across = np.cos(grasp.heading) * step.line.normal[0] + np.sin(grasp.heading) * step.line.normal[1]
+            turn = max(abs(g.turn) for v in garment.plan[step.index].variants for g in v.grasps)
+            assert abs(across) <= np.sin(turn) + 1e-9, "the held line is parallel to the fold line"
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_every_variant_moves_its_key_points_onto_their_mirror_image(name: str) -> None:
+    garment = GARMENTS[name]
+    state = garment.flat_state(0.6, 0.0)
+    for i, plan_step in enumerate(garment.plan):
+        for variant in plan_step.variants:
+            step = plan_folds(state, garment, {plan_step.name: variant.name}).unwrap()[i]
+            for key in variant.moves:
+                assert step.line.signed_distance(state.keypoints[key]) > 0
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_the_last_fold_brings_the_named_edges_together_in_the_layers_promised(name: str) -> None:
+    garment = GARMENTS[name]
+    state = garment.flat_state(0.6, 0.02, 0.1)
+    lines = plan_folds(state, garment).unwrap()[-1].lines
+    for (a, b), (c, d) in garment.edge_pairs:
+        first, second = (np.linspace(state.keypoints[p], state.keypoints[q], 7) for p, q in ((a, b), (c, d)))
+        assert np.allclose(fold_xy(lines, first), fold_xy(lines, second), atol=0.012)
+    low, high = state.contour.min(axis=0), state.contour.max(axis=0)
+    points = np.random.default_rng(3).uniform(low, high, (3000, 2))
+    points = points[shapely.contains_xy(shapely.Polygon(state.contour), *points.T)]
+    layers = [
+        fold_points(lines, points, state.contour, np.full(len(points), sheet), garment.layers).layers.max()
+        for sheet in range(garment.layers)
+    ]
+    assert max(layers) + 1 == garment.final_layers
+
+
+def test_release_is_above_the_stack_where_it_lands() -> None:
+    garment = GARMENTS["medium_towel"]
+    half, quarter = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
+    t = garment.material.thickness
+    assert [g.layers for g in half.grasps.values()] == [1, 1]
+    assert [g.layers for g in quarter.grasps.values()] == [2, 2]
+    assert all(z == pytest.approx(t + RELEASE_CLEARANCE) for _, _, z in half.targets.values())
+    assert all(z == pytest.approx(2 * t + RELEASE_CLEARANCE) for _, _, z in quarter.targets.values())
+
+
+def test_arms_take_their_own_side_and_auto_never_gives_one_arm_both() -> None:
+    for name, garment in GARMENTS.items():
+        for step in plan_folds(garment.flat_state(0.6, 0.0), garment).unwrap():
+            assert set(step.grasps) <= {Side.LEFT, Side.RIGHT}
+            assert len(step.grasps) == len(garment.plan[step.index].variants[0].grasps), name
+    half = plan_folds(GARMENTS["large_towel"].flat_state(0.6, 0.0), GARMENTS["large_towel"]).unwrap()[0]
+    assert half.grasps[Side.LEFT].point[1] > 0 > half.grasps[Side.RIGHT].point[1]
+
+
+def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
+    garment = GARMENTS["medium_towel"]
+    for i in range(2):
+        headings = [
+            plan_folds(garment.flat_state(0.58, 0.0, a), garment).unwrap()[i].grasps[Side.LEFT].heading
+            for a in np.linspace(-0.2, 0.2, 21)
+        ]
+        assert np.ptp(headings) == pytest.approx(0.4, abs=1e-9)
+
+
+@given(
+    st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+    st.floats(-0.4, 0.4),
+    st.tuples(st.floats(0.3, 0.8), st.floats(-0.2, 0.2)),
+)
+@settings(max_examples=25, deadline=None)
+def test_a_plan_that_drifts_is_the_plan_of_the_garment_that_drifted(
+    offset: tuple[float, float], rotation: float, about: tuple[float, float]
+) -> None:
+    garment = GARMENTS["medium_towel"]
+    state = garment.flat_state(0.58, 0.0)
+
+    def move(xy: np.ndarray) -> np.ndarray:
+        return rigid_motion(xy, np.array(offset), rotation, np.array(about))
+
+    drifted = replace(
+        state, contour=move(state.contour), keypoints={k: move(p) for k, p in state.keypoints.items()}
+    )
+    expected = plan_folds(drifted, garment).unwrap()
+    steps = translate_plan(plan_folds(state, garment).unwrap(), np.array(offset), rotation, np.array(about))
+    for a, b in zip(steps, expected, strict=True):
+        assert np.allclose([*a.line.point, *a.line.direction], [*b.line.point, *b.line.direction], atol=1e-9)
+        assert len(a.earlier) == len(b.earlier)
+        for side in a.grasps:
+            assert np.allclose(a.grasps[side].point, b.grasps[side].point, atol=1e-9)
+            assert np.allclose(a.targets[side], b.targets[side], atol=1e-9)
+            assert np.sin(a.grasps[side].heading - b.grasps[side].heading) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_remaining_steps_are_those_of_the_whole_plan() -> None:
+    garment = GARMENTS["small_towel"]
+    whole = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
+    (rest,) = plan_folds(garment.flat_state(0.58, 0.0), garment, done=1).unwrap()
+    assert rest.index == 1 and rest.name == whole[1].name
+    assert np.allclose(rest.grasps[Side.LEFT].point, whole[1].grasps[Side.LEFT].point)
+
+
+def test_what_does_not_fit_is_a_failure_with_its_reason() -> None:
+    garment = GARMENTS["small_towel"]
+    state = garment.flat_state(0.58, 0.0)
+    other = plan_folds(replace(state, category="pants"), garment)
+    assert other.failure is not None and other.failure.kind is FailureKind.CATEGORY_MISMATCH
+    few = plan_folds(replace(state, keypoints={"near_left": np.zeros(2)}), garment)
+    assert few.failure is not None and few.failure.kind is FailureKind.LOW_CONFIDENCE
+    assert "far_left" in str(few.failure)
+    flat = plan_folds(_collapsed(state, garment), garment)
+    assert flat.failure is not None and flat.failure.kind is FailureKind.LOW_CONFIDENCE
+    with pytest.raises(ValueError, match="far_onto_near"):
+        plan_folds(state, garment, {"half": "inside_out"})
+
+
+def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
+    return replace(state, keypoints={name: np.array([0.5, 0.0]) for name in garment.keypoints})
