@@ -134,9 +134,9 @@ def _native_modules() -> Iterable[Check]:
     for name, process in started.items():
         _, said = process.communicate()
         if process.returncode:
-            lines = said.strip().splitlines()
-            broken.append(Check(f"import {name}", Verdict.BAD, lines[-1] if lines else f"crashed ({process.returncode})",
-                                "make setup installs it anew; a missing system library is named in the message"))  # fmt: skip
+            why = (said.strip().splitlines() or [f"crashed ({process.returncode})"])[-1]
+            hint = "make setup installs it anew; the message names a system library that is missing"
+            broken.append(Check(f"import {name}", Verdict.BAD, why, hint))
     yield from broken or [Check("compiled modules", Verdict.GOOD, f"all {len(NATIVE)} load")]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robots.ports import Array, Side
 from skills.vocabulary import Table
 
-__all__ = ["KeyFrame", "View", "draw_frame", "fold_strip", "outline"]
+__all__ = ["KeyFrame", "View", "draw_frame", "fold_strip", "join", "outline"]
 
 Picture = NDArray[np.uint8]
 
@@ -122,7 +122,8 @@ def fold_strip(
     if not frames:
         return []
     seen = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
-    seen += [np.array(list(f.tools.values())) + [0.0, 0.0, 0.5 * TOOL_LENGTH] for f in frames if f.tools]
+    above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
+    seen += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
     view = View.around(np.vstack(seen), *size)
     return [draw_frame(f, triangles, view, table, arcs) for f in frames]
 
@@ -233,7 +234,9 @@ def _line(picture: Picture, view: View, path: Array, colour: tuple[int, int, int
     cv2.polylines(picture, [points], False, colour, width, cv2.LINE_AA, 4)
 
 
-def _dot(picture: Picture, view: View, point: Array, colour: tuple[int, int, int], radius: int, filled: bool) -> None:
+def _dot(
+    picture: Picture, view: View, point: Array, colour: tuple[int, int, int], radius: int, filled: bool
+) -> None:
     u, v = (int(c) for c in np.round(view.project(point)[0, :2]))
     cv2.circle(picture, (u, v), radius, (255, 255, 255), -1, cv2.LINE_AA)
     cv2.circle(picture, (u, v), radius, colour, -1 if filled else SUPERSAMPLE, cv2.LINE_AA)
@@ -241,6 +244,6 @@ def _dot(picture: Picture, view: View, point: Array, colour: tuple[int, int, int
 
 def _tool(picture: Picture, view: View, point: Array) -> None:
     """Two fingers that hold `point` (3,), as one stroke with a light rim."""
-    stroke = np.vstack([point, np.asarray(point) + [0.0, 0.0, TOOL_LENGTH]])
+    stroke = np.vstack([point, np.asarray(point) + np.array([0.0, 0.0, TOOL_LENGTH])])
     _line(picture, view, stroke, (250, 250, 250), 9 * SUPERSAMPLE)
     _line(picture, view, stroke, TOOL, 6 * SUPERSAMPLE)

@@ -111,7 +111,9 @@ def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> Arm
     ids = [model.getJointId(name) for name in joints]
     for before, joint in zip([0, *ids], ids, strict=False):
         if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:
-            raise ValueError(f"{model.names[joint]} is not a revolute joint about z that follows {model.names[before]}")
+            raise ValueError(
+                f"{model.names[joint]} is not a revolute joint about z that follows {model.names[before]}"
+            )
     frame = model.frames[model.getFrameId(tool_frame)]
     if frame.parentJoint != ids[-1]:
         raise ValueError(f"{tool_frame} is not fixed to {joints[-1]}")

@@ -28,14 +28,18 @@ class SensedHand:
         self.pads, self.tip = np.zeros(2), np.zeros(2)
         self.opening, self.height, self.effort = 0.035, 0.05, np.zeros(7)
         self.gain = 1.0 + self.scale * CELL_GAIN * self.rng.standard_normal((2, 4, 3))
-        self.drift = self.scale * CELL_DRIFT * self.rng.standard_normal((2, 4, 3))
+        self.phase = self.rng.uniform(0.0, 2 * np.pi, (2, 4, 3))
+        self.offset = 0.0
         share = self.rng.uniform(0.5, 1.5, (2, 4, 3))  # how a pad's force spreads over its cells
         self.share = share / share.sum(axis=(1, 2), keepdims=True)
 
+    @property
+    def drift(self) -> np.ndarray:
+        """(2, 4, 3) what each cell reads too much now [N]; `offset` adds to all."""
+        wave = np.sin(2 * np.pi * self.now / DRIFT_TIME + self.phase)
+        return self.offset + self.scale * CELL_DRIFT * np.sqrt(2.0) * wave
+
     def wait(self, seconds: float) -> None:
-        keep = np.exp(-seconds / DRIFT_TIME)
-        step = self.scale * CELL_DRIFT * np.sqrt(1 - keep**2) * self.rng.standard_normal((2, 4, 3))
-        self.drift = keep * self.drift + step
         self.now += seconds
 
     def read(self) -> HandReading:
@@ -55,7 +59,7 @@ class DescendingHand(SensedHand):
 
     def __init__(self, seed: int, scale: float = 1.0, top: float = 0.0025, floor: float = 0.0) -> None:
         super().__init__(seed, scale)
-        self.top, self.floor = top, floor
+        self.top, self.floor, self.stiffness = top, floor, ARM_STIFFNESS
         self.lag = self.rng.uniform(0.02, 0.06)
         self.wanted = self.height
         self.lever = np.array([0.0, 0.7, 0.1, 0.5, 0.0, 0.2, 0.0])  # of a force at the tool on each joint [m]
@@ -81,7 +85,7 @@ class DescendingHand(SensedHand):
         low, high = self.wanted, self.top
         for _ in range(20):
             middle = (low + high) / 2
-            if self.reaction(middle) > ARM_STIFFNESS * (middle - self.wanted):
+            if self.reaction(middle) > self.stiffness * (middle - self.wanted):
                 low = middle
             else:
                 high = middle

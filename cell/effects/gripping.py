@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.effects.moving import move
+from cell.effects.moving import PREGRASP_OPENING, move
 from cell.execution import TICK_S, Tick, Watch, stopped, stream
 from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
@@ -25,13 +25,15 @@ from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
 from skills.grasping.zero import start_zero, zero
-from skills.motion.plan import Descent, plan_arc, plan_withdrawal
+from skills.motion.plan import Descent, plan_arc, plan_lift
 from skills.vocabulary import Outcome
 
 __all__ = ["fold", "grasp", "lift", "release_garment"]
 
 RELEASE_OPENING = 0.020
 """Wide enough to let go, too narrow to sweep the stack [m]."""
+PRESS = 0.001
+"""Past the touch, so that the pads close under the cloth [m]."""
 DEEPER = 0.002
 """How much lower each further try presses [m]."""
 STRONGER = 1.4
@@ -70,10 +72,8 @@ def lift(cell: Workcell, context: Context) -> Result:
     """A little way straight up; what was held must still be held."""
     q = cell.ports.arms.state().q
     sides = tuple(context.held)
-    up = plan_withdrawal(
-        cell.robot, cell.checker, q, sides, height=cell.settings.grasp.lift_height, limits=cell.limits
-    )
-    failure = up.failure or move(cell, up.unwrap().retreat, fingertips=True)
+    up = plan_lift(cell.robot, cell.checker, q, sides, cell.settings.grasp.lift_height, limits=cell.limits)
+    failure = up.failure or move(cell, up.unwrap(), fingertips=True)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
     checks = {s: start_lift_check(cell.grasp, context.zeros[s], held) for s, held in context.held.items()}
@@ -156,15 +156,18 @@ def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, floa
 
 
 def _press(cell: Workcell, context: Context, ways: Mapping[Side, Descent]) -> Failure | None:
-    """From the touch to the middle of the lowest layer that is to be taken, deeper at each further try."""
+    """From the touch of the first tip to where both tips press, deeper at each further try.
+
+    Measured from the touch: the table's height is known to a few millimetres only. A hand that leans has one
+    open tip lower than the other; the arm gives way to the table as the pads close.
+    """
+    assert context.motion is not None
     state = cell.ports.arms.state()
     depth0 = {s: _depth_at(cell, s, ways[s], state.q) for s in ways}
-    deeper = DEEPER * context.count(Adjustment.LOWER)
     depth1 = {}
     for s in ways:
-        g = context.grasp_of(s)
-        # measured from the touch, not from the table: the table's height is known to a few millimetres only
-        depth1[s] = depth0[s] + (g.layers - 0.5) * context.known_garment.material.thickness + deeper
+        lean = 0.5 * PREGRASP_OPENING * abs(np.sin(context.motion.postures[s].pitch))
+        depth1[s] = depth0[s] + float(lean) + PRESS + DEEPER * context.count(Adjustment.LOWER)
     q0 = state.q
     n = round(PRESS_S / TICK_S)
     record = telemetry(cell)

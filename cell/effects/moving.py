@@ -13,6 +13,7 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
+from skills.cloth.pinch import PadGeometry
 from skills.grasping.reading import GripCommand
 from skills.grasping.stuck import check_stuck, start_stuck_check
 from skills.motion.check import check_trajectory
@@ -22,6 +23,9 @@ from skills.vocabulary import Outcome
 __all__ = ["approach", "clear", "hold_still", "make_safe", "move", "prepare", "retreat"]
 
 HEAD_TURN_S = 1.5
+OPENING_S = 0.8
+PREGRASP_OPENING = PadGeometry().stroke
+"""The pads' opening in a descent [m]."""
 
 
 def move(cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False) -> Failure | None:
@@ -53,9 +57,10 @@ def prepare(cell: Workcell, context: Context) -> Result:
 
 
 def approach(cell: Workcell, context: Context) -> Result:
-    """To above the grasps, hands open."""
+    """To above the grasps, the hands that grasp as wide open as the prediction has them."""
     assert context.motion is not None
-    _open(cell)
+    for side in context.motion.postures:
+        command_grip(cell, side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     failure = move(cell, context.motion.approach)
     return _ended(replace(context, grasps=context.grasps + 1), failure)
 
@@ -107,9 +112,6 @@ def _ended(context: Context, failure: Failure | None) -> Result:
 def _open(cell: Workcell) -> None:
     for side, gripper in cell.ports.grippers.items():
         command_grip(cell, side, GripCommand(gripper.max_opening, cell.grasp.release_force))
-
-
-OPENING_S = 0.8
 
 
 def _let_go_and_park(cell: Workcell) -> Failure | None:

@@ -108,8 +108,9 @@ class Recorder:
     ) -> Recorder:
         """Begin the recording `path` (.rrd).
 
-        live: True serves viewers on 127.0.0.1 (`live_url` says where), 'HOST:PORT' elsewhere. truth: whether `garment_truth` is kept. Does not raise: a recording that
-        cannot be begun is reported by `close`, and the run goes on without it.
+        live: True serves viewers on 127.0.0.1 (`live_url` says where), 'HOST:PORT' elsewhere. truth: whether
+        `garment_truth` is kept. Does not raise: a recording that cannot be begun is reported by `close`, and
+        the run goes on without it.
         """
         recorder = cls(table, robot, truth)
         try:

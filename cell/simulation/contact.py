@@ -41,8 +41,9 @@ def fingertips(position: Array, rotation: Array, opening: float) -> Array:
     return np.stack((position + side, position - side))
 
 
-def touch(tips: Array, top: Array, stiffness: Stiffness) -> Touch:
-    """tips: (2, 3) where the arm would have them, table frame; top: (2,) height of the cloth there [m].
+def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
+    """tips: (2, 3) where the arm would have them, table frame; stack: (2,) thickness of the
+    cloth there [m].
 
     Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift).
     Cloth is a softer spring on top of it, pressed flat at the table's height; it does not lift the arm.
@@ -53,7 +54,7 @@ def touch(tips: Array, top: Array, stiffness: Stiffness) -> Touch:
     lift = float(both if both <= depth.min() else one)
     height = tips[:, 2] + lift
     on_table = stiffness.tip * np.maximum(-height, 0.0)
-    in_cloth = stiffness.cloth * np.clip(top - height, 0.0, top)
+    in_cloth = stiffness.cloth * np.clip(stack - height, 0.0, stack)
     return Touch(on_table + in_cloth, lift)
 
 

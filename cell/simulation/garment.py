@@ -22,8 +22,6 @@ FRAME_RATE = 60
 """Cloth frames in a second."""
 SUBSTEPS = 16
 """Fewer than the predictor takes: the world is not the predictor."""
-NEAR = 0.0125
-"""Cloth whose vertices are this near, seen from above, is under a fingertip [m]."""
 CATCH = 0.02
 """Cloth that hangs further than this above a fingertip is not under it [m]."""
 
@@ -161,17 +159,23 @@ class WorldGarment:
 
     # what the robot feels and the camera sees --------------------------------------------------------
 
-    def top(self, point: Array) -> float:
-        """Height of the cloth under a fingertip at `point` (3,) [m]; 0 where there is none."""
+    def stack(self, point: Array) -> float:
+        """Thickness of the cloth under a fingertip at `point` (3,) when pressed flat [m]: its layers there."""
         if not self.laid:
             return 0.0
         x = self._sim.positions
-        near = (
-            (np.abs(x[:, 0] - point[0]) < NEAR)
-            & (np.abs(x[:, 1] - point[1]) < NEAR)
-            & (x[:, 2] < point[2] + CATCH)
-        )
-        return float(x[near, 2].max() + 0.5 * self.material.thickness) if near.any() else 0.0
+        near = (np.abs(x[:, :2] - point[:2]) < 2.0 * self._noise.edge_length).all(axis=1)
+        corners = x[self.mesh.triangles[near[self.mesh.triangles].all(axis=1)]]
+        if len(corners) == 0:
+            return 0.0
+        a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        r = point - a
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        area = np.where(np.abs(area) < 1e-12, np.inf, area)  # seen edge-on: covers nothing
+        s, t = (r[:, 0] * v[:, 1] - r[:, 1] * v[:, 0]) / area, (u[:, 0] * r[:, 1] - u[:, 1] * r[:, 0]) / area
+        height = a[:, 2] + s * u[:, 2] + t * v[:, 2]
+        under = (s >= 0) & (t >= 0) & (s + t <= 1) & (height < point[2] + CATCH)
+        return float(np.count_nonzero(under) * self.material.thickness)
 
     def highest(self) -> float:
         return float(self._sim.positions[:, 2].max()) if self.laid else 0.0

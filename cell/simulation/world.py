@@ -49,6 +49,8 @@ RAISED = 0.040
 pads belongs there [m]."""
 NEAR = 0.08
 """Hands that are higher than this above the garment do not touch it [m]."""
+SQUEEZE = 2e-4
+"""A fingertip on cloth presses it this far [m]: more, and the solver's table and finger fight over it."""
 LIFTED = 0.05
 """A garment is being folded once a hand holds it this high [m]."""
 TABLE_THICKNESS = 0.03
@@ -216,8 +218,8 @@ class World:
         tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
         if tips[:, 2].min() > 0.05 or not self._over_table(position):
             return position, rotation, contact.Touch(np.zeros(2), 0.0)
-        top = np.array([self.garment.top(tip) for tip in tips])
-        felt = contact.touch(tips, top, self._stiffness)
+        stack = np.array([self.garment.stack(tip) for tip in tips])
+        felt = contact.touch(tips, stack, self._stiffness)
         position[2] += felt.lift
         return position, rotation, felt
 
@@ -275,7 +277,7 @@ class World:
             reach = contact.FINGER_RADIUS + self.garment.material.thickness
             hand.free = all(self.garment.clear_of(a, b, reach) for a, b in zip(low, high, strict=True))
         tips = contact.fingertips(hand.position, hand.rotation, opening)
-        floor = np.array([self.garment.top(tip) for tip in tips]) - 2e-4
+        floor = np.array([self.garment.stack(tip) for tip in tips]) - SQUEEZE
         raised = 0.0 if hand.free and not holds else RAISED
         low, high = contact.finger_axes(hand.position, hand.rotation, opening, floor, raised)
         body_low, body_high = contact.hand_axis(hand.position, hand.rotation)

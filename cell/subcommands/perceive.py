@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,13 @@ def run(options: argparse.Namespace) -> int:
     empty = None
     if options.reference is not None:
         empty = read_frame(options.reference, options.reference_depth, calibration.intrinsics, 1)
+    thresholds = settings.perception.settings()
+    if options.depth is None:  # that there is none is the user's choice, not a broken camera
+        thresholds = replace(thresholds, depth_holes=1.0)
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
     seen = perceive(
         frame, calibration, settings.table, empty, garments,
-        None if options.garment == "auto" else garments[0].name, settings.perception.settings(),
+        None if options.garment == "auto" else garments[0].name, thresholds,
     )  # fmt: skip
     if seen.failure is not None:
         failure = seen.failure

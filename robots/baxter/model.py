@@ -18,7 +18,15 @@ from robots.errors import ConfigurationError
 from robots.model import JointLimits, RobotModel, arm_chain
 from robots.ports import Array, Side, frozen
 
-__all__ = ["ARM_JOINTS", "FINGER_JOINTS", "JOINT_NAMES", "baxter_srdf_path", "baxter_urdf_path", "load_model", "package_root"]
+__all__ = [
+    "ARM_JOINTS",
+    "FINGER_JOINTS",
+    "JOINT_NAMES",
+    "baxter_srdf_path",
+    "baxter_urdf_path",
+    "load_model",
+    "package_root",
+]
 
 ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
 JOINT_NAMES = tuple(f"{side}_{joint}" for side in Side for joint in ARM_JOINTS)
@@ -95,7 +103,14 @@ def load_model() -> RobotModel:
 
 
 def _limits(
-    model: pin.Model, index: Array, margin: float, *, velocity: float, acceleration: float, jerk: float, wrist: float = 2.0
+    model: pin.Model,
+    index: Array,
+    margin: float,
+    *,
+    velocity: float,
+    acceleration: float,
+    jerk: float,
+    wrist: float = 2.0,
 ) -> JointLimits:
     """velocity is a share of the URDF's; acceleration [rad/s2], jerk [rad/s3] of shoulder and elbow, the
     wrist's joints `wrist` times as much."""

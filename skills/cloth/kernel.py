@@ -37,9 +37,8 @@ PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 # places in State.count
-VT, EE, ACTIVE, SEARCHED, PACKED, FRAME, SUBSTEP, EDGES, HINGES, AWAKE, SEARCHES, VT_ALL, EE_ALL, AGE = range(
-    14
-)
+VT, EE, VT_ALL, EE_ALL, HALF, ACTIVE, EDGES, HINGES, AWAKE = range(9)  # lengths of the lists
+SEARCHED, PACKED, FRAME, SUBSTEP, AGE, SEARCHES = range(9, 15)  # what is up to date, where the loop stands
 
 
 class Body(NamedTuple):
@@ -95,6 +94,8 @@ class State(NamedTuple):
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
     ready: NDArray[np.bool_]
+    stirred: NDArray[np.bool_]
+    near: NDArray[np.bool_]
     index: NDArray[np.int32]
     count: NDArray[np.int64]
     edge: NDArray[np.int32]
@@ -147,57 +148,34 @@ class Holds(NamedTuple):
 
 
 @njit(nogil=True)
-def _wake(i, state, body):  # type: ignore[no-untyped-def]
-    state.quiet[i] = 0
-    if not state.awake[i]:
-        state.awake[i] = True
-        state.wa[i] = body.w[i]
-        state.count[PACKED] = 0
-        if not state.ready[i]:
-            state.count[SEARCHED] = 0
-        for m in range(3):
-            state.built[i, m] = state.x[i, m]
-            state.course[i, m] = 0.0
-            state.v[i, m] = 0.0
-            state.xp[i, m] = state.x[i, m]
-            state.ref[i, m] = state.x[i, m]
+def _grow(start, ring, near, rings):  # type: ignore[no-untyped-def]
+    """Mark the neighbours of what is marked, `rings` times."""
+    last = near.copy()
+    for _ in range(rings):
+        for i in range(len(near)):
+            if last[i]:
+                for a in range(start[i], start[i + 1]):
+                    near[ring[a]] = True
+        last[:] = near
 
 
 @njit(nogil=True)
-def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
-    """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
-    n = len(body.w)
-    count = state.count
-    moving = np.zeros(n, np.bool_)
-    limit2 = rules.sleep_distance**2
-    for c in range(count[AWAKE]):
-        i = state.index[c]
+def _find_moving(index, n_awake, x, ref, quiet, distance, stirred):  # type: ignore[no-untyped-def]
+    """Mark awake vertices that left their reference point, which follows them; the others get quieter."""
+    for c in range(n_awake):
+        i = index[c]
         d2 = 0.0
         for m in range(3):
-            d2 += (state.x[i, m] - state.ref[i, m]) ** 2
-        if d2 > limit2:
-            moving[i] = True
+            d2 += (x[i, m] - ref[i, m]) ** 2
+        quiet[i] += 1
+        if d2 > distance * distance:
+            stirred[i] = True
             for m in range(3):
-                state.ref[i, m] = state.x[i, m]
-        state.quiet[i] = 0 if moving[i] else state.quiet[i] + 1
-    for k in range(len(holds.hand)):
-        if holds.hand[k] >= 0:
-            for m in range(3):
-                _wake(holds.vertex[k, m], state, body)
-    for i in range(n):
-        if moving[i]:
-            for a in range(body.ring_start[i], body.ring_start[i + 1]):
-                j = body.ring[a]
-                _wake(j, state, body)
-                for b in range(body.ring_start[j], body.ring_start[j + 1]):
-                    _wake(body.ring[b], state, body)
-    for c in range(count[ACTIVE]):
-        i, j, k, m = pairs.act_i[c, 0], pairs.act_i[c, 1], pairs.act_i[c, 2], pairs.act_i[c, 3]
-        if moving[i] or moving[j] or moving[k] or moving[m]:
-            _wake(i, state, body)
-            _wake(j, state, body)
-            _wake(k, state, body)
-            _wake(m, state, body)
+                ref[i, m] = x[i, m]
+
+
+@njit(nogil=True)
+def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
     for k in range(len(cap_r)):
         travel = 0.0
         for m in range(3):
@@ -206,20 +184,68 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  
         if travel < 1e-7:
             continue
         reach = cap_r[k] + NEAR_CAPSULE + travel
-        for i in range(n):
-            if not state.awake[i] or state.quiet[i] > 0:
-                d2 = _distance2(state.x, i, cap_p0[f + 1, k], cap_p1[f + 1, k])
-                if d2 < reach * reach:
-                    _wake(i, state, body)
-    for c in range(count[AWAKE]):
-        i = state.index[c]
-        if state.quiet[i] >= rules.sleep_frames:
-            state.awake[i] = False
-            state.wa[i] = 0.0
-            count[PACKED] = 0
+        for i in range(len(x)):
+            if _distance2(x, i, cap_p0[f + 1, k], cap_p1[f + 1, k]) < reach * reach:
+                stirred[i] = True
+
+
+@njit(nogil=True)
+def _stir_by_contact(n, act_i, stirred, near):  # type: ignore[no-untyped-def]
+    for c in range(n):
+        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        if stirred[i] or stirred[j] or stirred[k] or stirred[m]:
+            near[i] = near[j] = near[k] = near[m] = True
+
+
+@njit(nogil=True)
+def _settle(sleep_frames, near, ready, x, xp, v, ref, built, course, quiet, awake, wa, w):  # type: ignore[no-untyped-def]
+    """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
+    changed, and whether something woke for which no pairs were searched."""
+    changed = unsearched = False
+    for i in range(len(x)):
+        if near[i]:
+            quiet[i] = 0
+            if awake[i]:
+                continue
+            awake[i], wa[i] = True, w[i]
+            changed = True
+            unsearched = unsearched or not ready[i]
             for m in range(3):
-                state.v[i, m] = 0.0
-                state.xp[i, m] = state.x[i, m]
+                ref[i, m] = built[i, m] = xp[i, m] = x[i, m]
+                v[i, m] = course[i, m] = 0.0
+        elif awake[i] and quiet[i] >= sleep_frames:
+            awake[i], wa[i] = False, 0.0
+            changed = True
+            for m in range(3):
+                xp[i, m] = x[i, m]
+                v[i, m] = 0.0
+    return changed, unsearched
+
+
+@njit(nogil=True)
+def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+    """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
+    count = state.count
+    stirred, near = state.stirred, state.near
+    stirred[:] = False
+    _find_moving(state.index, count[AWAKE], state.x, state.ref, state.quiet, rules.sleep_distance, stirred)
+    _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
+    near[:] = stirred
+    _grow(body.ring_start, body.ring, near, 2)
+    _stir_by_contact(count[ACTIVE], pairs.act_i, stirred, near)
+    hand, vertex = holds.hand, holds.vertex
+    for k in range(len(hand)):
+        if hand[k] >= 0:
+            for m in range(3):
+                near[vertex[k, m]] = True
+    changed, unsearched = _settle(
+        rules.sleep_frames, near, state.ready, state.x, state.xp, state.v, state.ref, state.built, state.course,
+        state.quiet, state.awake, state.wa, body.w,
+    )  # fmt: skip
+    if changed:
+        count[PACKED] = 0
+    if unsearched:
+        count[SEARCHED] = 0
 
 
 @njit(nogil=True)
@@ -264,19 +290,6 @@ def _pack(body, rules, state):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _make_ready(ring_start, ring, awake, ready):  # type: ignore[no-untyped-def]
-    """Vertices that are awake or can wake before the next search: three rings further."""
-    ready[:] = awake
-    last = awake.copy()
-    for _ in range(READY_RINGS):
-        for i in range(len(awake)):
-            if last[i]:
-                for a in range(ring_start[i], ring_start[i + 1]):
-                    ready[ring[a]] = True
-        last[:] = ready
-
-
-@njit(nogil=True)
 def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
     """New candidate pairs into the other half of the lists; near ones keep their side, also those that sleep
     (behind the others, not looked at). False when a list is too small. Allocates nothing."""
@@ -288,7 +301,8 @@ def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
     was_vt, was_ee, was_side = pairs.vt[old], pairs.ee[old], pairs.side[old]
     was_near, was_normal = pairs.near[old], pairs.normal[old]
     tri, edge, ready = body.tri, body.edge, state.ready
-    _make_ready(body.ring_start, body.ring, state.awake, ready)
+    ready[:] = state.awake
+    _grow(body.ring_start, body.ring, ready, READY_RINGS)
     n_vt, n_ee = search_pairs(
         body.tree, pairs.met, tri, edge, state.x, state.v, ready, rules.thickness, horizon, SLACK, vt, ee
     )
@@ -460,8 +474,9 @@ def _hold(rules, state, holds, a, tool_p, tool_r, f):  # type: ignore[no-untyped
     soft = rules.hold_compliance / rules.h**2
     x, wa = state.x, state.wa
     frame = rules.h * rules.substeps
-    for k in range(len(holds.hand)):
-        hand = holds.hand[k]
+    hands = holds.hand
+    for k in range(len(hands)):
+        hand = hands[k]
         if hand < 0:
             continue
         ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)

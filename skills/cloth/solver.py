@@ -330,7 +330,8 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
 
     return kernel.State(
         x=f(n, 3), xp=f(n, 3), v=f(n, 3), u=f(n, 3), ref=f(n, 3), built=f(n, 3), course=f(n, 3), wa=f(n),
-        quiet=np.zeros(n, np.int32), awake=np.ones(n, np.bool_), ready=np.ones(n, np.bool_), index=np.zeros(n, np.int32),
+        quiet=np.zeros(n, np.int32), awake=np.ones(n, np.bool_), ready=np.ones(n, np.bool_),
+        stirred=np.zeros(n, np.bool_), near=np.zeros(n, np.bool_), index=np.zeros(n, np.int32),
         count=np.zeros(16, np.int64), edge=np.zeros((edges, 2), np.int32), length=f(edges), wi=f(edges), wj=f(edges),
         rate=f(edges), hinge=np.zeros((hinges, 4), np.int32), weight=f(hinges, 4), inverse=f(hinges),
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Guarded descent: down until the fingertips touch, and no further than the table allows.
 
-The tips' tactile cells decide first (they feel 0.1 N), the joints' efforts second (they feel what the cells
-cannot: a hand beside its cells, a wrist on a hanger). The expected height alone ends a descent only where the
+The tips' tactile cells decide first (they feel 0.1 N), the joints second (they feel what the cells cannot: a
+hand beside its cells, a wrist on a hanger): by their efforts, or by an arm that stays behind its command. The expected height alone ends a descent only where the
 caller says so.
 """
 
@@ -57,7 +57,7 @@ class DescentCommand:
 
 @dataclass(frozen=True)
 class Contact:
-    """Where the descent ended [m], what ended it ('tip', 'effort' or 'height'), and the tips' force [N]."""
+    """Where the descent ended [m], what ended it ('tip', 'effort', 'stall' or 'height'), and the tips' force [N]."""
 
     height: float
     by: str
@@ -75,6 +75,7 @@ class DescentState:
     effort: Array | None = None
     tip_count: int = 0
     effort_count: int = 0
+    stall_count: int = 0
     lowered: float = np.inf
     """When the command last went down [s]."""
     speed: float = 0.0
@@ -121,22 +122,30 @@ def _feel(reading: HandReading, state: DescentState, dt: float) -> DescentState:
     touching = _tip_force(reading, state) >= s.contact_force + s.press_stiffness * state.goal.through
     mean = reading.effort if state.effort is None else state.effort
     pushed = bool(np.abs(reading.effort - mean).max() >= s.contact_effort)
+    slow = state.speed <= 1.01 * s.guarded_speed
+    stalled = slow and reading.height - state.target >= s.stall_lag
     follow = 0.0 if pushed else 1.0 - np.exp(-dt / s.effort_time)
     return replace(
         state,
         tactile_stamp=reading.tactile.stamp,
         tip_count=state.tip_count + 1 if touching else 0,
         effort_count=state.effort_count + 1 if pushed else 0,
+        stall_count=state.stall_count + 1 if stalled else 0,
         effort=mean + follow * (reading.effort - mean),
     )
 
 
 def _touched(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
     s = state.settings
-    by_tip = state.tip_count >= s.contact_readings
-    if not by_tip and state.effort_count < s.effort_readings:
+    counts = {
+        "tip": state.tip_count >= s.contact_readings,
+        "effort": state.effort_count >= s.effort_readings,
+        "stall": state.stall_count >= s.effort_readings,
+    }
+    by = next((name for name, enough in counts.items() if enough), None)
+    if by is None:
         return None
-    contact = Contact(reading.height, "tip" if by_tip else "effort", _tip_force(reading, state))
+    contact = Contact(reading.height, by, _tip_force(reading, state))
     above = reading.height - state.goal.contact
     if above > s.early_margin:
         return Outcome(

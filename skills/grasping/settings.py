@@ -38,8 +38,10 @@ class GraspSettings:
     """Rise of a joint's effort over its running mean [Nm]: about 12 N at the hand, well over what an arm in
     motion shows by its own jitter (4 Nm in the simulated cell)."""
     effort_readings: int = 4
-    effort_time: float = 0.3
-    """Time constant of that running mean [s]: gravity's share changes slowly in a descent."""
+    effort_time: float = 1.0
+    """Time constant of that running mean [s]: gravity's share changes slowly in a descent, a push does not."""
+    stall_lag: float = 0.006
+    """An arm that stays this far behind its guarded descent is held up by something [m]: 9 N on Baxter's."""
     lead: float = 0.010
     """How far the commanded height may run ahead of the measured one."""
     bottom_wait: float = 1.0
@@ -98,6 +100,7 @@ class GraspSettings:
     stuck_force: float = 0.10
     """Least residual force on one pad after release and retreat that counts as cloth on the finger."""
     stuck_sigmas: float = 4.5
-    drift_force: float = 0.02
-    """Standard deviation of a cell's slow drift [N], and the time over which it comes [s]."""
+    drift_ratio: float = 2.0
+    """Standard deviation of a cell's slow drift over that of its noise: noisier cells drift more."""
     drift_time: float = 120.0
+    """Shortest period of that drift [s]."""

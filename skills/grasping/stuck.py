@@ -68,10 +68,12 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
 def residual_bound(zero: Zero, now: float, settings: GraspSettings) -> float:
     """Largest mean force of an unloaded pad that noise and drift since the zero explain [N].
 
-    Each cell drifts as a first-order process of standard deviation `drift_force` and time `drift_time`.
+    A cell that wanders with standard deviation sigma and period T has moved by 2 sigma sin(pi t / T) after a
+    time t, in the mean over its phases; by 2 sigma at most.
     """
     s = settings
     cells = zero.cells[0].size
-    drift = 2.0 * s.drift_force**2 * (1.0 - np.exp(-max(now - zero.stamp, 0.0) / s.drift_time))
-    noise = zero.cell_noise**2 * (1.0 / s.stuck_readings + 1.0 / s.zero_readings)
-    return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells * (drift + noise))))
+    share = float(np.clip((now - zero.stamp) / s.drift_time, 0.0, 0.5))
+    drift = 2.0 * s.drift_ratio * zero.cell_noise * np.sin(np.pi * share)
+    noise = zero.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
+    return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells) * np.hypot(drift, noise)))

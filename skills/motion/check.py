@@ -154,7 +154,9 @@ def _too_fast(share: Peaks) -> Failure:
 
 
 def _limit(what: str, values: Mapping[str, object]) -> Failure:
-    return Failure(FailureKind.LIMIT_EXCEEDED, what, "report this: the planner made what it must not", dict(values))
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED, what, "report this: the planner made what it must not", dict(values)
+    )
 
 
 def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_fingertips: bool) -> Failure | None:

@@ -60,9 +60,7 @@ class CollisionChecker:
         self._margins = np.array(
             [self._margin(pair, body_margin, table_margin, fingertip_margin) for pair in self._names()]
         )
-        self._finger_pairs = [
-            i for i, (a, b) in enumerate(self._names()) if b == "table" and a in self._fingers
-        ]
+        self._finger_pairs = [i for i, (a, b) in enumerate(self._names()) if b == "table" and a in self._fingers]
         self._data = model.pin_model.createData()
         self._free = self._geometry.createData()
         self._grasp = self._geometry.createData()

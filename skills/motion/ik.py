@@ -3,7 +3,8 @@
 The solver is a Levenberg-Marquardt iteration on the pose error with the damping of Sugihara
 (IEEE T-RO 27(5), 2011: proportional to the squared error, plus a bias); joints that push against their
 limit are taken out of the step. The arm's redundancy is used in the null space: for a single pose to stay
-near `q_reference`, on a path to keep off the joint limits. Forward kinematics agrees with Pinocchio to 1e-12 (tested).
+near `q_reference`, on a path to keep off the joint limits. Forward kinematics agrees with Pinocchio to
+1e-12 (tested).
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from robots.model import ArmChain, RobotModel
-from skills.vocabulary import Array, Side
 from robots.ports import arm_slice
+from skills.vocabulary import Array, Side
 
 __all__ = ["PathSolution", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 
@@ -26,7 +27,7 @@ TOLERANCE = 1e-9
 """Of position [m] and orientation [rad]."""
 LIMIT_ZONE = 0.35
 """Nearer than this to a limit [rad], a joint on a path is drawn away from it by self-motion,"""
-LIMIT_GAIN = 2.0
+LIMIT_GAIN = 4.0
 """by up to this much per metre that the tool travels [rad/m]."""
 
 
@@ -48,10 +49,14 @@ def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-
             W[i, 0] = c * a + s * b
             W[i, 1] = c * b - s * a
         for i in range(3):
-            p[i] += W[i, 0] * translation[k + 1, 0] + W[i, 1] * translation[k + 1, 1] + W[i, 2] * translation[k + 1, 2]
+            p[i] += (
+                W[i, 0] * translation[k + 1, 0] + W[i, 1] * translation[k + 1, 1] + W[i, 2] * translation[k + 1, 2]
+            )
             for j in range(3):
                 M[i, j] = (
-                    W[i, 0] * rotation[k + 1, 0, j] + W[i, 1] * rotation[k + 1, 1, j] + W[i, 2] * rotation[k + 1, 2, j]
+                    W[i, 0] * rotation[k + 1, 0, j]
+                    + W[i, 1] * rotation[k + 1, 1, j]
+                    + W[i, 2] * rotation[k + 1, 2, j]
                 )
         W, M = M, W
     for i in range(3):

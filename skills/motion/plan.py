@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from skills.motion import ik
 from skills.motion.check import check_trajectory, thinned
 from skills.motion.collision import CollisionChecker
 from skills.motion.posture import Posture, angles_of, blended, in_base, resampled
-from skills.motion.route import free_path
-from skills.motion.search import choose_postures
+from skills.motion.route import free_path, rounded
+from skills.motion.search import Choice, rank_postures
 from skills.motion.timing import free_motion, hold, join, time_law, time_path
 from skills.vocabulary import FoldStep, Outcome, Table, ToolPath
 
@@ -34,6 +35,7 @@ __all__ = [
     "plan_fold_motion",
     "plan_free_motion",
     "plan_grasp",
+    "plan_lift",
     "plan_withdrawal",
 ]
 
@@ -44,6 +46,10 @@ RETREAT_HEIGHT = 0.10
 RETREAT_SPEED = 0.25
 """Of the tools on their straight way up [m/s]."""
 DESCENT_STEP = 0.002
+SLOWED = 1.3
+"""A fold that the arms stretch by more than this is planned with another choice of postures too."""
+CORNERS = (0.48, 0.3, 0.15)
+"""Shares of each leg that a rounded corner may take, tried in turn."""
 RETREAT_STEP = 0.006
 """Between joint samples of straight ways [m]."""
 ARC_TICK = 0.04
@@ -165,15 +171,42 @@ def plan_fold_motion(
     """
     if set(paths) != set(step.grasps):
         raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
-    chosen = choose_postures(
+    ranked = rank_postures(
         model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=avoid
     )
-    if chosen.failure:
-        return Outcome(failure=chosen.failure)
-    choice = chosen.unwrap()
+    if ranked.failure:
+        return Outcome(failure=ranked.failure)
+    wish = float(_clock(paths)[-1])
+    best: FoldMotion | None = None
+    failure: Failure | None = None
+    for choice in ranked.unwrap():
+        tried = _planned_as(model, checker, table, paths, choice, q_now, limits, tool_speed, approach_height, rng)
+        failure = failure or tried.failure
+        if tried.value is not None and (best is None or tried.value.duration < best.duration):
+            best = tried.value
+        if best is not None and best.fold.duration < SLOWED * wish * _slowing(paths, _clock(paths), tool_speed):
+            break
+    if best is None:
+        return Outcome(failure=failure)
+    return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
+
+
+def _planned_as(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    choice: Choice,
+    q_now: Array,
+    limits: JointLimits | None,
+    tool_speed: float | None,
+    approach_height: float,
+    rng: np.random.Generator | None,
+) -> Outcome[FoldMotion]:
+    """The whole motion with one choice of postures, finely."""
     grasp = plan_grasp(
-        model, checker, table, paths, choice.postures, q_now, limits=limits, approach_height=approach_height, rng=rng,
-        q_hint={side: q[0] for side, q in choice.q.items()},
+        model, checker, table, paths, choice.postures, q_now, limits=limits, approach_height=approach_height,
+        rng=rng, q_hint={side: q[0] for side, q in choice.q.items()},
     )  # fmt: skip
     if grasp.failure:
         return Outcome(failure=grasp.failure)
@@ -183,8 +216,7 @@ def plan_fold_motion(
     )  # fmt: skip
     if arc.failure:
         return Outcome(failure=arc.failure)
-    motion = FoldMotion(choice.postures, grasp.unwrap(), arc.unwrap())
-    return Outcome(motion, notes={**chosen.notes, "duration_s": round(motion.duration, 3)})
+    return Outcome(FoldMotion(choice.postures, grasp.unwrap(), arc.unwrap()))
 
 
 def plan_grasp(
@@ -284,6 +316,19 @@ def plan_withdrawal(
     return Outcome(Withdrawal(retreat.unwrap(), park.unwrap()))
 
 
+def plan_lift(
+    model: RobotModel,
+    checker: CollisionChecker,
+    q_now: Array,
+    sides: tuple[Side, ...],
+    height: float,
+    *,
+    limits: JointLimits | None = None,
+) -> Outcome[ArmTrajectory]:
+    """Hands straight up together by `height` [m]: to see whether a grasp holds."""
+    return _straight_up(model, checker, q_now, sides, height, limits or model.planning)
+
+
 def plan_free_motion(
     model: RobotModel,
     checker: CollisionChecker,
@@ -293,14 +338,21 @@ def plan_free_motion(
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[ArmTrajectory]:
-    """From rest at q0 (14,) to rest at q1 (14,), free of collision, straight between way-points."""
+    """From rest at q0 (14,) to rest at q1 (14,), free of collision.
+
+    Straight if that is free; else by way-points, with rounded corners if those are free too.
+    """
     limits = limits or model.planning
     way = free_path(model, checker, q0, q1, rng)
     if way.failure:
         return Outcome(failure=way.failure)
     points = way.unwrap()
-    legs = [free_motion(a, b, limits) for a, b in zip(points, points[1:], strict=False)]
-    return Outcome(join(legs), notes=dict(way.notes))
+    stopping = join([free_motion(a, b, limits) for a, b in pairwise(points)])
+    for share in CORNERS if len(points) > 2 else ():
+        flowing = time_path(rounded(points, share), limits)
+        if flowing.duration < stopping.duration and checker.first_collision(thinned(flowing.q, 0.03)) is None:
+            return Outcome(flowing, notes=dict(way.notes))
+    return Outcome(stopping, notes=dict(way.notes))
 
 
 def _descent(

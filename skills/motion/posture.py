@@ -76,9 +76,7 @@ def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolP
     arc = resampled(path, np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
     down, up = np.linspace(above, 0.0, 4)[:-1], np.linspace(0.0, below, 4)[1:]
     z = np.array([0.0, 0.0, 1.0])
-    position = np.vstack(
-        [arc.position[0] + down[:, None] * z, arc.position, arc.position[-1] + up[:, None] * z]
-    )
+    position = np.vstack([arc.position[0] + down[:, None] * z, arc.position, arc.position[-1] + up[:, None] * z])
 
     def held(x: Array) -> Array:
         return np.concatenate([np.full(3, x[0]), x, np.full(3, x[-1])])

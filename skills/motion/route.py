@@ -6,20 +6,24 @@ bounded number of tries; the result is shortened by random shortcuts.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
-from robots.ports import Array, arm_slice, Side
+from robots.ports import Array, Side, arm_slice
 from skills.motion.collision import CollisionChecker
 from skills.vocabulary import Outcome
 
-__all__ = ["free_path"]
+__all__ = ["free_path", "rounded"]
 
 STEP = 0.35
 """Longest new branch [rad, largest joint]."""
 TRIES = 1500
 SHORTCUTS = 60
+LEADS = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
+"""Shares of their ways that the arms have made half-way, when one goes ahead."""
 
 
 def free_path(
@@ -57,27 +61,46 @@ def free_path(
     return Outcome(found, notes={"way": "rrt"})
 
 
+def rounded(points: Array, share: float, samples: int = 120) -> Array:
+    """The way through points (n, 14) with its corners rounded, sampled evenly (samples, 14).
+
+    Each corner is a parabola that takes `share` of the legs beside it.
+    """
+    u = np.linspace(0.0, 1.0, 12)[:, None]
+    way = [points[:1]]
+    for before, corner, after in zip(points, points[1:], points[2:], strict=False):
+        a, b = corner + share * (before - corner), corner + share * (after - corner)
+        way.append((1 - u) ** 2 * a + 2 * u * (1 - u) * corner + u**2 * b)
+    way.append(points[-1:])
+    line = np.vstack(way)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    even = np.linspace(0.0, s[-1], samples)
+    return np.stack([np.interp(even, s, line[:, k]) for k in range(line.shape[1])], axis=1)
+
+
 def _obvious(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Way-points that mostly work: none; one arm after the other; over the parked pose."""
+    """Way-points that mostly work: none; one arm ahead of the other; over the parked pose."""
     left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
 
-    def mixed(a: Array, b: Array) -> Array:
-        q = a.copy()
-        q[right] = b[right]
+    def part(of_left: float, of_right: float) -> Array:
+        q = q0.copy()
+        q[left] += of_left * (q1[left] - q0[left])
+        q[right] += of_right * (q1[right] - q0[right])
         return q
 
-    ways: list[list[Array]] = [[], [mixed(q1, q0)], [mixed(q0, q1)], [model.q_park]]
+    ways: list[list[Array]] = [[]]
+    for ahead, behind in LEADS:
+        ways += [[part(ahead, behind)], [part(behind, ahead)]]
+    ways.append([model.q_park])
     for cut in (left, right):
-        halfway = q0.copy()
-        halfway[cut] = model.q_park[cut]
-        arrived = q1.copy()
-        arrived[cut] = model.q_park[cut]
+        halfway, arrived = q0.copy(), q1.copy()
+        halfway[cut] = arrived[cut] = model.q_park[cut]
         ways.append([halfway, arrived])
     return ways
 
 
 def _free(checker: CollisionChecker, points: Array) -> bool:
-    return all(checker.edge_free(a, b) for a, b in zip(points, points[1:], strict=False))
+    return all(checker.edge_free(a, b) for a, b in pairwise(points))
 
 
 class _Tree:

@@ -23,7 +23,7 @@ from skills.motion.collision import CollisionChecker, Contact
 from skills.motion.posture import Posture, in_base, with_ends
 from skills.vocabulary import Outcome, Table, ToolPath
 
-__all__ = ["Choice", "choose_postures"]
+__all__ = ["Choice", "rank_postures"]
 
 PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
@@ -36,12 +36,18 @@ MARGIN_WEIGHT = 0.01
 """Cost of the distance to the nearest joint limit: weight over distance in rad."""
 SWAP_COST = 0.5
 """Arms are swapped only for a gain in lean that is worth it."""
-GOOD = 2.0
+GOOD = 4.0
 """Cost of a pair at which the other assignment of arms is not looked at."""
 DETOUR_COST = 0.5
 """Of a way to the fold or from it to the parked pose that is not free straight on."""
 KEEP = 8
 """Candidates kept an arm."""
+ENOUGH = 3
+"""Candidates after which leans that cost much more are not tried."""
+RANKED = 5
+"""Combinations kept."""
+TOUCH_COST = 2.0
+"""Of a joint that rides on its limit on the way: where it leaves the limit, the path has a kink."""
 SEARCH_MARGIN = 0.03
 """Joint limits are kept by this much more in the search than later [rad]: a grasp ends a little elsewhere."""
 SEEDS = 12
@@ -95,7 +101,7 @@ def _seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
     return np.vstack([np.clip(q_now[cut], lower, upper), model.q_park[cut], spread])
 
 
-def choose_postures(
+def rank_postures(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
@@ -105,8 +111,8 @@ def choose_postures(
     above: float,
     below: float,
     avoid: Sequence[Mapping[Side, Posture]] = (),
-) -> Outcome[Choice]:
-    """The cheapest postures for tool paths keyed as the fold step's grasps; the arms may be swapped.
+) -> Outcome[tuple[Choice, ...]]:
+    """A few choices, the cheapest first, for tool paths keyed as the fold step's grasps; arms may be swapped.
 
     above, below: straight ways down to the grasp and up from the release [m]. avoid: choices that were tried
     and are not wanted again. Failures: UNREACHABLE (no
@@ -114,21 +120,20 @@ def choose_postures(
     """
     tally = _Tally()
     coarse = {side: with_ends(path, above, below, SAMPLES) for side, path in paths.items()}
-    best: Choice | None = None
+    found: list[Choice] = []
     for swapped in (False, True):
-        if best is not None and best.cost < GOOD:
+        if found and found[0].cost < GOOD:
             break
         arms = {(side.other if swapped else side): side for side in paths}
         candidates = {
             arm: _candidates(model, checker, table, arm, key, coarse[key], q_now, tuple(arms), tally)
             for arm, key in arms.items()
         }
-        found = _best_together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
-    if best is None:
+        found += _together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
+        found.sort(key=lambda choice: choice.cost)
+    if not found:
         return Outcome(failure=_failure(tally))
-    return Outcome(best, notes={"postures_tried": tally.tried, "posture_cost": round(float(best.cost), 3)})
+    return Outcome(tuple(found), notes={"postures_tried": tally.tried, "posture_cost": round(found[0].cost, 3)})
 
 
 def _candidates(
@@ -147,6 +152,8 @@ def _candidates(
     seeds = _seeds(model, arm, q_now)
     kept: list[_Candidate] = []
     for lean, pitch, roll, turned in _leans():
+        if len(kept) >= ENOUGH and lean > min(c.cost for c in kept) + 1.0:
+            break
         posture = Posture(key, turned, pitch, roll)
         rotation = posture.rotation(path)
         T = np.eye(4)
@@ -196,7 +203,8 @@ def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
     travel = np.abs(np.diff(q, axis=0)).sum(axis=0) / limits.velocity[cut]
     way = np.abs(q[0] - q_now[cut]) / limits.velocity[cut]
     room = min((q - limits.lower[cut]).min(), (limits.upper[cut] - q).min())
-    return float(TRAVEL_WEIGHT * (travel.max() + way.max()) + MARGIN_WEIGHT / max(room, 1e-3))
+    touch = TOUCH_COST if room < SEARCH_MARGIN + 1e-3 else 0.0
+    return float(TRAVEL_WEIGHT * (travel.max() + way.max()) + MARGIN_WEIGHT / max(room, 1e-3) + touch)
 
 
 def _alone(
@@ -208,23 +216,18 @@ def _alone(
     return checker.first_collision(both, allow_fingertips=True)
 
 
-def _best_together(
+def _together(
     checker: CollisionChecker,
     candidates: Mapping[Side, list[_Candidate]],
     q_now: Array,
     extra: float,
     avoid: Sequence[Mapping[Side, Posture]],
     tally: _Tally,
-) -> Choice | None:
-    """The cheapest combination that stays free of itself, the arms moving in step."""
+) -> list[Choice]:
+    """The cheapest few combinations that stay free of each other, the arms moving in step."""
     arms = list(candidates)
-    if any(not candidates[arm] for arm in arms):
-        return None
-    best: Choice | None = None
+    found: list[Choice] = []
     for picked in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
-        cost = sum(c.cost for c in picked) + extra
-        if best is not None and cost >= best.cost:
-            break
         postures = {arm: c.posture for arm, c in zip(arms, picked, strict=True)}
         if postures in avoid:
             continue
@@ -235,10 +238,11 @@ def _best_together(
         if contact is not None:
             tally.contacts[str(contact)] += 1
             continue
-        cost += DETOUR_COST * _detours(checker, q_now, both)
-        if best is None or cost < best.cost:
-            best = Choice(postures, {arm: c.q for arm, c in zip(arms, picked, strict=True)}, cost)
-    return best
+        cost = sum(c.cost for c in picked) + extra + DETOUR_COST * _detours(checker, q_now, both)
+        found.append(Choice(postures, {arm: c.q for arm, c in zip(arms, picked, strict=True)}, float(cost)))
+        if len(found) == RANKED:
+            break
+    return found
 
 
 def _detours(checker: CollisionChecker, q_now: Array, both: Array) -> int:
@@ -262,5 +266,9 @@ def _failure(tally: _Tally) -> Failure:
         FailureKind.UNREACHABLE,
         f"no tilt of the hands reaches the whole path; it ends at {places} (table frame, m), bound by {joint}",
         "lay the garment nearer to the middle of the table",
-        {"postures": tally.tried, "where_m": places, "share_reached": {str(s): r for s, r in tally.reached.items()}},
+        {
+            "postures": tally.tried,
+            "where_m": places,
+            "share_reached": {str(s): r for s, r in tally.reached.items()},
+        },
     )

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import ruckig
@@ -24,9 +25,9 @@ import toppra.algorithm
 import toppra.constraint
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from robots.errors import InternalError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, frozen
-from robots.errors import InternalError
 
 __all__ = ["TICK", "Peaks", "free_motion", "hold", "join", "peaks", "stop_profile", "time_law", "time_path"]
 
@@ -85,7 +86,7 @@ def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
 def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
     """One after the other; each has to start where, and at the speed at which, the one before ends."""
     t, q, qd, qdd = [parts[0].t], [parts[0].q], [parts[0].qd], [parts[0].qdd]
-    for before, after in zip(parts, parts[1:], strict=False):
+    for before, after in pairwise(parts):
         gap = max(np.abs(before.q[-1] - after.q[0]).max(), np.abs(before.qd[-1] - after.qd[0]).max())
         if gap > 1e-6:
             raise InternalError("trajectories that do not meet were joined", gap=float(gap))
@@ -122,7 +123,9 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
     return ArmTrajectory(frozen(t), frozen(q), frozen(rate * gap), frozen(change * gap))
 
 
-def time_path(path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None) -> ArmTrajectory:
+def time_path(
+    path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None
+) -> ArmTrajectory:
     """Along a smooth joint path (n, 14), from rest to rest, as fast as the limits allow.
 
     lengths: (n, k) distance that each of k tools has travelled at each sample [m]; speed: the cap on them

@@ -47,7 +47,7 @@ class Boundary:
     nearest point of a fine resampling, instead of being stored on a grid.
     """
 
-    def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.010) -> None:
+    def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.012) -> None:
         self.points = resample_closed(points, step)
         self.normals = _normals(self.points)
         self._tree = cKDTree(self.points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -50,6 +51,12 @@ class InspectionSettings:
     deviation: float = 0.022
     """Boundary deviation that counts as a defect of the edge."""
     corner_radius: float = 0.07
+    left_behind: float = 0.035
+    """A corner that lies further behind than the other by this was dropped."""
+    sag: float = 0.020
+    """The middle of the fold that lies further behind than both ends by this sagged."""
+    strip: float = 0.06
+    """Half width of the strips, beside each grasp and between them, in which that is looked for."""
     missing_share: float = 0.55
     """A target that lacks this share of its upper layer's predicted height did not get it."""
     layer_height: float = 0.0018
@@ -66,7 +73,9 @@ class Inspection:
     extra_height_m: 95th percentile of height above the prediction, where both are and away from fold lines.
     piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
     outside positive, at edge_place (2,). missing_layer: largest share of a target's upper layers that is
-    not there (0..1), NaN when nobody can see it. diagnosis: None when the fold is as predicted.
+    not there (0..1), NaN when nobody can see it. left_behind: for each grasp, and for the middle between two
+    ('middle'), how much further than predicted the garment still reaches beyond the fold line there [m]; NaN
+    where it is not seen. diagnosis: None when the fold is as predicted.
     contour: (n, 2) observed boundary. mask, predicted: (H, W) in `view`'s pixels.
     """
 
@@ -80,6 +89,7 @@ class Inspection:
     edge_deviation_m: float
     edge_place: Array
     missing_layer: float
+    left_behind: Mapping[str, float]
     diagnosis: FailureKind | None
     confidence: float
     contour: Array
@@ -102,11 +112,13 @@ def inspect(
     step: FoldStep | None = None,
     settings: InspectionSettings | None = None,
     previous: CameraFrame | None = None,
+    flat_top: float | None = None,
 ) -> Outcome[Inspection]:
     """Compare one picture with the predicted mesh, and name what went wrong.
 
     step: the fold that was made, which tells where its targets and lines are; without it only what shows
-    in silhouette and height is judged. reference, previous: as for `perceive`.
+    in silhouette and height is judged. reference, previous: as for `perceive`. flat_top: `Perception.top` of the
+    flat garment, which tells how far creases and pile stand above the mesh's middle surface.
 
     Fails with CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW: then there is nothing to judge. A bad fold is not a
     failure of looking: it is the value's `diagnosis`.
@@ -127,6 +139,8 @@ def inspect(
             failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
         )
     expected = draw_shape(view, predicted)
+    if flat_top is not None:
+        expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
     inspection = _compare(view, seen.rgb, found.mask, found.contour, height, expected, step, settings)
     notes: dict[str, float | int | str] = {
         "iou": inspection.iou, "iou_aligned": inspection.iou_aligned, "drift_m": inspection.drift_m,
@@ -178,6 +192,7 @@ def _compare(
         edge_deviation_m=deviation,
         edge_place=frozen(place),
         missing_layer=_missing_layer(height, moved, view, step, R, t, settings),
+        left_behind=_left_behind(view, mask, where, step, settings),
         diagnosis=None,
         confidence=1.0,
         contour=frozen(observed),
@@ -219,9 +234,21 @@ def _surety(value: float, threshold: float) -> float:
 
 
 def _edge_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
-    """A defect beside a target is a dropped corner; one between the targets is sag; else off target."""
+    """Which defect a bad outline has: by what was left behind, then by where its edge is worst.
+
+    One corner behind the other was dropped; a middle behind both ends sagged. A bad edge beside a target is
+    a dropped corner, one between the targets sagged. The rest is off target.
+    """
     if step is None or not step.targets:
         return FailureKind.OFF_TARGET
+    behind = dict(seen.left_behind)
+    middle = behind.pop("middle", float("nan"))
+    if len(behind) == 2:
+        low, high = sorted(behind.values())
+        if high - low > settings.left_behind:
+            return FailureKind.DROPPED_CORNER
+        if middle - high > settings.sag:
+            return FailureKind.SAG
     targets = np.array([t[:2] for t in step.targets.values()])
     near = float(np.linalg.norm(targets - seen.edge_place, axis=1).min())
     if near <= settings.corner_radius:
@@ -386,3 +413,32 @@ def _missing_layer(
         if planned >= settings.layer_height:
             shares.append(1.0 - float(have[patch].mean()) / planned)
     return max(shares) if shares else float("nan")
+
+
+def _left_behind(
+    view: TableView,
+    mask: NDArray[np.bool_],
+    predicted: NDArray[np.bool_],
+    step: FoldStep | None,
+    settings: InspectionSettings,
+) -> Mapping[str, float]:
+    """How much further than predicted the garment reaches beyond the fold line, in strips across it [m]."""
+    if step is None or not step.grasps:
+        return {}
+    line = step.line
+    places = {str(side): float((g.point - line.point) @ line.direction) for side, g in step.grasps.items()}
+    if len(places) == 2:
+        places["middle"] = sum(places.values()) / 2
+    reach = []
+    for region in (mask, predicted):
+        rows, columns = np.nonzero(region)
+        xy = view.to_table(np.stack([columns, rows], axis=1))
+        reach.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
+    out = {}
+    for name, place in places.items():
+        seen, planned = (
+            across[np.abs(along - place) < settings.strip] for along, across in reach
+        )
+        enough = min(len(seen), len(planned)) > 50
+        out[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
+    return out

@@ -67,7 +67,7 @@ class Perception:
     """What was seen: the state for planning, and what it was made of for the record and the overlay.
 
     garment: name of the one whose template fits. rgb, height, mask: in `view`'s pixels, as is the contour
-    of `segmentation`. matches: all candidates, best first.
+    of `segmentation`. matches: all candidates, best first. top: mean height of the garment's upper side [m].
     """
 
     state: GarmentState
@@ -78,6 +78,7 @@ class Perception:
     view: TableView
     rgb: NDArray[np.uint8]
     height: NDArray[np.float32]
+    top: float
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -171,7 +172,7 @@ def perceive(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
     value = Perception(
-        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height)
+        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top
     )
     return Outcome(value=value, notes=stages.notes)
 
@@ -347,9 +348,9 @@ def _choose(
 
 
 def _confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
-    """Product of three shares: clear boundary, overlap (0.85..0.97 -> 0..1), fit (20..5 mm -> 0..1)."""
+    """Product of three shares: clear boundary, overlap (0.85..0.97 -> 0..1), fit (8..2 mm -> 0..1)."""
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
-    fit = float(np.clip((0.020 - registration.residual) / 0.015, 0.0, 1.0))
+    fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
     return segmentation.confidence * overlap * fit
 
 

@@ -40,7 +40,7 @@ class RegistrationSettings:
     steps_each: int = 6
     """Levenberg-Marquardt steps between two updates of the reference."""
     updates: int = 12
-    reduction: float = 0.02
+    reduction: float = 0.05
     """The registration ends when an update lowers the energy by less than this share."""
     equal: float = 0.004
     """Mean boundary distances closer than this do not tell two orientations apart [m]."""

@@ -3,7 +3,8 @@
 `segment_reference` (the default) compares with a picture of the empty table. A shadow scales a colour but
 hardly turns it, so that the comparison is made in log colour, where light is a common offset: a pixel that
 is the table's colour times some factor below 1 can be shadow; the rest is garment. The garment's own
-colours, learnt from what is surely garment, then decide the doubtful pixels.
+colours are learnt from what is surely garment; then each pixel is what it more likely is: garment, lit table
+or table in some shadow.
 
 `segment_plain` does the same with a smooth table colour fitted to the view's rim, when there is no
 reference. `segment_watershed` is the paper's: corners are background, the centre is foreground (Vincent and
@@ -34,15 +35,21 @@ Mask = NDArray[np.bool_]
 Field = NDArray[np.floating]
 
 
+_FLOOR = -18.0
+"""No colour is less likely than this (log density): there are always surprises."""
+
+
 @dataclass(frozen=True)
 class SegmentationSettings:
     """Lengths in view pixels, colours in units of the natural logarithm of intensity."""
 
     deepest_shadow: float = 1.0
     """A shadow may darken the table to exp(-1.0) = 37 %."""
+    shadow_share: float = 0.05
+    """How much of the table may lie in shadow, before anything is known of a pixel."""
     surely_garment: float = 6.0
     """Distance from every shade of the table, in standard deviations."""
-    dark_offset: float = 0.12
+    dark_offset: float = 0.04
     """What is darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
     shadow_rim: int = 13
     """Cast shadows of a flat garment are narrower than this."""
@@ -79,19 +86,24 @@ def segment_reference(
     """Garment against a picture of the empty table, both (H, W, 3) uint8 in the same view.
 
     valid: (H, W), where both pictures see the table. height: (H, W) [m] above the empty table's own
-    measured height, NaN where unknown; it decides only whether a dark, wide region is cloth or shadow.
+    measured height, NaN where unknown; it tells whether a dark, wide region is cloth or shadow, and helps where
+    colours leave a doubt.
     """
     settings = settings or SegmentationSettings()
     image, table = _log_colour(rgb), _log_colour(reference)
     table = table + _light_change(image - table, valid)
     noise = _noise_scale(rgb)
-    doubt = _distance_from_table(image - table, noise, valid, settings)
-    core = _core(doubt, image - table, valid, height, settings)
+    spread = _table_spread(image - table, noise, valid)
+    core = _core(image - table, noise, spread, valid, height, settings)
     if np.count_nonzero(core) < settings.smallest_area // 4:
         return _nothing(valid.shape)
-    likeness = _distance_from_garment(image, noise, core)
-    garment = (doubt > likeness) & (doubt > 3.0) & valid
-    mask, share = _clean(garment | core, settings)
+    box = _surroundings(core)
+    odds = np.full(valid.shape, _FLOOR, np.float32)
+    odds[box] = _garment_likelihood(image[box], noise[box], core[box])
+    odds[box] -= _table_likelihood((image - table)[box], noise[box], spread, settings)
+    if height is not None:
+        odds[box] += _height_odds(height[box], core[box])
+    mask, share = _clean((cv2.GaussianBlur(odds, (0, 0), 0.8) > 0) & valid, settings)
     if not mask.any():
         return _nothing(valid.shape)
     contour, clear = refine_boundary(mask, rgb, np.exp(table))
@@ -193,16 +205,12 @@ def _opponent(colour: Field) -> tuple[Field, Field, Field]:
     return (r + g + b) / 3.0, (r - g) / np.float32(2**0.5), (r + g - 2.0 * b) / np.float32(6**0.5)
 
 
-def _distance_from_table(
-    difference: Field, noise: Field, valid: Mask, settings: SegmentationSettings
-) -> Field:
-    """Distance of each pixel from the table in any shade, in standard deviations (H, W)."""
+def _table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, float]:
+    """Standard deviations of the bare table's log luminance and log chromaticity, over the noise scale."""
     light, c1, c2 = _opponent(difference)
     table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
-    chroma_sigma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006) * noise
-    light_sigma = max(_spread(light, noise, table), 0.02) * noise
-    beyond = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
-    return np.sqrt((c1 * c1 + c2 * c2) / chroma_sigma**2 + (beyond / light_sigma) ** 2)
+    chroma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006)
+    return max(_spread(light, noise, table), 0.008), chroma
 
 
 def _spread(values: Field, noise: Field, where: Mask) -> float:
@@ -212,19 +220,31 @@ def _spread(values: Field, noise: Field, where: Mask) -> float:
 
 
 def _core(
-    doubt: Field, difference: Field, valid: Mask, height: Field | None, settings: SegmentationSettings
+    difference: Field,
+    noise: Field,
+    spread: tuple[float, float],
+    valid: Mask,
+    height: Field | None,
+    settings: SegmentationSettings,
 ) -> Mask:
     """What is surely garment: no shade of the table, or a wide dark region that stands above it."""
+    light, c1, c2 = _opponent(difference)
+    light_sigma, chroma_sigma = max(spread[0], 0.02) * noise, spread[1] * noise
+    beyond = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
+    doubt = np.sqrt((c1 * c1 + c2 * c2) / chroma_sigma**2 + (beyond / light_sigma) ** 2)
     core = _open((doubt > settings.surely_garment) & valid, 5)
-    dark = (_opponent(difference)[0] < -settings.dark_offset) & valid & ~core
-    dark = _open(dark, settings.shadow_rim)
+    dark = light < -np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
+    dark = _open(_close(dark & valid, 5), settings.shadow_rim) & ~core
     if not dark.any():
         return core
     count, labels, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8))
     for i in range(1, count):
-        region = labels == i
-        if stats[i, cv2.CC_STAT_AREA] >= 200 and _stands_up(region, height, settings):
-            core |= region
+        left, top, width, rows, area = stats[i]
+        if area >= 200:
+            box = np.s_[top : top + rows, left : left + width]
+            region = labels[box] == i
+            if _stands_up(region, None if height is None else height[box], settings):
+                core[box] |= region
     return core
 
 
@@ -237,24 +257,61 @@ def _stands_up(region: Mask, height: Field | None, settings: SegmentationSetting
     return len(samples) < 50 or float(samples.mean()) > settings.garment_height
 
 
-def _distance_from_garment(image: Field, noise: Field, core: Mask) -> Field:
-    """Distance of each pixel from the nearest of three colours learnt inside `core` (H, W)."""
+def _surroundings(core: Mask, margin: int = 80) -> tuple[slice, slice]:
+    """The box around what is surely garment; nothing is looked for outside."""
+    rows, columns = np.flatnonzero(core.any(axis=1)), np.flatnonzero(core.any(axis=0))
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
+    )
+
+
+def _table_likelihood(
+    difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
+) -> Field:
+    """Log density of each pixel's colour as lit table, or as table in a shadow of any depth."""
+    light, c1, c2 = _opponent(difference)
+    light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
+    lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)
+    shaded = (light < 0) & (light > -settings.deepest_shadow)
+    density = (1 - settings.shadow_share) * lit + settings.shadow_share / settings.deepest_shadow * shaded
+    colour = -0.5 * (c1 * c1 + c2 * c2) / chroma_sigma**2 - 2.0 * np.log(chroma_sigma) - 1.8379
+    return np.maximum(np.log(density + 1e-12) + colour, _FLOOR)
+
+
+def _garment_likelihood(image: Field, noise: Field, core: Mask) -> Field:
+    """Log density of each pixel's colour under a mixture of three colours learnt inside `core`."""
     inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     where = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
     channels = np.stack(_opponent(image), axis=-1)
     sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
-    centres, covariances = _colours(sample)
+    weights, centres, covariances = _colours(sample)
     level = float(np.median(noise.ravel()[where]))
-    best = np.full(image.shape[:2], np.inf, np.float32)
-    for centre, covariance in zip(centres, covariances, strict=True):
-        root = np.linalg.inv(np.linalg.cholesky(covariance)).astype(np.float32)
-        z = (channels - centre.astype(np.float32)) @ root.T
-        best = np.minimum(best, np.einsum("...i,...i->...", z, z))
-    return np.sqrt(best) * level / np.maximum(noise, level)
+    best = np.full(image.shape[:2], _FLOOR, np.float32)
+    for weight, centre, covariance in zip(weights, centres, covariances, strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(covariance))
+        constant = np.log(weight) + float(np.log(np.diag(root)).sum()) - 2.7568
+        z = (channels - centre.astype(np.float32)) @ root.T.astype(np.float32)
+        square = z[..., 0] ** 2 + z[..., 1] ** 2 + z[..., 2] ** 2
+        best = np.maximum(best, np.float32(constant) - 0.5 * square * (level / np.maximum(noise, level)) ** 2)
+    return best
 
 
-def _colours(sample: Array, count: int = 3) -> tuple[list[Array], list[Array]]:
-    """Cluster centres (3,) and covariances (3, 3) by Lloyd's algorithm from luminance quantiles."""
+def _height_odds(height: Field, core: Mask) -> Field:
+    """What depth says for the doubtful: at most two units of log odds, where cloth is thick enough to see."""
+    known = np.isfinite(height)
+    cloth = height[core & known]
+    if len(cloth) < 500 or (top := float(np.median(cloth))) < 0.0015:
+        return np.zeros(height.shape, np.float32)
+    box = (7, 7)
+    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, box)
+    share = cv2.boxFilter(known.astype(np.float32), -1, box)
+    mean = total / np.maximum(share, 1e-3)
+    return np.where(share > 0.3, np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0), 0.0).astype(np.float32)
+
+
+def _colours(sample: Array, count: int = 3) -> tuple[list[float], list[Array], list[Array]]:
+    """Cluster weights, centres (3,) and covariances (3, 3) by Lloyd's algorithm from luminance quantiles."""
     order = np.argsort(sample[:, 0], kind="stable")
     centres = sample[order[[int(len(order) * (i + 0.5) / count) for i in range(count)]]]
     scale = np.array([0.3, 1.0, 1.0])
@@ -267,7 +324,13 @@ def _colours(sample: Array, count: int = 3) -> tuple[list[Array], list[Array]]:
         )
     floor = np.diag([0.04**2, 0.012**2, 0.012**2])
     kept = [i for i in range(count) if np.count_nonzero(label == i) > 20]
-    return [centres[i] for i in kept], [np.cov(sample[label == i].T) + floor for i in kept]
+    weights = [float(np.mean(label == i)) for i in kept]
+    return weights, [centres[i] for i in kept], [np.cov(sample[label == i].T) + floor for i in kept]
+
+
+def _close(mask: Mask, size: int) -> Mask:
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ball) > 0
 
 
 def _open(mask: Mask, size: int) -> Mask:

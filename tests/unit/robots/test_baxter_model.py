@@ -74,7 +74,8 @@ def test_pads_close_along_the_tools_y_and_meet_at_its_origin(model, side):
         tool = data.oMf[pm.getFrameId(model.tool_frame[side])]
         letter = side[0]
         return [
-            tool.actInv(data.oMf[pm.getFrameId(f"{letter}_gripper_{f}_finger_tip")]).translation for f in ("l", "r")
+            tool.actInv(data.oMf[pm.getFrameId(f"{letter}_gripper_{f}_finger_tip")]).translation
+            for f in ("l", "r")
         ]
 
     narrow, wide = tips(0.0), tips(0.02)
@@ -121,7 +122,7 @@ def _surface(shape: coal.CollisionGeometry) -> np.ndarray:
     if isinstance(shape, coal.Cylinder):
         a = np.linspace(0, 2 * np.pi, 24, endpoint=False)
         ring = np.stack([shape.radius * np.cos(a), shape.radius * np.sin(a), 0 * a], axis=1)
-        return np.vstack([ring + [0, 0, s * shape.halfLength] for s in (-1, 0, 1)])
+        return np.vstack([ring + np.array([0, 0, s * shape.halfLength]) for s in (-1, 0, 1)])
     shape.computeLocalAABB()
     low, high = shape.aabb_local.min_, shape.aabb_local.max_
     return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])

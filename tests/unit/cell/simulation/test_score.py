@@ -26,8 +26,10 @@ from cell.simulation.score import (
     ways_to_fold,
 )
 from robots.errors import InternalError
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.solver import ClothSimulation
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.planning.folding import fold_xy
+from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002
@@ -126,6 +128,23 @@ def test_creases_bulge_without_failing_the_height() -> None:
     final[:, 2] += 0.05 * (np.abs(flat[:, 1]) < 0.03)
     result = score(garment(flat, triangles, final))
     assert result.passed, result.to_json()
+
+
+@pytest.mark.parametrize("lines", [(HALF,), (HALF, QUARTER)], ids=["half", "quarter"])
+def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tuple[FoldLine, ...]) -> None:
+    """Cloth put exactly on the target opens its creases: that much is no fault of a fold."""
+    outline = np.array([*CORNERS.values()])
+    mesh = mesh_from_contour(outline, 0.020)
+    material = Material(0.4, 0.03, 0.012, 0.0025, 0.41, 0.35, 0.6)
+    ideal = target_vertices(mesh, lines, material)
+    simulation = ClothSimulation(mesh, material, ideal + np.array([0.0, 0.0, 0.5 * material.thickness]))
+    simulation.advance(frames=60)
+    pairs = named_edge_pairs(PAIRS, CORNERS)
+    final = FinalGarment(simulation.positions, mesh.triangles, mesh.rest, lines, material.thickness, pairs)
+    result = score(final)
+    assert result.passed, result.to_json()
+    assert result.iou > 0.92 and result.correspondence_m < 0.010
+    assert result.height_m > len(lines) * material.thickness, "it did settle: nothing is perfectly flat"
 
 
 # --- what must fail ------------------------------------------------------------------------------------

@@ -77,8 +77,10 @@ def test_no_touch_in_the_air(scale: float) -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_efforts_stop_a_hand_whose_tips_are_numb(scale: float) -> None:
-    for seed in range(60):
+@pytest.mark.parametrize("weak", [True, False])
+def test_the_joints_stop_a_hand_whose_tips_are_numb(scale: float, weak: bool) -> None:
+    """By the arm's lag, or on an arm that does not give way by its efforts."""
+    for seed in range(30):
         hand = DescendingHand(seed, scale, TOP)
         follow = hand.follow
 
@@ -87,8 +89,9 @@ def test_efforts_stop_a_hand_whose_tips_are_numb(scale: float) -> None:
             hand.tip = np.zeros(2)
 
         hand.follow = numb  # type: ignore[method-assign]
+        hand.stiffness = 1500.0 if weak else 8000.0
         end, _ = lower(hand)
-        assert end.unwrap().by == "effort" and hand.peak < 20.0
+        assert end.unwrap().by == ("stall" if weak else "effort") and hand.peak < (15.0 if weak else 30.0)
 
 
 def test_something_far_above_the_garment_is_not_the_garment() -> None:
@@ -114,11 +117,10 @@ def test_it_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
         heights.append(hand.height)
         commands.append(command.height)
     speed = -np.diff(commands[:-1]) * 100.0
-    fast = np.array(heights[:-2]) > 0.020
-    assert speed[fast].max() <= SETTINGS.approach_speed + 1e-9
-    assert np.median(speed[fast]) == pytest.approx(SETTINGS.approach_speed)
-    near = np.array(heights[:-2]) < 0.012
+    near = np.array(heights[:-2]) < 0.005
+    assert speed.max() == pytest.approx(SETTINGS.approach_speed)
     assert speed[near].max() <= SETTINGS.guarded_speed + 1e-9
+    assert np.abs(np.diff(speed)).max() <= SETTINGS.acceleration * 0.01 + 1e-9
 
 
 def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:

@@ -74,7 +74,9 @@ def _line(model, length):
     """A straight way in front of the left arm, hand down."""
     q0 = np.array([-0.3, -0.3, 0.0, 1.2, 0.0, 0.7, 0.0])
     T = ik.tool_pose(model.chains[Side.LEFT], q0)
-    position = T[:3, 3] + np.linspace(0, length, 80)[:, None] * np.array([0.2, -1.0, 0.1]) / np.linalg.norm([0.2, 1, 0.1])
+    position = T[:3, 3] + np.linspace(0, length, 80)[:, None] * np.array([0.2, -1.0, 0.1]) / np.linalg.norm(
+        [0.2, 1, 0.1]
+    )
     return np.tile(T[:3, :3], (80, 1, 1)), position, q0
 
 

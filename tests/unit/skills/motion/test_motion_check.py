@@ -107,7 +107,7 @@ def test_a_joint_beyond_its_range_is_named(checker):
 def test_a_trajectory_through_the_table_is_refused(checker):
     q1 = np.array(MODEL.q_park)
     q1[[0, 7]] += [-0.5, 0.5]
-    q1[[1, 8]] += 0.6
+    q1[[1, 8]] += 0.8
     motion = free_motion(MODEL.q_park, q1, MODEL.planning)
     failure = judged(checker, motion).failure
     assert failure.kind is FailureKind.IN_COLLISION and "table" in failure.what

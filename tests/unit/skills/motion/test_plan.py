@@ -48,7 +48,10 @@ def arc(start, end, heading, height=0.5, speed=0.30, rate=100.0):
     control = [start, start + up, end + up, end]
     u = np.linspace(0, 1, 2001)[:, None]
     curve = (
-        (1 - u) ** 3 * control[0] + 3 * u * (1 - u) ** 2 * control[1] + 3 * u**2 * (1 - u) * control[2] + u**3 * control[3]
+        (1 - u) ** 3 * control[0]
+        + 3 * u * (1 - u) ** 2 * control[1]
+        + 3 * u**2 * (1 - u) * control[2]
+        + u**3 * control[3]
     )
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     duration = 1.875 * s[-1] / speed
@@ -215,7 +218,8 @@ def test_a_grasp_is_planned_again_elsewhere(checker):
     step, paths = towel_fold("medium", 1)
     motion = planned(checker, step, paths).unwrap()
     shifted = {
-        s: ToolPath(p.t, p.position + [-0.01, 0.0, -0.003], p.heading, p.pitch, p.roll) for s, p in paths.items()
+        s: ToolPath(p.t, p.position + np.array([-0.01, 0.0, -0.003]), p.heading, p.pitch, p.roll)
+        for s, p in paths.items()
     }
     q_now = np.array(motion.grasp.q_above)
     grasp = plan_grasp(MODEL, checker, TABLE, shifted, motion.postures, q_now).unwrap()
@@ -241,7 +245,10 @@ def test_what_is_out_of_reach_is_named(checker):
 
 
 def test_hands_that_would_collide_are_named(checker):
-    ends = {Side.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)), Side.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01))}
+    ends = {
+        Side.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)),
+        Side.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01)),
+    }
     step, paths = fold(ends, np.pi / 2)
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.IN_COLLISION

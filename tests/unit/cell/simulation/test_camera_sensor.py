@@ -1,0 +1,169 @@
+"""The camera: what the renderer sees, where it sees it, and what the sensor makes of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.simulation.camera import Renderer, SimulatedCamera
+from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
+from cell.simulation.noise import load_noise
+from cell.simulation.render_server import Picture, Scene, Shot
+from cell.simulation.settings import DEFAULT_TABLE
+from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from robots.baxter.model import JOINT_NAMES, load_model
+from robots.baxter.pybullet_files import seen_urdf
+from robots.errors import DriverError, FailureKind
+from robots.ports import Array
+
+NOISE = load_noise().camera
+K = INTRINSICS
+Z = DEFAULT_TABLE.height
+
+
+def sheet() -> tuple[Array, np.ndarray]:
+    """A 0.40 x 0.60 m grid centred on 0: (n, 2) and its triangles."""
+    nx, ny = 11, 16
+    xy = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, nx), np.linspace(-0.3, 0.3, ny), indexing="ij"), -1).reshape(-1, 2)
+    cells = [(i * ny + j, (i + 1) * ny + j) for i in range(nx - 1) for j in range(ny - 1)]
+    triangles = [t for a, b in cells for t in ((a, b, a + 1), (a + 1, b, b + 1))]
+    return xy, np.array(triangles, np.int32)
+
+
+def scene() -> Scene:
+    xy, triangles = sheet()
+    rng = np.random.default_rng(5)
+    return Scene(
+        urdf=str(seen_urdf()), table=DEFAULT_TABLE, table_texture=table_texture(rng, "bare_table"),
+        garment_uv=garment_uv(xy, np.zeros(len(xy), np.int32)), garment_triangles=triangles,
+        garment_texture=np.full((8, 8, 3), (0, 0, 255), np.uint8), width=K.width, height=K.height,
+        focal=(K.fx, K.fy), light=(0.4, 0.2, 2.5), ambient=0.6, diffuse=0.4,
+    )  # fmt: skip
+
+
+def shot(vertices: Array | None) -> Shot:
+    return Shot(dict(zip(JOINT_NAMES, load_model().q_park.tolist(), strict=True)), vertices, T_base_camera())
+
+
+def project(points: Array) -> Array:
+    p = (points - T_base_camera()[:3, 3]) @ T_base_camera()[:3, :3]
+    uvw = p @ K.matrix.T
+    return uvw[:, :2] / uvw[:, 2:]
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[Renderer]:
+    r = Renderer(scene())
+    yield r
+    r.close()
+
+
+def blue(picture: Picture) -> np.ndarray:
+    rgb = picture.rgb.astype(int)
+    return (rgb[..., 2] > 60) & (rgb[..., 2] > 1.8 * rgb[..., 0])
+
+
+def lying(xy: Array, height: float = 0.002) -> Array:
+    return np.column_stack((xy + (0.58, 0.0), np.full(len(xy), Z + height)))
+
+
+def test_table_and_cloth_are_where_projection_says(renderer: Renderer) -> None:
+    xy, _ = sheet()
+    empty, laid = renderer.picture(shot(None)), renderer.picture(shot(lying(xy)))
+    v, u = np.mgrid[80:400:16, 100:540:16].reshape(2, -1)
+    T = T_base_camera()
+    ray = np.column_stack(((u - K.cx) / K.fx, (v - K.cy) / K.fy, np.ones(len(u)))) @ T[:3, :3].T
+    np.testing.assert_allclose(empty.depth[v, u], (Z - T[2, 3]) / ray[:, 2], atol=2e-5)
+    assert not blue(empty).any()
+    rows, columns = np.nonzero(blue(laid))
+    corners = project(lying(xy)[[0, 15, 160, 175]])
+    assert abs(columns.min() - corners[:, 0].min()) <= 1 and abs(columns.max() - corners[:, 0].max()) <= 1
+    assert abs(rows.min() - corners[:, 1].min()) <= 1 and abs(rows.max() - corners[:, 1].max()) <= 1
+
+
+def test_both_sides_of_the_cloth_are_seen(renderer: Renderer) -> None:
+    xy, _ = sheet()
+    face_up, face_down = lying(xy), lying(xy * (1.0, -1.0))
+    areas = [blue(renderer.picture(shot(v))).sum() for v in (face_up, face_down)]
+    assert areas[1] == pytest.approx(areas[0], rel=0.01)
+
+
+def test_the_process_is_replaced_when_it_dies_and_draws_the_same(renderer: Renderer) -> None:
+    xy, _ = sheet()
+    before = renderer.picture(shot(lying(xy)))
+    pid = renderer.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    after = renderer.picture(shot(lying(xy)))
+    assert renderer.pid != pid
+    np.testing.assert_array_equal(before.rgb, after.rgb)
+    np.testing.assert_array_equal(before.depth, after.depth)
+
+
+class Still:
+    """A renderer that always sees a plane at 1.1 m with a block 0.1 m high in the middle."""
+
+    depth = np.full((480, 640), 1.1, np.float32)
+    depth[200:280, 280:360] = 1.0
+
+    def picture(self, _: Shot) -> Picture:
+        return Picture(np.full((480, 640, 3), 128, np.uint8), self.depth.copy())
+
+
+def camera(seed: int = 7, ideal: bool = False) -> SimulatedCamera:
+    return SimulatedCamera(Still(), K, NOISE, seed, lambda: shot(None), lambda: 2.5, ideal)  # type: ignore[arg-type]
+
+
+def test_depth_noise_grows_as_tabled_and_is_quantised() -> None:
+    depth = camera().capture().depth
+    flat = depth[20:180, 20:600]
+    flat = flat[np.isfinite(flat)]
+    step = NOISE.disparity_step * 1.1**2 / (K.fx * NOISE.depth_baseline)
+    sigma = np.hypot(NOISE.depth_sigma * 1.1**2, step / np.sqrt(12))
+    assert flat.std() == pytest.approx(sigma, rel=0.1)
+    assert flat.mean() == pytest.approx(1.1, abs=2e-4)
+    disparity = K.fx * NOISE.depth_baseline / flat / NOISE.disparity_step
+    np.testing.assert_allclose(disparity, np.rint(disparity), atol=1e-3)
+
+
+def test_depth_is_lost_at_edges_and_almost_nowhere_else() -> None:
+    lost = np.isnan(camera().capture().depth)
+    assert lost[200, 280:360].mean() > 0.6
+    assert lost[20:180, 20:600].mean() < 0.005
+
+
+def test_noise_belongs_to_the_picture_number() -> None:
+    one, other = camera(), camera()
+    other.capture()
+    first, second = one.capture(), one.capture()
+    np.testing.assert_array_equal(second.rgb, other.capture().rgb)
+    assert (first.sequence, second.sequence, first.stamp) == (1, 2, 2.5)
+    assert (first.rgb != second.rgb).any()
+    assert (camera(seed=8).capture().rgb != first.rgb).any()
+    assert not first.rgb.flags.writeable and not first.depth.flags.writeable
+
+
+def test_faults_freeze_blacken_and_silence_it() -> None:
+    c = camera()
+    first = c.capture()
+    c.frozen = True
+    assert c.capture() is first
+    c.frozen, c.black = False, True
+    dark = c.capture()
+    assert dark.rgb.max() == 0 and np.isnan(dark.depth).all() and dark.sequence == 2
+    c.silent = True
+    with pytest.raises(DriverError) as error:
+        c.capture()
+    assert error.value.kind is FailureKind.CAMERA_FAULT
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_contrasting_fabric_differs_from_the_table(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    table, fabric = (f.reshape(-1, 3).mean(axis=0) for f in (
+        table_texture(rng, "bare_table"), fabric_texture(rng, "contrast", "bare_table")))  # fmt: skip
+    assert np.linalg.norm(table / table.sum() - fabric / fabric.sum()) > 0.1

@@ -1,0 +1,58 @@
+"""Faults wait for all their conditions, happen once, and last as long as they say."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.simulation.faults import Fault, FaultBoard, FaultKind
+from robots.errors import ConfigurationError
+from robots.ports import Side
+
+
+def test_waits_for_side_grasp_and_time_and_happens_once() -> None:
+    board = FaultBoard()
+    fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=2, at=5.0)
+    board.add(fault)
+    take = lambda now, side, grasp: board.take(FaultKind.MISSED_GRASP, now, 0, side, grasp)  # noqa: E731
+    assert take(9.0, Side.RIGHT, 2) is None
+    assert take(9.0, Side.LEFT, 1) is None
+    assert take(4.0, Side.LEFT, 2) is None
+    assert take(5.0, Side.LEFT, 2) is fault
+    assert take(6.0, Side.LEFT, 2) is None
+    assert board.happened == [(5.0, fault)]
+
+
+def test_waits_for_the_fold() -> None:
+    board = FaultBoard()
+    board.add(Fault(FaultKind.SUDDEN_DROP, fold=1))
+    assert board.take(FaultKind.SUDDEN_DROP, 1.0, 0, Side.LEFT) is None
+    drop = board.take(FaultKind.SUDDEN_DROP, 1.0, 1, Side.LEFT)
+    assert drop is not None and drop.extent == pytest.approx(0.03) and drop.lasts == pytest.approx(0.4)
+
+
+def test_a_corner_drops_once_it_is_high_enough() -> None:
+    board = FaultBoard()
+    board.add(Fault(FaultKind.DROPPED_CORNER, size=0.1))
+    assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.09) is None
+    assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.11) is not None
+
+
+def test_lasts_as_long_as_it_says() -> None:
+    board = FaultBoard()
+    board.add(Fault(FaultKind.CAMERA_BLACK, at=2.0, duration=3.0))
+    lasting = [board.lasting(FaultKind.CAMERA_BLACK, t, 0) for t in (1.0, 2.5, 5.0, 5.6)]
+    assert lasting == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"kind": FaultKind.CAMERA_BLACK, "side": Side.LEFT},
+        {"kind": FaultKind.NO_GARMENT, "grasp": 1},
+        {"kind": FaultKind.MISSED_GRASP, "grasp": 0},
+        {"kind": FaultKind.SUDDEN_DROP, "at": -1.0},
+    ],
+)
+def test_refuses_conditions_that_can_never_hold(arguments: dict) -> None:
+    with pytest.raises(ConfigurationError):
+        Fault(**arguments)

@@ -1,0 +1,103 @@
+"""The gripper: closes on what is there, says what it feels, refuses before calibration."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.simulation.gripper import SimulatedGripper
+from cell.simulation.noise import load_noise
+from robots.errors import DriverError, FailureKind
+from robots.ports import Side
+
+NOISE = load_noise().gripper
+DT = 1 / 240
+
+
+class Bench:
+    """A gripper with `thickness` [m] between its pads whenever they close."""
+
+    def __init__(self, thickness: float = 0.0, calibrated: bool = True) -> None:
+        self.thickness, self.closings, self.openings, self.t = thickness, [], 0, 0.0
+        self.gripper = SimulatedGripper(Side.LEFT, NOISE, 1, True, self.caught, self.opened)
+        if calibrated:
+            self.gripper.calibrate()
+            self.run(NOISE.calibration_time + 0.5)
+
+    def caught(self, stroke: float, force: float) -> float:
+        self.closings.append((stroke, force))
+        return self.thickness
+
+    def opened(self) -> None:
+        self.openings += 1
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / DT)):
+            self.t += DT
+            self.gripper.step(self.t, DT)
+
+
+def test_refuses_before_calibration_and_follows_after_it() -> None:
+    bench = Bench(calibrated=False)
+    with pytest.raises(DriverError) as refusal:
+        bench.gripper.command(0.02, 10.0)
+    assert refusal.value.kind is FailureKind.GRIPPER_FAULT
+    bench.gripper.calibrate()
+    bench.gripper.command(0.02, 10.0)  # waits its turn
+    assert bench.gripper.state().moving
+    bench.run(NOISE.calibration_time + 0.5)
+    assert bench.gripper.state().calibrated
+    assert bench.gripper.state().opening == pytest.approx(0.02)
+    assert bench.closings == []  # calibrating takes hold of nothing
+
+
+def test_closes_fully_and_feels_nothing_when_nothing_is_there() -> None:
+    bench = Bench()
+    bench.gripper.command(0.03, 10.0)
+    bench.run(0.3)
+    bench.gripper.command(0.0, 10.0)
+    bench.run(0.2)
+    assert bench.gripper.state().moving
+    bench.run(0.3)
+    state = bench.gripper.state()
+    assert (state.opening, state.force, state.moving) == (0.0, 0.0, False)
+    assert bench.closings == [(pytest.approx(0.03), 10.0)]
+
+
+def test_stops_on_cloth_presses_and_lets_go_when_opened() -> None:
+    bench = Bench(thickness=0.0025)
+    bench.gripper.command(0.0, 12.0)
+    bench.run(1.0)
+    state = bench.gripper.state()
+    assert state.opening == pytest.approx(0.0025)
+    assert state.force == pytest.approx(12.0, rel=0.01)
+    assert not state.moving and bench.openings == 0
+    bench.gripper.command(0.03, 12.0)
+    bench.run(0.5)
+    assert bench.openings == 1 and not bench.gripper.holding
+    assert bench.gripper.state().force == pytest.approx(0.0, abs=0.01)
+
+
+def test_what_slips_out_leaves_the_pads_closing_on() -> None:
+    bench = Bench(thickness=0.004)
+    bench.gripper.command(0.0, 12.0)
+    bench.run(1.0)
+    bench.gripper.lost()
+    bench.run(0.5)
+    assert bench.gripper.state().opening == 0.0
+    assert bench.openings == 0
+
+
+def test_a_stuck_gripper_stays_and_does_not_say_that_it_moves() -> None:
+    bench = Bench()
+    before = bench.gripper.state().opening
+    bench.gripper.stuck = True
+    bench.gripper.command(0.0, 10.0)
+    bench.run(1.0)
+    state = bench.gripper.state()
+    assert state.opening == before and not state.moving
+
+
+@pytest.mark.parametrize("opening", [float("nan"), float("inf")])
+def test_refuses_what_is_no_opening(opening: float) -> None:
+    with pytest.raises(DriverError):
+        Bench().gripper.command(opening, 1.0)

@@ -1,0 +1,55 @@
+"""The true outline: near the template, and not it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from cell.garments import load_garment
+from cell.simulation.noise import load_noise
+from cell.simulation.outline import draw_outline
+
+NOISE = load_noise().garment
+TOWELS = ("small_towel", "medium_towel", "large_towel")
+
+
+@pytest.mark.parametrize("name", TOWELS)
+def test_is_a_simple_counter_clockwise_ring_of_about_the_right_size(name: str) -> None:
+    garment = load_garment(name)
+    nominal = shapely.Polygon(garment.template)
+    for seed in range(20):
+        ring = shapely.LinearRing(draw_outline(garment, NOISE, np.random.default_rng(seed)).contour)
+        assert ring.is_simple and ring.is_ccw
+        area = shapely.Polygon(ring).area / nominal.area
+        assert (1 - NOISE.size) ** 2 - 0.03 < area < (1 + NOISE.size) ** 2 + 0.03
+
+
+@pytest.mark.parametrize("name", TOWELS)
+def test_keypoints_lie_on_the_contour_near_the_template(name: str) -> None:
+    garment = load_garment(name)
+    outline = draw_outline(garment, NOISE, np.random.default_rng(4))
+    assert set(outline.keypoints) == set(garment.keypoints)
+    ring = shapely.LinearRing(outline.contour)
+    for key, point in zip(garment.keypoints, garment.template, strict=True):
+        assert ring.distance(shapely.Point(outline.keypoints[key])) < 2e-3
+        assert np.linalg.norm(outline.keypoints[key] - point) < 0.02
+
+
+def test_corners_are_round_and_pieces_differ() -> None:
+    garment = load_garment("medium_towel")
+    one, other = (draw_outline(garment, NOISE, np.random.default_rng(s)) for s in (1, 2))
+    corner = draw_outline(garment, NOISE, np.random.default_rng(1), ideal=True)
+    for key, point in zip(garment.keypoints, garment.template, strict=True):
+        cut = np.linalg.norm(corner.keypoints[key] - point)
+        assert 0.001 < cut < 0.008  # (sqrt 2 - 1) of the radius: the sharp corner is off the cloth
+    assert np.abs(one.contour - other.contour).max() > 1e-3
+
+
+def test_a_garment_without_an_outline_of_its_own_gets_its_templates() -> None:
+    garment = replace(load_garment("medium_towel"), name="somebody_elses")
+    outline = draw_outline(garment, NOISE, np.random.default_rng(0), ideal=True)
+    distance = shapely.LinearRing(outline.contour).hausdorff_distance(shapely.LinearRing(garment.template))
+    assert distance < 0.005

@@ -1,0 +1,47 @@
+"""The pressure cells: 100 Hz, noise and linearity as tabled, the same reading within a sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.simulation.noise import load_noise
+from cell.simulation.tactile import SimulatedTactile
+from robots.ports import Side
+
+NOISE = load_noise().tactile
+
+
+def sensor(force: float, ideal: bool = False, seed: int = 3) -> SimulatedTactile:
+    return SimulatedTactile(Side.LEFT, NOISE, seed, ideal, lambda: force, lambda: np.array([0.2, 0.4]))
+
+
+def test_a_sample_is_one_reading_whoever_asks_how_often() -> None:
+    asked_once, asked_often = sensor(5.0), sensor(5.0)
+    for t in np.arange(0, 0.05, 0.003):
+        asked_often.reading(float(t))
+    a, b = asked_once.reading(0.0512), asked_often.reading(0.0512)
+    np.testing.assert_array_equal(a.cells, b.cells)
+    assert a.stamp == pytest.approx(0.05)
+    assert asked_often.reading(0.0555) is asked_often.reading(0.0512)
+
+
+def test_the_cells_of_a_pad_add_up_to_the_grip() -> None:
+    exact = sensor(8.0, ideal=True).reading(0.0)
+    assert exact.cells.sum(axis=(1, 2)) == pytest.approx([8.0, 8.0])
+    assert exact.grip == pytest.approx(8.0)
+    assert exact.tip.tolist() == [0.2, 0.4]
+    assert sensor(8.0).reading(0.0).grip == pytest.approx(8.0, rel=0.06)
+
+
+def test_noise_has_the_tabled_size() -> None:
+    s = sensor(0.0)
+    readings = np.array([s.reading(0.01 * k).cells for k in range(200)])
+    assert np.diff(readings, axis=0).std() / np.sqrt(2) == pytest.approx(NOISE.noise, rel=0.1)
+
+
+def test_drift_is_slow_and_differs_from_cell_to_cell() -> None:
+    s = sensor(0.0)
+    means = [np.mean([s.reading(t0 + 0.01 * k).cells for k in range(100)], axis=0) for t0 in (0.0, 40.0)]
+    assert np.ptp(means[0]) > 0.5 * NOISE.drift
+    assert np.abs(means[1] - means[0]).max() > 0.5 * NOISE.drift

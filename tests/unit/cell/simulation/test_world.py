@@ -1,0 +1,454 @@
+"""The simulated cell through its door: what a run can rely on, and what it can never reach."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.simulation import (
+    Fault,
+    FaultKind,
+    SimulationSettings,
+    checkpoint,
+    close_cell,
+    inject,
+    open_cell,
+    restore,
+    truth,
+)
+from cell.simulation.world import World
+from robots.baxter.model import load_model
+from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError
+from robots.ports import Array, Ports, Side
+from skills.motion.ik import solve_pose
+from skills.vocabulary import tool_rotation
+
+BLIND = SimulationSettings(garment="small_towel", render=False)
+QUIET = SimulationSettings(
+    garment="small_towel", render=False, robot_noise=False, camera_noise=False, garment_noise=False
+)
+DT = 0.01
+
+
+class Bench:
+    """A cell and the few motions that the tests make with it."""
+
+    def __init__(self, settings: SimulationSettings, seed: int = 1) -> None:
+        self.ports = open_cell(settings, seed)
+        self.q = self.ports.arms.state().q.copy()
+        self.height = settings.table.height
+
+    def ready(self) -> Bench:
+        self.ports.arms.enable()
+        for gripper in self.ports.grippers.values():
+            gripper.calibrate()
+        self.wait(1.3)
+        return self
+
+    def wait(self, seconds: float) -> None:
+        clock = self.ports.clock
+        clock.sleep_until(clock.now() + seconds)
+
+    def hold(self, seconds: float) -> None:
+        for _ in range(round(seconds / DT)):
+            self.wait(DT)
+            self.ports.arms.command(self.q, np.zeros(14))
+
+    def move(self, goal: Array, seconds: float) -> None:
+        start, n = self.q, round(seconds / DT)
+        for k in range(1, n + 1):
+            u = k / n
+            q = start + (goal - start) * u**3 * (10 - 15 * u + 6 * u * u)
+            self.wait(DT)
+            self.ports.arms.command(q, (q - self.q) / DT)
+            self.q = q
+
+    def above(self, side: Side, point: Array, height: float, heading: float) -> Array:
+        """Joints (14,) with one tool pointing straight down at a point of the table."""
+        T = np.eye(4)
+        T[:3, :3] = tool_rotation(np.array(heading), np.array(0.0), np.array(0.0))
+        T[:3, 3] = [point[0], point[1], height + self.height]
+        cut = slice(0, 7) if side is Side.LEFT else slice(7, 14)
+        rng, near = np.random.default_rng(0), self.q[cut]
+        for _ in range(300):
+            found = solve_pose(load_model(), side, T, near)
+            if found is not None:
+                q = self.q.copy()
+                q[cut] = found
+                return q
+            near = self.q[cut] + rng.normal(0.0, 0.6, 7)
+        raise AssertionError("out of reach")
+
+    def pinch(self, side: Side, point: Array, height: float = -0.001, heading: float = np.pi / 2) -> None:
+        gripper = self.ports.grippers[side]
+        gripper.command(0.03, 12.0)
+        self.move(self.above(side, point, 0.08, heading), 2.5)
+        self.move(self.above(side, point, height, heading), 1.5)
+        self.hold(0.2)
+        gripper.command(0.0, 12.0)
+        self.hold(0.8)
+
+
+@pytest.fixture
+def opened() -> Iterator[Any]:
+    benches: list[Bench] = []
+
+    def build(settings: SimulationSettings = BLIND, seed: int = 1) -> Bench:
+        benches.append(Bench(settings, seed))
+        return benches[-1]
+
+    yield build
+    for bench in benches:
+        close_cell(bench.ports)
+
+
+def corner(bench: Bench) -> Array:
+    """A place 15 mm inside the towel's far left corner."""
+    garment = truth(bench.ports).garment
+    assert garment is not None
+    return garment.keypoints["far_left"] + 0.02 * np.array([-1.0, -1.0])
+
+
+# the honest loop ------------------------------------------------------------------------------------
+
+
+def reachable(root: object) -> Iterator[object]:
+    """Everything that attributes, items and bound methods lead to."""
+    seen: set[int] = set()
+    waiting = [root]
+    while waiting:
+        value = waiting.pop()
+        if id(value) in seen or isinstance(value, (str, int, float, bool, type, type(None))):
+            continue
+        seen.add(id(value))
+        yield value
+        if isinstance(value, dict):
+            waiting += list(value.values())
+        elif isinstance(value, (list, tuple, set, frozenset)):
+            waiting += list(value)
+        elif not isinstance(value, np.ndarray):
+            names = [n for n in dir(value) if not n.startswith("__")]
+            waiting += [getattr(value, n) for n in names]
+            waiting += [getattr(value, "__self__", None), getattr(value, "__closure__", None)]
+
+
+def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any) -> None:
+    bench = opened()
+    bench.ports.attendant.lay_garment()
+    garment = truth(bench.ports).garment
+    assert garment is not None
+    found = list(reachable(bench.ports))
+    assert len(found) > 30  # the walk did walk
+    for value in found:
+        assert not isinstance(value, World)
+        assert not type(value).__module__.startswith(("cell.simulation.world", "skills.cloth"))
+        if isinstance(value, np.ndarray):
+            assert value.shape[:1] != garment.vertices.shape[:1]
+    world = World.__new__(World)
+    world.ports = bench.ports  # type: ignore[attr-defined]
+    assert any(v is world for v in reachable({"a": [world]}))  # and it would find one
+
+
+def test_only_simulated_ports_have_a_truth(opened: Any) -> None:
+    ports = opened().ports
+    stranger = Ports(**{**vars(ports), "clock": object()})
+    with pytest.raises(InternalError):
+        truth(stranger)
+
+
+# the clock ------------------------------------------------------------------------------------------
+
+
+def test_only_sleeping_lets_time_pass(opened: Any) -> None:
+    ports = opened().ports
+    for _ in range(3):
+        ports.arms.state()
+        ports.tactile[Side.LEFT].reading()
+    assert ports.clock.now() == 0.0
+    ports.clock.sleep_until(0.5)
+    assert ports.clock.now() == 0.5
+    ports.clock.sleep_until(0.2)  # the past
+    assert ports.clock.now() == 0.5
+    assert ports.arms.state().stamp == pytest.approx(0.5, abs=1 / 240)
+
+
+def test_real_time_is_paced_by_the_wall(opened: Any) -> None:
+    ports = opened(SimulationSettings(garment="small_towel", render=False, realtime=True)).ports
+    start = time.monotonic()
+    ports.clock.sleep_until(0.4)
+    assert time.monotonic() - start > 0.3
+
+
+def play(settings: SimulationSettings, seed: int, looking: bool = False) -> tuple[bytes, ...]:
+    """Some calls of every kind; what the ports answered."""
+    bench = Bench(settings, seed)
+    ports, out = bench.ports, []
+    try:
+        bench.ready()
+        ports.attendant.lay_garment()
+        bench.move(bench.q + 0.1, 1.0)
+        for k in range(3):
+            if looking:
+                truth(ports)
+            ports.grippers[Side.LEFT].command(0.01 * k, 5.0)
+            bench.hold(0.1)
+            state = ports.arms.state()
+            out += [state.q.tobytes(), state.effort.tobytes(), ports.tactile[Side.RIGHT].reading().cells.tobytes()]
+        if settings.render:
+            frame = ports.camera.capture()
+            out += [frame.rgb.tobytes(), frame.depth.tobytes()]
+        garment = truth(ports).garment
+        assert garment is not None
+        return (*out, garment.vertices.tobytes())
+    finally:
+        close_cell(ports)
+
+
+def test_a_run_is_a_function_of_its_seed_bit_for_bit() -> None:
+    seeing = SimulationSettings(garment="small_towel")
+    first = play(seeing, 3)
+    assert first == play(seeing, 3, looking=True)  # and asking for the truth changes nothing
+    assert all(a != b for a, b in zip(first, play(seeing, 4), strict=True))
+
+
+# the arms -------------------------------------------------------------------------------------------
+
+
+def test_arms_follow_within_their_error_and_report_what_was_sent(opened: Any) -> None:
+    bench = opened().ready()
+    bench.move(bench.q + 0.3, 2.0)
+    bench.hold(0.5)
+    state = bench.ports.arms.state()
+    assert np.abs(state.q - bench.q).max() < 0.01
+    far = bench.q + 5.0
+    bench.wait(DT)
+    sent = bench.ports.arms.command(far, np.full(14, 99.0))
+    limits = load_model().protective
+    assert sent.clipped and (sent.q <= limits.upper).all() and (sent.qd <= limits.velocity).all()
+    assert (np.abs(sent.q - bench.q) < 0.2).all()  # a jump is not followed
+
+
+def test_encoders_do_not_know_the_bias(opened: Any) -> None:
+    bench = opened()
+    T = truth(bench.ports).tools[Side.LEFT]
+    from skills.motion.ik import tool_pose
+
+    believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3] - [0, 0, bench.height]
+    assert 2e-4 < np.linalg.norm(T - believed) < 0.01
+
+
+def test_arms_refuse_before_they_are_enabled(opened: Any) -> None:
+    bench = opened()
+    with pytest.raises(DriverError) as error:
+        bench.ports.arms.command(bench.q, np.zeros(14))
+    assert error.value.kind is FailureKind.HARDWARE_FAULT
+    with pytest.raises(DriverError):
+        bench.ready().ports.arms.command(np.full(14, np.nan), np.zeros(14))
+
+
+def test_silence_makes_the_arms_hold_after_the_timeout(opened: Any) -> None:
+    bench = opened(QUIET).ready()
+    speed = np.zeros(14)
+    speed[0] = 0.5
+    for _ in range(50):
+        bench.q = bench.q + speed * DT
+        bench.wait(DT)
+        bench.ports.arms.command(bench.q, speed)
+    bench.wait(0.5)
+    first = bench.ports.arms.state()
+    bench.wait(0.5)
+    second = bench.ports.arms.state()
+    assert abs(second.q[0] - first.q[0]) < 1e-4 and abs(second.qd[0]) < 1e-3
+    assert 0.0 < first.q[0] - bench.q[0] < 0.5 * 0.3  # it went on for a moment, then braked
+
+
+def test_stop_from_another_thread_brakes_at_a_bounded_rate(opened: Any) -> None:
+    bench = opened(QUIET).ready()
+    ports = bench.ports
+    speed = np.zeros(14)
+    speed[0] = 0.6
+    for _ in range(50):
+        bench.q = bench.q + speed * DT
+        bench.wait(DT)
+        ports.arms.command(bench.q, speed)
+    thread = threading.Thread(target=ports.stop.trigger, args=("test",))
+    thread.start()
+    thread.join()
+    assert ports.stop.state().stopped and ports.stop.state().reason == "test"
+    speeds = []
+    for _ in range(60):
+        bench.wait(1 / 240)
+        speeds.append(ports.arms.state().qd[0])
+    assert max(speeds[:3]) > 0.3  # no jerk to a halt
+    assert abs(speeds[-1]) < 0.02  # 0.6 rad/s at 6 rad/s2: 0.1 s
+    with pytest.raises(DriverError) as error:
+        ports.arms.command(bench.q, speed)
+    assert error.value.kind is FailureKind.STOPPED
+    with pytest.raises(DriverError):
+        ports.arms.enable()
+    ports.stop.reset()
+    with pytest.raises(DriverError):
+        ports.arms.command(bench.q, speed)  # reset alone arms nothing
+    ports.arms.enable()
+    ports.arms.command(ports.arms.state().q, np.zeros(14))
+
+
+def test_a_sudden_drop_lowers_the_tool_and_passes(opened: Any) -> None:
+    bench = opened(QUIET).ready()
+    before = truth(bench.ports).tools[Side.LEFT][2]
+    inject(bench.ports, Fault(FaultKind.SUDDEN_DROP, side=Side.LEFT, size=0.03, duration=0.4))
+    heights = []
+    for _ in range(20):
+        bench.hold(0.03)
+        heights.append(truth(bench.ports).tools[Side.LEFT][2])
+    assert 0.015 < before - min(heights) < 0.045
+    assert abs(heights[-1] - before) < 0.002
+
+
+# the garment ----------------------------------------------------------------------------------------
+
+
+def test_the_table_is_empty_until_the_attendant_lays_the_garment(opened: Any) -> None:
+    bench = opened()
+    assert truth(bench.ports).garment is None
+    bench.ports.attendant.lay_garment()
+    assert bench.ports.clock.now() == pytest.approx(5.0)
+    garment = truth(bench.ports).garment
+    assert garment is not None
+    assert garment.vertices[:, 2].max() < 0.01
+    assert np.abs(garment.vertices[:, :2] - garment.material).max() < 0.005
+    assert set(garment.keypoints) == {"near_right", "far_right", "far_left", "near_left"}
+
+
+def test_no_garment_is_laid_when_that_is_the_fault(opened: Any) -> None:
+    bench = opened()
+    inject(bench.ports, Fault(FaultKind.NO_GARMENT))
+    bench.ports.attendant.lay_garment()
+    assert truth(bench.ports).garment is None
+    bench.ports.attendant.lay_garment()
+    assert truth(bench.ports).garment is not None
+
+
+def test_a_pinch_takes_the_corner_lifts_it_and_lets_it_go(opened: Any) -> None:
+    bench = opened(seed=2).ready()
+    ports = bench.ports
+    ports.attendant.lay_garment()
+    point = corner(bench)
+    bench.pinch(Side.LEFT, point)
+    garment = truth(ports).garment
+    assert garment is not None and truth(ports).held[Side.LEFT]
+    state = ports.grippers[Side.LEFT].state()
+    assert state.opening == pytest.approx(garment.thickness, abs=1e-3)
+    assert ports.tactile[Side.LEFT].reading().grip == pytest.approx(12.0, rel=0.15)
+    tip = ports.tactile[Side.LEFT].reading().tip
+    bench.move(bench.above(Side.LEFT, point, 0.12, np.pi / 2), 1.5)
+    lifted = truth(ports).garment
+    assert lifted is not None and lifted.vertices[:, 2].max() > 0.10
+    assert ports.tactile[Side.LEFT].reading().tip.max() < tip.max()  # off the table
+    ports.grippers[Side.LEFT].command(0.03, 12.0)
+    bench.hold(1.2)
+    fallen = truth(ports)
+    assert not fallen.held[Side.LEFT]
+    assert fallen.garment is not None and fallen.garment.vertices[:, 2].max() < 0.06
+
+
+def test_tips_pressed_too_high_hold_nothing(opened: Any) -> None:
+    bench = opened(seed=2).ready()
+    bench.ports.attendant.lay_garment()
+    bench.pinch(Side.LEFT, corner(bench), height=0.015)
+    assert not truth(bench.ports).held[Side.LEFT]
+    assert bench.ports.grippers[Side.LEFT].state().opening < 1e-3
+    assert bench.ports.tactile[Side.LEFT].reading().grip < 0.3
+
+
+def test_a_missed_grasp_is_missed_once(opened: Any) -> None:
+    bench = opened(seed=2).ready()
+    ports = bench.ports
+    inject(ports, Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
+    ports.attendant.lay_garment()
+    bench.pinch(Side.LEFT, corner(bench))
+    assert not truth(ports).held[Side.LEFT]
+    bench.pinch(Side.LEFT, corner(bench))
+    assert truth(ports).held[Side.LEFT]
+    assert [fault.kind for _, fault in truth(ports).faults] == [FaultKind.MISSED_GRASP]
+
+
+def test_a_dropped_corner_is_noticed_by_the_pads(opened: Any) -> None:
+    bench = opened(seed=2).ready()
+    ports = bench.ports
+    inject(ports, Fault(FaultKind.DROPPED_CORNER, side=Side.LEFT, size=0.05))
+    ports.attendant.lay_garment()
+    point = corner(bench)
+    bench.pinch(Side.LEFT, point)
+    assert truth(ports).held[Side.LEFT]
+    bench.move(bench.above(Side.LEFT, point, 0.12, np.pi / 2), 1.5)
+    bench.hold(0.3)
+    assert not truth(ports).held[Side.LEFT]
+    assert ports.grippers[Side.LEFT].state().opening < 1e-3
+    assert ports.tactile[Side.LEFT].reading().grip < 0.5
+
+
+def test_a_careless_hand_pushes_the_hanging_garment(opened: Any) -> None:
+    bench = opened(QUIET, seed=2).ready()
+    ports = bench.ports
+    ports.attendant.lay_garment()
+    point = corner(bench)
+    bench.pinch(Side.LEFT, point)
+    bench.move(bench.above(Side.LEFT, point, 0.28, np.pi / 2), 2.0)
+    ports.grippers[Side.RIGHT].command(0.0, 0.0)
+    away, into = point - (0.02, 0.40), point - (0.02, 0.16)
+    bench.move(bench.above(Side.RIGHT, away, 0.10, np.pi / 2), 2.5)
+    bench.move(bench.above(Side.RIGHT, away, 0.02, np.pi / 2), 0.5)
+    before = truth(ports).garment
+    bench.hold(1.5)
+    at_rest = truth(ports).garment
+    bench.move(bench.above(Side.RIGHT, into, 0.02, np.pi / 2), 1.5)
+    pushed = truth(ports).garment
+    assert before is not None and at_rest is not None and pushed is not None
+    assert np.linalg.norm(at_rest.vertices - before.vertices, axis=1).max() < 0.002
+    assert np.linalg.norm(pushed.vertices - at_rest.vertices, axis=1).max() > 0.02
+
+
+def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
+    bench = opened(QUIET, seed=5).ready()
+    bench.ports.attendant.lay_garment()
+    bench.pinch(Side.LEFT, corner(bench))
+    saved = checkpoint(bench.ports)
+    before, q = truth(bench.ports), bench.ports.arms.state().q
+    other = opened(QUIET, seed=5)
+    restore(other.ports, saved)
+    after = truth(other.ports)
+    assert before.garment is not None and after.garment is not None
+    np.testing.assert_array_equal(after.garment.vertices, before.garment.vertices)
+    assert other.ports.clock.now() == bench.ports.clock.now()
+    np.testing.assert_allclose(other.ports.arms.state().q, q, atol=1e-6)
+    assert after.held == before.held and after.held[Side.LEFT]
+    with pytest.raises(DriverError):  # nothing re-arms by itself
+        other.ports.arms.command(q, np.zeros(14))
+    other.wait(0.5)
+    assert truth(other.ports).held[Side.LEFT]
+
+
+# bad input ------------------------------------------------------------------------------------------
+
+
+def test_refuses_what_it_cannot_be() -> None:
+    with pytest.raises(ConfigurationError):
+        SimulationSettings(world="clay")
+    with pytest.raises(ConfigurationError):
+        SimulationSettings(fabric="invisible")
+    with pytest.raises(ConfigurationError):
+        open_cell(SimulationSettings(garment="nobodys_towel", render=False), 1)
+
+
+def test_a_closed_cell_refuses_and_closes_twice(opened: Any) -> None:
+    bench = opened()
+    close_cell(bench.ports)
+    close_cell(bench.ports)
+    with pytest.raises(DriverError):
+        bench.ports.clock.now()

@@ -1,0 +1,96 @@
+"""Baxter's body in PyBullet: where it is, that it does not sag, and that it does not pass through itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio as pin
+import pybullet as pb
+import pytest
+
+from robots.baxter.model import load_model
+from robots.baxter.pybullet_body import MAX_OPENING, BaxterBody
+from robots.baxter.pybullet_files import moving_urdf, seen_urdf
+from robots.ports import Array, Side
+
+OPEN = dict.fromkeys(Side, MAX_OPENING)
+STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture
+def client() -> Iterator[int]:
+    number = pb.connect(pb.DIRECT)
+    pb.setTimeStep(1 / 240, physicsClientId=number)
+    pb.setGravity(0, 0, -9.81, physicsClientId=number)
+    yield number
+    pb.disconnect(physicsClientId=number)
+
+
+def pinocchio_pose(q: Array, side: Side) -> pin.SE3:
+    model = load_model()
+    full = model.q_rest.copy()
+    full[model.joint_index] = q
+    data = model.pin_model.createData()
+    pin.framesForwardKinematics(model.pin_model, data, full)
+    return data.oMf[model.pin_model.getFrameId(model.tool_frame[side])]
+
+
+def test_tool_pose_is_pinocchios(client: int) -> None:
+    body = BaxterBody(client)
+    limits = load_model().planning
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        q = rng.uniform(limits.lower, limits.upper)
+        body.place(q, 0.0, OPEN)
+        for side in Side:
+            position, rotation = body.tool_pose(side)
+            expected = pinocchio_pose(q, side)
+            np.testing.assert_allclose(position, expected.translation, atol=1e-5)
+            np.testing.assert_allclose(rotation, expected.rotation, atol=1e-5)
+
+
+def test_stretched_arms_do_not_sag(client: int) -> None:
+    body = BaxterBody(client)
+    body.place(STRETCHED, 0.0, OPEN)
+    for _ in range(240):
+        body.drive(STRETCHED, np.zeros(14), 0.0, OPEN)
+        pb.stepSimulation(physicsClientId=client)
+    q, _, effort, _ = body.read()
+    assert np.abs(q - STRETCHED).max() < 0.007
+    assert np.abs(effort[[1, 8]]).min() > 30.0  # S1 does carry the arm
+
+
+def test_neighbouring_links_leave_each_other_alone(client: int) -> None:
+    body = BaxterBody(client)
+    body.place(load_model().q_park, 0.0, OPEN)
+    for _ in range(60):
+        body.drive(load_model().q_park, np.zeros(14), 0.0, OPEN)
+        pb.stepSimulation(physicsClientId=client)
+    assert body.touches() == ()
+    assert np.abs(body.read()[1]).max() < 0.01
+
+
+def test_arms_do_not_pass_through_each_other(client: int) -> None:
+    body = BaxterBody(client)
+    start = STRETCHED.copy()
+    body.place(start, 0.0, OPEN)
+    goal = start.copy()
+    goal[[0, 7]] = [-1.2, 1.2]  # both upper arms across the body
+    touched = False
+    for k in range(480):
+        share = min(1.0, k / 360)
+        body.drive(start + share * (goal - start), np.zeros(14), 0.0, OPEN)
+        pb.stepSimulation(physicsClientId=client)
+        touched = touched or bool(body.touches())
+    left, _ = body.tool_pose(Side.LEFT)
+    right, _ = body.tool_pose(Side.RIGHT)
+    assert touched
+    assert left[1] > right[1] - 0.05  # still on their own sides
+
+
+def test_files_name_no_package_and_only_what_they_are_for() -> None:
+    moving, seen = moving_urdf().read_text(), seen_urdf().read_text()
+    assert "package://" not in moving + seen
+    assert "<visual" not in moving and "<collision" in moving
+    assert "<collision" not in seen and "<visual" in seen

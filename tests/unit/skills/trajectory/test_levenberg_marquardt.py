@@ -1,0 +1,106 @@
+"""The secant method against problems with known answers and against scipy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from skills.trajectory.levenberg_marquardt import SecantOptions, _broyden, secant_levenberg_marquardt
+
+FINE = SecantOptions(delta=1e-5, improvement_tolerance=0.0, max_evaluations=2000)
+
+
+def rosenbrock(x: np.ndarray) -> np.ndarray:
+    return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+
+
+def powell(x: np.ndarray) -> np.ndarray:
+    """Powell's singular function: the Jacobian has rank 2 at the solution."""
+    a, b, c, d = x
+    return np.array([a + 10 * b, 5**0.5 * (c - d), (b - 2 * c) ** 2, 10**0.5 * (a - d) ** 2])
+
+
+def decay(x: np.ndarray) -> np.ndarray:
+    """A fit with a residual that does not vanish."""
+    t = np.linspace(0, 3, 25)
+    data = 2.0 * np.exp(-1.3 * t) + 0.5 + 0.05 * np.sin(9 * t)
+    return x[0] * np.exp(-x[1] * t) + x[2] - data
+
+
+@pytest.mark.parametrize(
+    ("problem", "start", "tolerance"),
+    [(rosenbrock, [-1.2, 1.0], 1e-6), (powell, [3.0, -1.0, 0.0, 1.0], 1e-6), (decay, [1.0, 1.0, 0.0], 1e-7)],
+)
+def test_it_finds_what_scipy_finds(problem, start, tolerance) -> None:  # type: ignore[no-untyped-def]
+    ours = secant_levenberg_marquardt(problem, np.array(start), FINE)
+    theirs = least_squares(problem, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert ours.cost <= theirs.cost + tolerance
+    assert ours.cost == pytest.approx(float(problem(ours.x) @ problem(ours.x)) / 2, abs=1e-15)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_a_linear_problem_is_solved_exactly(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A, b = rng.normal(size=(8, 3)) + 2 * np.eye(8, 3), rng.normal(size=8)
+    result = secant_levenberg_marquardt(lambda x: A @ x - b, np.zeros(3), replace(FINE, delta=0.1))
+    assert np.allclose(result.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
+
+
+def test_a_scalar_residual_of_many_variables_goes_down() -> None:
+    """The paper's use: one number, its square minimised."""
+    options = SecantOptions(delta=0.1, max_evaluations=80)
+    result = secant_levenberg_marquardt(lambda x: np.array([1 + np.sum((x - 0.3) ** 2)]), np.zeros(6), options)
+    assert result.residual[0] < 1.05
+
+
+def test_broydens_update_is_the_smallest_that_satisfies_the_secant_equation() -> None:
+    rng = np.random.default_rng(0)
+    B, h, df = rng.normal(size=(4, 3)), rng.normal(size=3), rng.normal(size=4)
+    new = _broyden(B, h, df)
+    assert np.allclose(new @ h, df)
+    across = np.cross(h, [0.3, -1.0, 0.2])
+    assert np.allclose(new @ across, B @ across), "nothing changes across the step"
+
+
+def test_the_budget_is_kept_and_the_best_point_returned() -> None:
+    seen: list[float] = []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        seen.append(float(rosenbrock(x) @ rosenbrock(x)) / 2)
+        return rosenbrock(x)
+
+    for budget in (1, 4, 9, 20):
+        seen.clear()
+        options = replace(FINE, max_evaluations=budget)
+        result = secant_levenberg_marquardt(residual, np.array([-1.2, 1.0]), options)
+        assert len(seen) == result.evaluations <= budget
+        assert result.cost == min(seen)
+
+
+def test_differences_can_be_taken_side_by_side_with_the_same_result() -> None:
+    alone = secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), FINE)
+    batches: list[int] = []
+
+    def many(points):  # type: ignore[no-untyped-def]
+        batches.append(len(points))
+        return [decay(p) for p in points]
+
+    together = secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), FINE, many=many)
+    assert batches == [3]
+    assert (together.x == alone.x).all() and together.evaluations == alone.evaluations
+
+
+def test_it_says_why_it_ended() -> None:
+    def reason(**change: float) -> str:
+        return secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), replace(FINE, **change)).reason  # type: ignore[arg-type]
+
+    assert reason(max_evaluations=8) == "evaluations"
+    assert reason(improvement_tolerance=0.5) == "improvement"
+    assert reason(gradient_tolerance=1e3) == "gradient"
+    assert reason(step_tolerance=1e-2) == "step"

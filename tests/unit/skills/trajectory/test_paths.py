@@ -1,0 +1,104 @@
+"""Tool paths: smooth, within the speed cap, on the curve, one clock for both arms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from cell.garments import load_garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.bezier import arc_lengths, initial_controls
+from skills.trajectory.frame import frames_of
+from skills.trajectory.paths import TOOL_ACCELERATION, SpeedLaw, fold_duration, fold_paths, tool_paths
+from skills.vocabulary import GraspTrajectory, Side
+
+TOWEL = load_garment("medium_towel")
+STEP = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()[0]
+CONTROLS = {
+    s: initial_controls(f.start, f.end) for s, f in frames_of(STEP, TOWEL.material.thickness).items()
+}
+
+
+@given(st.floats(0.01, 2.0), st.floats(0.05, 1.0))
+@settings(max_examples=50, deadline=None)
+def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) -> None:
+    law = SpeedLaw.fastest(length, cap)
+    t = np.linspace(0, law.duration, 2001)
+    s = law.distance(t)
+    v = np.gradient(s, t)
+    a = np.gradient(v, t)
+    assert s[0] == pytest.approx(0.0, abs=1e-12) and s[-1] == pytest.approx(length, rel=1e-12)
+    assert v.min() > -1e-9 and v.max() <= cap * (1 + 1e-6)
+    assert np.abs(a).max() <= TOOL_ACCELERATION * 1.01
+    assert v[0] < 0.02 * cap and v[-1] < 0.02 * cap
+    tight = v.max() > 0.999 * cap or np.abs(a).max() > 0.98 * TOOL_ACCELERATION
+    assert tight, "a law that touches no cap is not the fastest"
+
+
+@given(st.floats(0.05, 1.0), st.floats(0.3, 8.0))
+@settings(max_examples=50, deadline=None)
+def test_a_law_of_given_duration_takes_it(length: float, duration: float) -> None:
+    law = SpeedLaw.lasting(length, duration)
+    assert law.duration == pytest.approx(duration, rel=1e-9)
+    assert law.distance(np.array([duration]))[0] == pytest.approx(length, rel=1e-9)
+    speed = np.gradient(law.distance(np.linspace(0, duration, 500)))
+    assert (speed > -1e-12).all()
+
+
+def test_lasting_is_the_inverse_of_fastest() -> None:
+    law = SpeedLaw.fastest(0.6, 0.35)
+    again = SpeedLaw.lasting(0.6, law.duration)
+    assert (again.top, again.ramp) == pytest.approx((law.top, law.ramp))
+
+
+def test_distance_is_the_integral_of_the_stated_speed() -> None:
+    law = SpeedLaw.fastest(0.6, 0.35)
+
+    def speed(t: float) -> float:
+        r = min(t, law.duration - t, law.ramp) / law.ramp
+        return law.top * (3 * r * r - 2 * r**3)
+
+    for t in (0.2, 0.9, law.duration - 0.1):
+        exact, _ = quad(speed, 0, t, points=[law.ramp, law.duration - law.ramp], limit=200)
+        assert law.distance(np.array([t]))[0] == pytest.approx(exact, abs=1e-9)
+
+
+def test_paths_begin_at_the_grasp_rise_first_and_end_at_the_release() -> None:
+    trajectory = GraspTrajectory(CONTROLS, fold_duration(CONTROLS, 0.35), "optimised", 0.0, 0.0)
+    paths = tool_paths(trajectory, STEP)
+    assert set(paths) == {Side.LEFT, Side.RIGHT}
+    for side, path in paths.items():
+        assert np.array_equal(path.position[0], CONTROLS[side][0])
+        assert np.array_equal(path.position[-1], CONTROLS[side][-1])
+        assert np.allclose(path.position[0, :2], STEP.grasps[side].point)
+        assert np.allclose(path.position[-1], STEP.targets[side])
+        first = path.position[:15, 2]
+        assert (np.diff(first) > 0).all()
+        assert np.linalg.norm(np.diff(path.position, axis=0), axis=1).max() <= 0.35 * np.diff(path.t).max() * 1.01
+        assert (path.heading == STEP.grasps[side].heading).all()
+    assert (paths[Side.LEFT].t == paths[Side.RIGHT].t).all()
+
+
+def test_arms_of_different_arcs_start_and_stop_together_at_the_same_share() -> None:
+    longer = CONTROLS[Side.LEFT] * (1, 1, 2)
+    controls = {Side.LEFT: longer, Side.RIGHT: CONTROLS[Side.RIGHT]}
+    paths = fold_paths(controls, {Side.LEFT: 0.0, Side.RIGHT: 0.0}, fold_duration(controls, 0.35))
+    travelled = {
+        s: np.linalg.norm(np.diff(p.position, axis=0), axis=1).cumsum() / arc_lengths(controls[s])[1][-1]
+        for s, p in paths.items()
+    }
+    assert np.allclose(travelled[Side.LEFT], travelled[Side.RIGHT], atol=1e-3)
+
+
+def test_a_speed_cap_lengthens_and_a_pitch_profile_is_followed() -> None:
+    trajectory = GraspTrajectory(CONTROLS, fold_duration(CONTROLS, 0.35), "optimised", 0.0, 0.0)
+    slow = tool_paths(trajectory, STEP, max_speed=0.1, pitch={Side.LEFT: np.array([0.0, 0.4]), Side.RIGHT: 0.2})
+    fast = tool_paths(trajectory, STEP, max_speed=1.0)
+    assert slow[Side.LEFT].t[-1] > 2.5 * fast[Side.LEFT].t[-1]
+    assert fast[Side.LEFT].t[-1] == pytest.approx(trajectory.duration)
+    assert slow[Side.LEFT].pitch[[0, -1]] == pytest.approx([0.0, 0.4])
+    assert (np.diff(slow[Side.LEFT].pitch) >= -1e-12).all()
+    assert (slow[Side.RIGHT].pitch == 0.2).all()

@@ -1,0 +1,77 @@
+"""The house: imports go down only, and the text belongs to nobody's workplace."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def lint_imports(config: Path | None = None, cwd: Path = ROOT) -> subprocess.CompletedProcess:
+    command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
+    command += ["--config", str(config)] if config else []
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
+
+
+def test_imports_go_down_only() -> None:
+    answer = lint_imports()
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    assert "3 kept, 0 broken" in answer.stdout
+
+
+def test_an_import_that_goes_up_is_found(tmp_path: Path) -> None:
+    """The check itself can fail: a house of the same floors with one stair upwards."""
+    for floor in ("cell", "calibration", "skills", "robots"):
+        (tmp_path / floor).mkdir()
+        (tmp_path / floor / "__init__.py").write_text("")
+    (tmp_path / "skills" / "grasp.py").write_text("import cell.runner\n")
+    (tmp_path / "cell" / "runner.py").write_text("")
+    (tmp_path / "lint.toml").write_text(
+        "[tool.importlinter]\n"
+        'root_packages = ["cell", "calibration", "skills", "robots"]\n'
+        "[[tool.importlinter.contracts]]\n"
+        'name = "floors"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
+    )
+    answer = lint_imports(tmp_path / "lint.toml", tmp_path)
+    assert answer.returncode == 1
+    assert "skills.grasp -> cell.runner" in answer.stdout
+
+
+def tracked_texts() -> list[Path]:
+    """What belongs to the repository: what git knows or would add."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if answer.returncode:
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in answer.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def foreign_paths() -> tuple[str, ...]:
+    # put together here, so that this file does not find itself
+    places = (("work", "main"), ("work", "shared"), ("work", ".library"), ("tmp", "contracts"))
+    return tuple(f"/{a}/{b}" for a, b in places)
+
+
+def test_no_text_names_a_place_outside_the_repository() -> None:
+    found = []
+    for path in tracked_texts():
+        data = path.read_bytes()
+        if b"\0" in data:
+            continue
+        text = data.decode("utf-8")
+        found += [f"{path.relative_to(ROOT)}: {place}" for place in foreign_paths() if place in text]
+    assert found == []
+
+
+def test_pins_are_versions_and_no_addresses() -> None:
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        name, pin, version = line.partition("==")
+        assert pin == "==" and name and version[0].isdigit(), line
+        assert "/" not in line and "@" not in line
+
+
+def test_every_package_says_that_it_is_typed() -> None:
+    for floor in ("cell", "calibration", "skills", "robots"):
+        assert (ROOT / floor / "py.typed").is_file()
