@@ -96,7 +96,6 @@ class CameraConfig(_Group):
     reference: Literal["photograph", "none"] = Field(
         description="photograph the empty table before the garment is laid, or do without"
     )
-    head_pan: float = _number(-1.5, 1.5, "rad", "the head's angle at which the camera is calibrated")
 
 
 class PerceptionConfig(_Group):
@@ -125,8 +124,6 @@ class MotionConfig(_Group):
         description="the robot model's set of acceleration and jerk limits"
     )
     tool_speed: float = _number(0.02, 1.0, "m/s", "cap of the grippers' speed while they hold a garment")
-    fold_duration: float = _number(1.0, 30.0, "s", "shortest time from grasp to release")
-    clearance: float = _number(0.0, 0.1, "m", "least distance of the arms from each other and the rest")
     approach_height: float = _number(0.03, 0.4, "m", "height above a grasp from which a gripper descends")
     start_tolerance_deg: float = _number(
         0.1, 5.0, "degrees", "how far a joint may stand from a trajectory's first point"
@@ -192,7 +189,6 @@ class ComputingConfig(_Group):
     """Declared costs of computing in simulation [s of cell time]: charged, never measured, so that a run is a
     function of its seed."""
 
-    look_s: float = _number(0.0, 60.0, "s", "taking a picture")
     perception_s: float = _number(0.0, 60.0, "s", "segmentation, classification, key points")
     planning_s: float = _number(0.0, 60.0, "s", "planning the folds")
     library_s: float = _number(0.0, 60.0, "s", "looking a trajectory up")
@@ -202,14 +198,9 @@ class ComputingConfig(_Group):
 
 
 class RecorderConfig(_Group):
-    """What goes into a run's recording, how often."""
+    """What a run's report shows."""
 
-    joint_rate: float = _number(1.0, 100.0, "Hz", "joint and tactile series")
-    picture_quality: int = _count(10, 100, "JPEG quality of recorded pictures")
-    depth: bool = Field(strict=True, description="record depth pictures too")
     key_frames: int = _count(2, 24, "pictures of a fold in the report")
-    live_port: int = _count(1024, 65535, "port of the live view, on this machine only")
-    live_queue: int = _count(16, 100_000, "messages that wait for a slow viewer before they are dropped")
 
 
 class CellSettings(_Group):

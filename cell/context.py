@@ -40,6 +40,7 @@ class StepNote:
     grasps: int
     predicted: PredictedShape
     observed: Array
+    trajectory: GraspTrajectory
     plan_frames: Array
     pictures: tuple[CameraFrame, ...]
 

@@ -1,13 +1,18 @@
-"""Observers of the runner that feed the view."""
+"""Observers of the runner: one feeds the view, one keeps what went wrong and what was done about it."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from cell.context import Result
 from cell.executive import Step
 from cell.recorder import Recorder
-from cell.states import Event
+from cell.states import Effect, Event
 
-__all__ = ["RecorderObserver"]
+__all__ = ["RecorderObserver", "Remark", "Remarks"]
+
+FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT})
+
 
 
 class RecorderObserver:
@@ -22,6 +27,38 @@ class RecorderObserver:
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
-        if result.event in {Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT} and failure is not None:
+        if result.event in FAILING and failure is not None:
             level = "ERROR" if result.event in {Event.CRASH, Event.STOP} else "WARN"
             self._recorder.event(t, str(failure), level)
+
+
+@dataclass(frozen=True)
+class Remark:
+    """kind: 'failure', 'recovery' or 'command'."""
+
+    t: float
+    kind: str
+    title: str
+    text: str
+
+
+class Remarks:
+    """Failures, recoveries and the operator's commands in order, for the report."""
+
+    def __init__(self) -> None:
+        self.list: list[Remark] = []
+
+    def entered(self, t: float, step: Step) -> None: ...
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        where = step.target.value.replace("_", " ")
+        if result.event in FAILING and failure is not None:
+            kind = failure.kind.value.replace("_", " ")
+            self.list.append(Remark(t, "failure", f"{kind} while {where}", f"{failure.what}. {failure.hint}"))
+        elif step.effect is Effect.CHOOSE_RECOVERY:
+            text = str(result.record.get("change", "none")).replace("_", " ")
+            title = result.event.value.replace("_", " ")
+            self.list.append(Remark(t, "recovery", title, "" if text == "none" else f"change: {text}"))
+        elif "command" in result.record:
+            self.list.append(Remark(t, "command", str(result.record["command"]), f"while {where}"))

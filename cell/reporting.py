@@ -1,1 +1,153 @@
-"""placeholder"""
+"""From what a run left behind to the page that a person reads (cell/report.py lays it out)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.context import StepNote
+from cell.figures import KeyFrame, fold_strip, outline
+from cell.observers import Remark
+from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
+from cell.requests import FoldRequest, FoldResult
+from cell.runner import RunEnd
+from robots.ports import Array, Side
+from skills.vocabulary import GraspTrajectory
+
+__all__ = ["TrueFrame", "report"]
+
+TrueFrame = tuple[float, Array, Mapping[Side, Array]]
+"""(cell time, vertices, tool positions) of a simulated garment: for pictures only."""
+
+LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
+UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
+KEY_FRAMES = 6
+BREAK_S = 3.0
+"""Frames of the held garment that are further apart in time belong to different folds."""
+
+
+def report(
+    folder: Path,
+    request: FoldRequest,
+    end: RunEnd,
+    result: FoldResult,
+    remarks: Sequence[Remark],
+    frames: Sequence[TrueFrame],
+    triangles: NDArray[np.int32] | None,
+) -> Path:
+    """Write `report.html` into the run's folder. Raises StorageError when it cannot be written."""
+    context = end.context
+    folds = _folds(frames)[-len(context.done) :] if context.done else []
+    steps = []
+    for index, note in enumerate(context.done):
+        shown = folds[index] if index < len(folds) else []
+        steps.append(_step(note, result.steps[index], shown, triangles, request))
+    steps += [
+        StepRecord(
+            name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False
+        )
+        for s in result.steps[len(context.done) :]
+    ]
+    failure = result.failure or {}
+    record = RunRecord(
+        run_id=folder.name,
+        garment=result.garment,
+        result=result.result,
+        seed=result.seed,
+        driver=result.driver,
+        simulated=result.simulated,
+        world=request.world if result.simulated else "",
+        title=context.garment.title if context.garment else result.garment,
+        reason=str(failure.get("what", "")),
+        hint=str(failure.get("hint", "")),
+        robot_time_s=result.robot_time_s,
+        wall_time_s=result.wall_time_s,
+        steps=tuple(steps),
+        stage_times_s=result.stage_times_s,
+        timeline=tuple(TimelineItem(r.t, LEVELS[r.kind], r.title, r.text) for r in remarks),
+        score=tuple(_score(result.score)),
+        pictures=tuple(_pictures(end)),
+        versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
+        settings=request.settings.model_dump(mode="json", by_alias=True),
+        recording="run.rrd",
+    )
+    return write_report(folder / "report.html", record)
+
+
+def _step(
+    note: StepNote,
+    figures: Mapping[str, Any],
+    shown: Sequence[TrueFrame],
+    triangles: NDArray[np.int32] | None,
+    request: FoldRequest,
+) -> StepRecord:
+    table = request.settings.table
+    arcs = _arcs(note.trajectory)
+    moments = np.linspace(0.0, 1.0, len(note.plan_frames))
+    predicted = fold_strip(
+        [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles, arcs=arcs, table=table
+    )
+    pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
+    made_from = ["predicted: cloth simulation along the executed tool path"]
+    if shown and triangles is not None:
+        chosen = [shown[i] for i in np.linspace(0, len(shown) - 1, KEY_FRAMES).astype(int)]
+        drawn = fold_strip([KeyFrame(v, tools) for _, v, tools in chosen], triangles, arcs=arcs, table=table)
+        pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, (t, *_) in zip(drawn, chosen, strict=True)]
+        made_from.append("simulated cell: the recorded garment")
+    pictures += [Picture(f.rgb, f"camera, {f.stamp:.1f} s") for f in note.pictures]
+    return StepRecord(
+        name=note.name,
+        source=note.source,
+        simulations=note.trajectory.simulations,
+        dissimilarity_m=note.dissimilarity_m,
+        predicted_iou=note.predicted_iou,
+        observed_iou=note.observed_iou,
+        drift_m=note.drift_m,
+        attempts=note.grasps,
+        recoveries=tuple(figures["recoveries"]),
+        duration_s=note.trajectory.duration,
+        accepted=True,
+        key_frames=tuple(pictures),
+        key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
+        predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
+        observed=(note.observed,),
+    )
+
+
+def _arcs(trajectory: GraspTrajectory) -> list[Array]:
+    from skills.trajectory.bezier import evaluate
+
+    u = np.linspace(0.0, 1.0, 60)
+    return [evaluate(c, u) for c in trajectory.control_points.values()]
+
+
+def _folds(frames: Sequence[TrueFrame]) -> list[list[TrueFrame]]:
+    """The recorded frames, one list for each time that the garment was held."""
+    folds: list[list[TrueFrame]] = []
+    last = -np.inf
+    for frame in frames:
+        if frame[0] - last > BREAK_S:
+            folds.append([])
+        folds[-1].append(frame)
+        last = frame[0]
+    return folds
+
+
+def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
+    for name, limit in (score or {}).get("limits", {}).items():
+        yield ScoreRow(name, score[name], limit, at_least=name == "iou", unit=UNITS[name])  # type: ignore[index]
+
+
+def _pictures(end: RunEnd) -> Iterator[Picture]:
+    context = end.context
+    if context.reference is not None:
+        yield Picture(context.reference.rgb, "the empty table")
+    if context.overlay is not None:
+        yield Picture(context.overlay, "recognised")
+    if context.frame is not None:
+        yield Picture(context.frame.rgb, "the last picture")

@@ -25,7 +25,7 @@ from cell.effects import EFFECTS
 from cell.garments import load_garment
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
-from cell.observers import RecorderObserver
+from cell.observers import RecorderObserver, Remarks
 from cell.paths import ledger_path
 from cell.progress import ProgressLines
 from cell.recorder import Recorder
@@ -89,12 +89,12 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
                 request, robot, ports, recorder, commands, workers, _prompt(request, commands), _teller(request)
             )
             witness = _witness(request, ports, recorder)
-            observers: list[Observer] = [RecorderObserver(recorder), *([lines] if lines else [])]
+            remarks = Remarks()
+            observers: list[Observer] = [RecorderObserver(recorder), remarks, *([lines] if lines else [])]
             if script is not None:
                 script(ports, commands)
             end = Runner(cell, EFFECTS, run, commands, tuple(observers)).run()
             score = witness.score(end) if witness else None
-            frames = witness.key_frames if witness else ()
     finally:
         kept = recorder.close()
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": list(kept.errors)}
@@ -102,7 +102,8 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
     if request.record:
         from cell.reporting import report
 
-        report(run.directory, request, end, result, frames)
+        frames, triangles = (witness.key_frames, witness.triangles) if witness else ((), None)
+        report(run.directory, request, end, result, remarks.list, frames, triangles)
     write_whole(run.directory / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
     return result
 

@@ -194,3 +194,50 @@ def empty(scene: Scene) -> CameraFrame:
     """The same table without the garment, taken before (other exposure, other noise)."""
     bare = Scene(**{**scene.__dict__, "polygons": [], "bumps": [], "gain": 1.0})
     return render(bare, sequence=100_000)
+
+
+SHIRT_NAMES = (
+    "hem_right", "armpit_right", "cuff_right_in", "cuff_right_out", "shoulder_right", "neck_right",
+    "neck_left", "shoulder_left", "cuff_left_out", "cuff_left_in", "armpit_left", "hem_left",
+)  # fmt: skip
+TROUSERS_NAMES = (
+    "waist_right", "waist_left", "hem_left_out", "hem_left_in", "crotch", "hem_right_in", "hem_right_out",
+)  # fmt: skip
+
+
+def shirt(left=0.0, right=0.0, width=0.42, length=0.55, sleeve=0.42):
+    """A long-sleeve shirt (12, 2), neck towards +x, counter-clockwise; `left`, `right`: swing of the sleeves
+    from 40 degrees below the shoulder line [rad], positive towards the body's side."""
+
+    def arm(side, swing):
+        angle = np.deg2rad(40) + swing
+        along = np.array([-np.sin(angle), side * np.cos(angle)])
+        across = np.array([along[1], -along[0]]) * side
+        shoulder = np.array([length / 2 - 0.03, side * width / 2])
+        armpit = np.array([length / 2 - 0.20, side * width / 2])
+        out = shoulder + sleeve * along
+        return shoulder, armpit, out, out - 0.10 * across
+
+    sl, al, ol, il = arm(1, left)
+    sr, ar, orr, ir = arm(-1, right)
+    hem = -length / 2
+    neck = [(length / 2, -0.09), (length / 2, 0.09)]
+    return np.array([(hem, -width / 2), ar, ir, orr, sr, *neck, sl, ol, il, al, (hem, width / 2)])
+
+
+def trousers(left=0.0, right=0.0, length=0.92, waist=0.38):
+    """Trousers (7, 2), waist towards +x, counter-clockwise; `left`, `right`: legs swung outwards [rad]."""
+
+    def leg(side, swing):
+        hip = np.array([0.15, side * (waist / 2 + 0.02)])
+        crotch = np.array([0.16, 0.0])
+        c, s = np.cos(side * swing), np.sin(side * swing)
+        R = np.array([[c, s], [-s, c]])
+        out = hip + R @ (np.array([-length / 2, side * 0.20]) - hip)
+        inner = crotch + R @ (np.array([-length / 2, side * 0.04]) - crotch)
+        return out, inner
+
+    ol, il = leg(1, left)
+    orr, ir = leg(-1, right)
+    half = waist / 2
+    return np.array([(length / 2, -half), (length / 2, half), ol, il, (0.16, 0.0), ir, orr])

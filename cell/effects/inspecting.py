@@ -121,6 +121,7 @@ def _noted(context: Context) -> Context:
         grasps=context.grasps,
         predicted=predicted,
         observed=seen.contour,
+        trajectory=trajectory,
         plan_frames=context.plan_frames if context.plan_frames is not None else np.zeros((0, 0, 3)),
         pictures=context.pictures,
     )

@@ -198,7 +198,7 @@ def target_entries(t: float, shape: PredictedShape) -> list[Entry]:
 
 
 def predicted_entries(t: float, shape: PredictedShape) -> list[Entry]:
-    return [Log(f"{TABLE}/predicted", t, (_mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 110)),))]
+    return [Log(f"{TABLE}/predicted", t, (_mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 75)),))]
 
 
 def observed_entries(t: float, points: Array) -> list[Entry]:

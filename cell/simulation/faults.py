@@ -97,6 +97,11 @@ class FaultBoard:
         self._lasting: list[tuple[Fault, float]] = []
         self.happened: list[tuple[float, Fault]] = []
 
+    @property
+    def empty(self) -> bool:
+        """No fault was ever asked for."""
+        return not (self._waiting or self._lasting)
+
     def add(self, fault: Fault) -> None:
         self._waiting.append(fault)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from cell.simulation.noise import GarmentNoise
 from cell.simulation.outline import draw_outline
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.solver import CapsuleMotion, ClothSimulation, SolverSettings, ToolMotion
+from skills.cloth.solver import ClothSimulation, SolverSettings
 from skills.garments.garment import Garment
 from skills.vocabulary import Array, Material
 
@@ -152,10 +152,11 @@ class WorldGarment:
         """(3,) [N] of the cloth on the hand."""
         return self._sim.pinch_force(hand)
 
-    def frame(self, tools: Sequence[ToolMotion], capsules: CapsuleMotion | None) -> None:
-        """Go on by one frame."""
+    def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
+        """Go on by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its end;
+        capsules: their ends (2, k, 3) twice and radius (k,)."""
         if self.laid:
-            self._sim.advance(1, tools, capsules)
+            self._sim.advance_along(position, rotation, capsules)
 
     # what the robot feels and the camera sees --------------------------------------------------------
 
@@ -164,8 +165,8 @@ class WorldGarment:
         if not self.laid:
             return 0.0
         x = self._sim.positions
-        near = (np.abs(x[:, :2] - point[:2]) < 2.0 * self._noise.edge_length).all(axis=1)
-        corners = x[self.mesh.triangles[near[self.mesh.triangles].all(axis=1)]]
+        near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._noise.edge_length
+        corners = x[self.mesh.triangles[np.all(near[self.mesh.triangles], axis=1)]]
         if len(corners) == 0:
             return 0.0
         a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -7,6 +7,7 @@ bias makes it stand where it does not know. A stop brakes both arms at a bounded
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -184,37 +185,39 @@ class SimulatedRobot:
             self._hold(dt)
         else:
             late = min(t - self._active.at, EXTRAPOLATION)
-            self._target = np.clip(self._active.q + late * self._active.qd, self._lower, self._upper)
+            self._target = self._within(self._active.q + late * self._active.qd)
             self._velocity = self._active.qd
         turn = HEAD_SPEED * dt
-        self._head += float(np.clip(self._head_goal - self._head, -turn, turn))
+        self._head += min(max(self._head_goal - self._head, -turn), turn)
         self._body.drive(self._target - self._bias + self._disturbance(t, dt), self._velocity, self._head, opening)
+
+    def _within(self, q: Array) -> Array:
+        return np.asarray(np.minimum(np.maximum(q, self._lower), self._upper))
 
     def _hold(self, dt: float) -> None:
         """Brake to rest and stay there."""
         v = self._velocity
         self._velocity = np.sign(v) * np.maximum(np.abs(v) - self._brake * dt, 0.0)
-        self._target = np.clip(self._target + 0.5 * (v + self._velocity) * dt, self._lower, self._upper)
-        self._sent = self._target.copy()
+        self._target = self._within(self._target + 0.5 * (v + self._velocity) * dt)
+        self._sent = self._target
 
     def _disturbance(self, t: float, dt: float) -> Array:
         """(14,) [rad] off the set-point: jitter (Ornstein-Uhlenbeck) and drops."""
-        if not self._ideal:
-            keep = np.exp(-dt / self._noise.jitter_time)
-            kick = self._noise.jitter * np.sqrt(1.0 - keep**2)
+        speed = np.abs(self._velocity)
+        if self._ideal:
+            offset = np.zeros(14)
+        else:
+            keep = math.exp(-dt / self._noise.jitter_time)
+            kick = self._noise.jitter * math.sqrt(1.0 - keep**2)
             self._jitter = keep * self._jitter + kick * self._rng.standard_normal(14)
-        offset = self._jitter * np.minimum(np.abs(self._velocity) / MOVING, 1.0)
-        chance = self._rng.random(2)
-        for side, p in zip(Side, chance, strict=True):
-            moving = np.abs(self._velocity[arm_slice(side)]).max() > MOVING
-            if not self._ideal and moving and p < self._noise.drops_per_minute / 60.0 * dt:
-                self.drop(side, self._noise.drop_depth.draw(self._rng), self._noise.drop_time.draw(self._rng))
-            drop = self._drops.get(side)
-            if drop is not None:
-                offset = offset.copy()
-                offset[SHOULDER_PITCH[side]] += drop.offset(t)
-                if t > drop.start + drop.duration:
-                    del self._drops[side]
+            offset = self._jitter * np.minimum(speed / MOVING, 1.0)
+            for side, p in zip(Side, self._rng.random(2), strict=True):
+                if p < self._noise.drops_per_minute / 60.0 * dt and speed[arm_slice(side)].max() > MOVING:
+                    self.drop(side, self._noise.drop_depth.draw(self._rng), self._noise.drop_time.draw(self._rng))
+        for side, drop in list(self._drops.items()):
+            offset[SHOULDER_PITCH[side]] += drop.offset(t)
+            if t > drop.start + drop.duration:
+                del self._drops[side]
         return offset
 
     def drop(self, side: Side, depth: float, duration: float) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cell.garments import load_garment
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
@@ -24,6 +27,7 @@ class Witness:
         self._ports, self._recorder, self._request = ports, recorder, request
         self.key_frames: list[tuple[float, Array, dict[Side, Array]]] = []
         """(cell time, vertices, tool positions) while a hand holds cloth, for the report's pictures."""
+        self.triangles: NDArray[np.int32] | None = None
         witness(ports, self._saw)
 
     def score(self, end: RunEnd) -> dict[str, Any] | None:
@@ -41,6 +45,7 @@ class Witness:
     def _saw(self, seen: Truth) -> None:
         if seen.garment is None:
             return
+        self.triangles = seen.garment.triangles
         self._recorder.garment_truth(seen.stamp, seen.garment.vertices, seen.garment.triangles)
         if any(seen.held.values()) and len(self.key_frames) < KEPT:
             self.key_frames.append((seen.stamp, seen.garment.vertices, dict(seen.tools)))

@@ -34,7 +34,6 @@ from robots.baxter.pybullet_body import BaxterBody
 from robots.baxter.pybullet_files import seen_urdf
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Side, frozen
-from skills.cloth.solver import CapsuleMotion, ToolMotion
 from skills.garments.garment import Garment
 
 __all__ = ["STEP_RATE", "World"]
@@ -49,6 +48,8 @@ RAISED = 0.040
 pads belongs there [m]."""
 NEAR = 0.08
 """Hands that are higher than this above the garment do not touch it [m]."""
+THICKEST = 0.025
+"""Fingertips above this touch neither table nor a stack of cloth [m]."""
 SQUEEZE = 2e-4
 """A fingertip on cloth presses it this far [m]: more, and the solver's table and finger fight over it."""
 LIFTED = 0.05
@@ -94,6 +95,7 @@ class World:
         self._client = pb.connect(pb.DIRECT)
         pb.setTimeStep(1.0 / STEP_RATE, physicsClientId=self._client)
         pb.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
+        pb.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=self._client)
         self._body = BaxterBody(self._client)
         self._body.let_fingers_through(self._load_table())
         model = load_model()
@@ -203,6 +205,8 @@ class World:
             self.witness(self.truth())
 
     def _arm_faults(self, t: float) -> None:
+        if self.faults.empty:
+            return
         for side, hand in self._hands.items():
             hand.gripper.stuck = self.faults.lasting(FaultKind.GRIPPER_STUCK, t, self._fold, side)
             drop = self.faults.take(FaultKind.SUDDEN_DROP, t, self._fold, side)
@@ -216,7 +220,7 @@ class World:
         position, rotation = self._body.tool_pose(side)
         position[2] -= self.settings.table.height
         tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
-        if tips[:, 2].min() > 0.05 or not self._over_table(position):
+        if tips[:, 2].min() > THICKEST or not self._over_table(position):
             return position, rotation, contact.Touch(np.zeros(2), 0.0)
         stack = np.array([self.garment.stack(tip) for tip in tips])
         felt = contact.touch(tips, stack, self._stiffness)
@@ -252,16 +256,17 @@ class World:
         """One cloth frame, from where the tools were at the last one to where they are."""
         if not self.garment.laid:
             return
-        tools, before = [], {}
+        hands = self._hands.values()
+        before = [hand.capsules for hand in hands]
+        p, r = [hand.position for hand in hands], [hand.rotation for hand in hands]
         for side, hand in self._hands.items():
-            p, r = hand.position, hand.rotation
-            before[side] = hand.capsules
             self._place_hand(side)
             hand.capsules = self._hand_capsules(side)
             if self.garment.holds(HANDS[side]):
                 self.garment.squeeze(HANDS[side], hand.gripper.force)
-                tools.append(ToolMotion(HANDS[side], p, r, hand.position, hand.rotation))
-        self.garment.frame(tools, self._capsule_motion(before))
+        position = np.array([p, [hand.position for hand in hands]])
+        rotation = np.array([r, [hand.rotation for hand in hands]])
+        self.garment.frame(position, rotation, self._capsule_path(before))
         self._after_frame(t)
 
     def _hand_capsules(self, side: Side) -> tuple[Array, Array] | None:
@@ -277,23 +282,27 @@ class World:
             reach = contact.FINGER_RADIUS + self.garment.material.thickness
             hand.free = all(self.garment.clear_of(a, b, reach) for a, b in zip(low, high, strict=True))
         tips = contact.fingertips(hand.position, hand.rotation, opening)
-        floor = np.array([self.garment.stack(tip) for tip in tips]) - SQUEEZE
+        floor = np.zeros(2)
+        if tips[:, 2].min() < THICKEST:
+            floor = np.array([self.garment.stack(tip) for tip in tips]) - SQUEEZE
         raised = 0.0 if hand.free and not holds else RAISED
         low, high = contact.finger_axes(hand.position, hand.rotation, opening, floor, raised)
         body_low, body_high = contact.hand_axis(hand.position, hand.rotation)
         return np.vstack((low, body_low)), np.vstack((high, body_high))
 
-    def _capsule_motion(self, before: dict[Side, tuple[Array, Array] | None]) -> CapsuleMotion | None:
+    def _capsule_path(self, before: list[tuple[Array, Array] | None]) -> tuple[Array, Array, Array] | None:
+        """Ends (2, k, 3) twice, at the frame's start and end, and radius (k,) of what may touch the garment."""
         moved = [
-            (*(before[side] or hand.capsules), *hand.capsules)
-            for side, hand in self._hands.items()
+            (old or hand.capsules, hand.capsules)
+            for old, hand in zip(before, self._hands.values(), strict=True)
             if hand.capsules is not None
         ]
         if not moved:
             return None
-        starts0, starts1, ends0, ends1 = (np.vstack(part) for part in zip(*moved, strict=True))
+        low = np.array([np.vstack([pair[when][0] for pair in moved]) for when in (0, 1)])
+        high = np.array([np.vstack([pair[when][1] for pair in moved]) for when in (0, 1)])
         radius = [contact.FINGER_RADIUS, contact.FINGER_RADIUS, contact.HAND_RADIUS] * len(moved)
-        return CapsuleMotion(starts0, starts1, ends0, ends1, np.array(radius))
+        return low, high, np.array(radius)
 
     def _after_frame(self, t: float) -> None:
         """Pinches that gave way, by force or by fault, and the count of folds."""

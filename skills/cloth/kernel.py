@@ -198,14 +198,14 @@ def _stir_by_contact(n, act_i, stirred, near):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, ready, x, xp, v, ref, built, course, quiet, awake, wa, w):  # type: ignore[no-untyped-def]
+def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, awake, wa, w):  # type: ignore[no-untyped-def]
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke for which no pairs were searched."""
     changed = unsearched = False
     for i in range(len(x)):
         if near[i]:
             quiet[i] = 0
-            if awake[i]:
+            if awake[i] or w[i] == 0.0:
                 continue
             awake[i], wa[i] = True, w[i]
             changed = True
@@ -217,7 +217,7 @@ def _settle(sleep_frames, near, ready, x, xp, v, ref, built, course, quiet, awak
             awake[i], wa[i] = False, 0.0
             changed = True
             for m in range(3):
-                xp[i, m] = x[i, m]
+                xp[i, m] = u[i, m] = x[i, m]
                 v[i, m] = 0.0
     return changed, unsearched
 
@@ -239,7 +239,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  
             for m in range(3):
                 near[vertex[k, m]] = True
     changed, unsearched = _settle(
-        rules.sleep_frames, near, state.ready, state.x, state.xp, state.v, state.ref, state.built, state.course,
+        rules.sleep_frames, near, state.ready, state.x, state.xp, state.u, state.v, state.ref, state.built, state.course,
         state.quiet, state.awake, state.wa, body.w,
     )  # fmt: skip
     if changed:

@@ -87,7 +87,8 @@ class CapsuleMotion:
 class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
-    positions: (n, 3) to start from, at rest (default: laid flat). Not safe to be used by two threads at once;
+    positions: (n, 3) to start from, at rest (default: laid flat). fixed: (n,) vertices that never move (a hung
+    cloth's upper hem). Not safe to be used by two threads at once;
     two simulations in two threads are.
     """
 
@@ -99,6 +100,7 @@ class ClothSimulation:
         settings: SolverSettings | None = None,
         table: bool = True,
         pads: PadGeometry | None = None,
+        fixed: NDArray[np.bool_] | None = None,
     ) -> None:
         self.mesh = mesh
         self.material = material
@@ -107,6 +109,8 @@ class ClothSimulation:
         self.time = 0.0
         _check(material, self.settings, mesh)
         self._body = _body(mesh, material, self.settings)
+        if fixed is not None:
+            self._body.w[fixed] = 0.0
         self._rules = _rules(mesh, material, self.settings, self.pads, table, self._body)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
@@ -144,10 +148,12 @@ class ClothSimulation:
         s = self._state
         s.x[:], s.xp[:], s.ref[:], s.built[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
-        s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, True, True, self._body.w
+        s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.u[:] = x
         s.count[:] = 0
-        s.index[:] = np.arange(len(x))
-        s.count[kernel.AWAKE] = len(x)
+        free = np.flatnonzero(s.awake)
+        s.index[: len(free)] = free
+        s.count[kernel.AWAKE] = len(free)
         self._pairs.side[:] = 0
         self._pairs.near[:] = False
         self._holds.hand[:] = -1

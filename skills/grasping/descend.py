@@ -1,8 +1,8 @@
 """Guarded descent: down until the fingertips touch, and no further than the table allows.
 
 The tips' tactile cells decide first (they feel 0.1 N), the joints second (they feel what the cells cannot: a
-hand beside its cells, a wrist on a hanger): by their efforts, or by an arm that stays behind its command. The expected height alone ends a descent only where the
-caller says so.
+hand beside its cells, a wrist on a hanger): by their efforts, or by an arm that stays behind its command. The
+expected height alone ends a descent only where the caller says so.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class DescentCommand:
 
 @dataclass(frozen=True)
 class Contact:
-    """Where the descent ended [m], what ended it ('tip', 'effort', 'stall' or 'height'), and the tips' force [N]."""
+    """height where it ended [m]; by: 'tip', 'effort', 'stall' or 'height'; force on the tips [N]."""
 
     height: float
     by: str

@@ -140,10 +140,13 @@ def time_path(
 def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
     """Along a joint path (n, 14) at the times t (n,) that the caller wishes, or slower where limits bind.
 
-    The wish is kept, but for a soft start and stop, when it is within the limits; otherwise the law is the
-    fastest that nowhere overtakes it.
+    A wish that starts and stops softly within the limits is kept as it is; one that only starts or stops too
+    hard is softened there; otherwise the law is the fastest that nowhere overtakes it.
     """
     tau = t - t[0]
+    exact = _as_wished(path, tau, limits)
+    if exact is not None:
+        return exact
     curve = CubicSpline(tau, path)
     wished = _finish(curve, np.array([0.0, tau[-1]]), np.array([0.0, tau[-1]]), limits)
     slack = wished.duration / (tau[-1] + 2 * _kernel_width(limits))
@@ -153,6 +156,18 @@ def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
     return min(
         (wished, _finish(curve, *_fastest(curve, tau, limits, (clock, 1.0)), limits)), key=lambda a: a.duration
     )
+
+
+def _as_wished(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | None:
+    """q (n, 14) at tau (n,), splined, if it is at rest at both ends and within the limits."""
+    curve = CubicSpline(tau, path, bc_type="clamped")
+    t = _ticks(float(tau[-1]))
+    q, qd, qdd = curve(t), curve(t, 1), curve(t, 2)
+    qd[0] = qd[-1] = 0.0
+    trajectory = ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))
+    # Standing before the start and after the end, the acceleration may jump by what a tick of jerk gives.
+    soft = np.all(np.abs(qdd[[0, -1]]) <= limits.jerk * TICK)
+    return trajectory if soft and peaks(trajectory, limits).worst <= 1.0 else None
 
 
 def stop_profile(trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = 0.6) -> ArmTrajectory:

@@ -25,9 +25,8 @@ import os, sys, time
 from pathlib import Path
 from cell.lock import OwnerLock
 lock = OwnerLock(Path(sys.argv[1])).acquire()
-child = os.fork()
-if child:
-    print(child, flush=True)
+if os.fork() == 0:
+    print(os.getpid(), flush=True)
 time.sleep(60)
 """
 

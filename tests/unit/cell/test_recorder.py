@@ -249,19 +249,20 @@ def test_live_viewer_receives_the_recording_and_may_hang(tmp_path):
     rerun_viewer, copy = Path(sys.executable).parent / "rerun", tmp_path / "seen.rrd"
     viewer = subprocess.Popen(
         [rerun_viewer, "--connect", recorder.live_url, "--save", copy],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
         wait_for(lambda: copy.exists() and copy.stat().st_size > 10_000)
         recorder.event(1.0, "after it")
         wait_for(lambda: len(column(rows(copy)["/log"], "TextLog:text")) == 2)
-        os.kill(viewer.pid, signal.SIGSTOP)
+        os.killpg(viewer.pid, signal.SIGSTOP)  # `rerun` is a script that starts the viewer
         show.play(recorder, folds=1)
         begin = time.monotonic()
         assert recorder.close().complete
         assert time.monotonic() - begin < 8.0
     finally:
-        viewer.kill()
+        os.killpg(viewer.pid, signal.SIGKILL)
+        viewer.wait()
     assert len(times(rows(tmp_path / "file.rrd")["/joints/left"])) > 1200
     assert column(rows(copy)["/log"], "TextLog:text") == [["before the viewer came"], ["after it"]]
 

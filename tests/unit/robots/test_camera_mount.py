@@ -18,8 +18,8 @@ def pixel(point: Array, pan: float = 0.0) -> Array:
 def test_looks_at_its_target_with_far_up_and_left_left() -> None:
     target = np.array(TARGET)
     np.testing.assert_allclose(pixel(target), [INTRINSICS.cx, INTRINSICS.cy], atol=1e-9)
-    assert pixel(target + [0.1, 0, 0])[1] < INTRINSICS.cy  # further from the robot is up
-    assert pixel(target + [0, 0.1, 0])[0] < INTRINSICS.cx  # the robot's left is left
+    assert pixel(target + np.array([0.1, 0, 0]))[1] < INTRINSICS.cy  # further from the robot is up
+    assert pixel(target + np.array([0, 0.1, 0]))[0] < INTRINSICS.cx  # the robot's left is left
 
 
 def test_sees_the_table_where_garments_lie() -> None:

@@ -28,7 +28,8 @@ Z = DEFAULT_TABLE.height
 def sheet() -> tuple[Array, np.ndarray]:
     """A 0.40 x 0.60 m grid centred on 0: (n, 2) and its triangles."""
     nx, ny = 11, 16
-    xy = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, nx), np.linspace(-0.3, 0.3, ny), indexing="ij"), -1).reshape(-1, 2)
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, nx), np.linspace(-0.3, 0.3, ny), indexing="ij")
+    xy = np.column_stack((x.ravel(), y.ravel()))
     cells = [(i * ny + j, (i + 1) * ny + j) for i in range(nx - 1) for j in range(ny - 1)]
     triangles = [t for a, b in cells for t in ((a, b, a + 1), (a + 1, b, b + 1))]
     return xy, np.array(triangles, np.int32)
@@ -68,7 +69,7 @@ def blue(picture: Picture) -> np.ndarray:
 
 
 def lying(xy: Array, height: float = 0.002) -> Array:
-    return np.column_stack((xy + (0.58, 0.0), np.full(len(xy), Z + height)))
+    return np.column_stack((xy + np.array([0.58, 0.0]), np.full(len(xy), Z + height)))
 
 
 def test_table_and_cloth_are_where_projection_says(renderer: Renderer) -> None:

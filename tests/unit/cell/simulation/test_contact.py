@@ -41,6 +41,7 @@ def test_the_tips_are_the_pads_apart() -> None:
 
 
 def test_fingers_stand_on_what_is_under_them() -> None:
-    low, high = finger_axes(np.array([0.5, 0, -0.01]), np.diag([1.0, -1.0, -1.0]), 0.02, np.array([0.003, 0.0]), 0.0)
+    down = np.diag([1.0, -1.0, -1.0])
+    low, high = finger_axes(np.array([0.5, 0, -0.01]), down, 0.02, np.array([0.003, 0.0]), 0.0)
     assert low[:, 2].tolist() == pytest.approx([0.011, 0.008])
     assert (high[:, 2] > 0.07).all()

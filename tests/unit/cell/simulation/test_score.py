@@ -250,7 +250,7 @@ def test_a_shrunk_fold_is_not_scaled_away() -> None:
 # --- invariances ---------------------------------------------------------------------------------------
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     x=st.floats(-0.045, 0.045),
     y=st.floats(-0.02, 0.02),

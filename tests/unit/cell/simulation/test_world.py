@@ -238,7 +238,8 @@ def test_encoders_do_not_know_the_bias(opened: Any) -> None:
     T = truth(bench.ports).tools[Side.LEFT]
     from skills.motion.ik import tool_pose
 
-    believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3] - [0, 0, bench.height]
+    believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3]
+    believed = believed - (0.0, 0.0, bench.height)
     assert 2e-4 < np.linalg.norm(T - believed) < 0.01
 
 
@@ -401,16 +402,21 @@ def test_a_careless_hand_pushes_the_hanging_garment(opened: Any) -> None:
     bench.pinch(Side.LEFT, point)
     bench.move(bench.above(Side.LEFT, point, 0.28, np.pi / 2), 2.0)
     ports.grippers[Side.RIGHT].command(0.0, 0.0)
-    away, into = point - (0.02, 0.40), point - (0.02, 0.16)
+    hanging = truth(ports).garment
+    assert hanging is not None
+    v = hanging.vertices
+    into = v[(np.abs(v[:, 1] - point[1] + 0.16) < 0.02) & (v[:, 2] > 0.03), :2].mean(axis=0)
+    away = into - (0.0, 0.22)
     bench.move(bench.above(Side.RIGHT, away, 0.10, np.pi / 2), 2.5)
     bench.move(bench.above(Side.RIGHT, away, 0.02, np.pi / 2), 0.5)
-    before = truth(ports).garment
     bench.hold(1.5)
+    before = truth(ports).garment
+    bench.hold(0.5)
     at_rest = truth(ports).garment
     bench.move(bench.above(Side.RIGHT, into, 0.02, np.pi / 2), 1.5)
     pushed = truth(ports).garment
     assert before is not None and at_rest is not None and pushed is not None
-    assert np.linalg.norm(at_rest.vertices - before.vertices, axis=1).max() < 0.002
+    assert np.linalg.norm(at_rest.vertices - before.vertices, axis=1).max() < 0.01
     assert np.linalg.norm(pushed.vertices - at_rest.vertices, axis=1).max() > 0.02
 
 
