@@ -19,7 +19,7 @@ from cell.simulation.score import FinalGarment, fold_mesh, named_edge_pairs, sco
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.solver import ClothSimulation, SolverSettings
 from skills.garments.garment import Garment
-from skills.planning.folding import fold_points, outline_of, target_vertices
+from skills.planning.folding import fold_points, fold_xy, outline_of, target_vertices
 from skills.planning.plan import plan_folds
 from skills.vocabulary import Array, FoldLine, Material
 
@@ -36,7 +36,9 @@ def d_relax(
     x = mesh.lay_flat(material.thickness)
     for k in range(1, len(lines) + 1):
         line, ideal = lines[k - 1], target_vertices(mesh, lines[:k], material)
-        xy = np.where((line.signed_distance(x[:, :2]) > 0.0)[:, None], line.reflect(x[:, :2]), x[:, :2])
+        # What moves is told by the ideal shape, as its layers are: near the line the settled one has strayed.
+        moves = line.signed_distance(fold_xy(lines[: k - 1], mesh.rest)) > 0.0
+        xy = np.where(moves[:, None], line.reflect(x[:, :2]), x[:, :2])
         start = np.column_stack([xy, ideal[:, 2] + 0.5 * material.thickness])
         simulation = ClothSimulation(mesh, material, start, settings)
         simulation.advance(frames=round(SETTLE_S * settings.frame_rate))

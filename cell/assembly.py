@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import metadata
@@ -12,13 +12,11 @@ import numpy as np
 from cell.calibration_file import camera_calibration
 from cell.commands import CommandQueue
 from cell.config import CellSettings
-from cell.context import Context
 from cell.execution import ExecutionLimits
 from cell.garments import list_garments, load_garment
 from cell.library import add_entry, load_library
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
-from cell.states import Event
 from cell.workcell import Workcell
 from robots.model import JointLimits, RobotModel
 from robots.ports import Ports
@@ -51,7 +49,6 @@ def assemble(
     recorder: Recorder,
     commands: CommandQueue,
     workers: ThreadPoolExecutor,
-    prompt: Callable[[Set[Event], Context], None],
     tell: Callable[[str], None],
 ) -> Workcell:
     """Everything that a run works with. Raises ConfigurationError for a file that cannot be used."""
@@ -81,7 +78,6 @@ def assemble(
         workers=workers,
         attended=request.approve,
         approve=request.approve,
-        prompt=prompt,
         tell=tell,
         rng=_generators(),
     )

@@ -11,12 +11,16 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
@@ -25,16 +29,19 @@ from cell.effects import EFFECTS
 from cell.garments import load_garment
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
-from cell.observers import RecorderObserver, Remarks
+from cell.observers import RecorderObserver, Remark, Remarks
 from cell.paths import ledger_path
 from cell.progress import ProgressLines
 from cell.recorder import Recorder
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
-from cell.states import Event, State
+from cell.states import State
 from cell.terminal import TerminalOperator
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Ports
+
+if TYPE_CHECKING:
+    from cell.reporting import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
@@ -69,43 +76,55 @@ def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
             versions={name: metadata.version(name) for name in VERSIONED},
         )
         try:
-            result = _perform(request, run, began, script)
+            ended = _perform(request, run, began, script)
         except BaseException:
             run.abandon()
             raise
-        run.end(result.result, result.as_json())
-    return result
+        run.end(ended.result.result, ended.result.as_json())
+    write_whole(run.directory / "result.json", json.dumps(ended.result.as_json(), indent=1) + "\n")
+    if request.record:
+        from cell.reporting import report
+
+        report(run.directory, request, ended.end, ended.result, ended.remarks, ended.frames, ended.triangles)
+    return ended.result
 
 
-def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script | None) -> FoldResult:
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """A run that has ended: its result, and what the report is made of."""
+
+    end: RunEnd
+    result: FoldResult
+    remarks: list[Remark]
+    frames: list[TrueFrame]
+    triangles: NDArray[np.int32] | None
+
+
+def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script | None) -> _Ended:
     write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
     robot = load_robot(request.settings)
     recorder = _recorder(request, run)
     commands = CommandQueue()
+    remarks = Remarks()
+    observers: list[Observer] = [RecorderObserver(recorder), remarks]
+    if not request.quiet:
+        observers.append(ProgressLines(sys.stdout))
     try:
         with _opened(request) as ports, ThreadPoolExecutor(1, "skill") as workers, _signals(ports) as received:
-            lines = None if request.quiet else ProgressLines(sys.stdout)
-            cell = assemble(
-                request, robot, ports, recorder, commands, workers, _prompt(request, commands), _teller(request)
-            )
+            cell = assemble(request, robot, ports, recorder, commands, workers, _teller(request))
             witness = _witness(request, ports, recorder)
-            remarks = Remarks()
-            observers: list[Observer] = [RecorderObserver(recorder), remarks, *([lines] if lines else [])]
+            if request.approve:
+                TerminalOperator(commands, sys.stdin, sys.stderr).start()
             if script is not None:
                 script(ports, commands)
             end = Runner(cell, EFFECTS, run, commands, tuple(observers)).run()
-            score = witness.score(end) if witness else None
+            score = witness.score() if witness else None
     finally:
         kept = recorder.close()
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": list(kept.errors)}
     result = _result(request, run, began, end, score, received, recording)
-    if request.record:
-        from cell.reporting import report
-
-        frames, triangles = (witness.key_frames, witness.triangles) if witness else ((), None)
-        report(run.directory, request, end, result, remarks.list, frames, triangles)
-    write_whole(run.directory / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
-    return result
+    frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
+    return _Ended(end, result, remarks.list, frames, triangles)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
@@ -113,8 +132,15 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
         return Recorder.silent()
     from robots.baxter.meshes import baxter_visual
 
-    table = request.settings.table
-    return Recorder.open(run.directory / "run.rrd", run.id, table, live=request.live, robot=baxter_visual())
+    try:
+        visual = baxter_visual()
+    except StorageError:  # no place to keep the converted meshes: a view without the robot is better than no run
+        visual = None
+    path, table = run.directory / "run.rrd", request.settings.table
+    recorder = Recorder.open(path, run.id, table, live=request.live, robot=visual)
+    if recorder.live_url and not request.quiet:
+        print(f"live view: rerun --connect {recorder.live_url}", flush=True)
+    return recorder
 
 
 @contextmanager
@@ -158,13 +184,6 @@ def _signals(ports: Ports) -> Iterator[list[int]]:
     finally:
         for n, handler in before.items():
             signal.signal(n, handler)
-
-
-def _prompt(request: FoldRequest, commands: CommandQueue) -> Callable[[Set[Event], Context], None]:
-    """Starts to listen at the terminal when somebody attends."""
-    if request.approve and not request.quiet:
-        TerminalOperator(commands, sys.stdin, sys.stderr).start()
-    return lambda wanted, context: None
 
 
 def _teller(request: FoldRequest) -> Callable[[str], None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotYet
 from dataclasses import dataclass
@@ -12,10 +12,8 @@ import numpy as np
 
 from cell.commands import CommandQueue
 from cell.config import CellSettings
-from cell.context import Context
 from cell.execution import ExecutionLimits, stopped
 from cell.recorder import Recorder
-from cell.states import Event
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import Ports
@@ -59,8 +57,6 @@ class Workcell:
     workers: ThreadPoolExecutor
     attended: bool
     approve: bool
-    prompt: Callable[[Set[Event], Context], None]
-    """Tells the operator that a command is awaited, and which ones are."""
     tell: Callable[[str], None]
     """Says how far a long computation is."""
     rng: Callable[..., np.random.Generator]

@@ -62,6 +62,7 @@ class Scene:
     noise: float = 0.012
     blur: float = 0.6
     depth_noise: float = 1.4e-3
+    floor: tuple | None = None  # colour beyond the table's edges; None: the table goes on
 
 
 def render(scene: Scene, calibration: CameraCalibration | None = None, sequence: int = 0) -> CameraFrame:
@@ -148,7 +149,12 @@ def _table(scene, points):
     streaks /= streaks.std()
     grid = np.float32((points * (350, 350)) % 512)
     texture = cv2.remap(streaks, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
-    return np.array(scene.table_colour) * (1 + scene.table_contrast * texture[..., None])
+    colour = np.array(scene.table_colour) * (1 + scene.table_contrast * texture[..., None])
+    if scene.floor is None:
+        return colour
+    x, y = points[..., 0], points[..., 1]
+    on = (x > TABLE.x[0]) & (x < TABLE.x[1]) & (y > TABLE.y[0]) & (y < TABLE.y[1])
+    return np.where(on[..., None], colour, np.array(scene.floor))
 
 
 def _cloth(scene, points):

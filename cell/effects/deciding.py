@@ -64,7 +64,6 @@ def pause(cell: Workcell, context: Context) -> Result:
 def _await_command(cell: Workcell, context: Context, wanted: set[Event]) -> Result:
     """Hold still until the operator says one of `wanted`. Waiting is not charged to the robot's time."""
     start = cell.ports.clock.now()
-    cell.prompt(wanted, context)
     while True:
         failure = stopped(cell.ports)
         if failure:

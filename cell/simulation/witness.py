@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from cell.garments import load_garment
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
-from cell.runner import RunEnd
 from cell.simulation import Truth, truth, witness
 from cell.simulation.score import score_plan
 from robots.ports import Array, Ports, Side
@@ -30,7 +29,7 @@ class Witness:
         self.triangles: NDArray[np.int32] | None = None
         witness(ports, self._saw)
 
-    def score(self, end: RunEnd) -> dict[str, Any] | None:
+    def score(self) -> dict[str, Any] | None:
         """The final figures (design: the score), None when no garment was laid."""
         witness(self._ports, None)
         garment = truth(self._ports).garment

@@ -306,7 +306,7 @@ def _rules(
     h = settings.frame / settings.substeps
     gamma = settings.bend_damping / h
     # bending is soft against the masses on the usual meshes: then every other substep is enough
-    own = (body.weight**2 * body.w[body.hinge]).sum(axis=1)
+    own = (body.weight**2 * body.w[body.hinge]).sum(axis=1) + 1e-30
     soft = len(own) == 0 or float(np.min(body.bend / h**2 / own)) > 40.0
     gx, gy, gz = settings.gravity
     return kernel.Rules(

@@ -172,12 +172,15 @@ def _edge_pixels(
     grid = np.stack(np.broadcast_arrays(out[None, :], y[:, None], 0.0, 1.0), axis=-1)
     uvw = grid @ P.T
     uv = uvw[..., :2] / uvw[..., 2:]
-    inside = (uv > 1).all(axis=(1, 2)) & (uv < np.array([rgb.shape[1], rgb.shape[0]]) - 2.0).all(axis=(1, 2))
+    # The profile's ends may leave the picture: there nothing changes, so no edge is found.
+    core = uv[:, 30:51]
+    inside = (core > 1).all(axis=(1, 2)) & (core < np.array([rgb.shape[1], rgb.shape[0]]) - 2.0).all(axis=(1, 2))
     uv, y = uv[inside], y[inside]
     if len(y) < 40:
         return None
     smooth = cv2.GaussianBlur(rgb, (0, 0), 1.0).astype(np.float32)
-    profile = cv2.remap(smooth, uv[..., 0].astype(np.float32), uv[..., 1].astype(np.float32), cv2.INTER_LINEAR)
+    u, v = uv[..., 0].astype(np.float32), uv[..., 1].astype(np.float32)
+    profile = cv2.remap(smooth, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     change = np.linalg.norm(profile[:, 4:].astype(float) - profile[:, :-4], axis=2)
     peak = np.argmax(change, axis=1)
     place = out[2:-2][peak]

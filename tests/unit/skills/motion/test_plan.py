@@ -13,7 +13,7 @@ from robots.ports import Side, arm_slice
 from skills.motion import route
 from skills.motion.check import check_trajectory, path_deviation
 from skills.motion.collision import CollisionChecker
-from skills.motion.plan import plan_arc, plan_fold_motion, plan_free_motion, plan_grasp, plan_withdrawal
+from skills.motion.plan import plan_arc, plan_fold_motion, plan_free_motion, plan_grasp, plan_lift, plan_withdrawal
 from skills.motion.posture import Posture, angles_of
 from skills.motion.timing import peaks
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath, tool_rotation
@@ -164,6 +164,18 @@ def test_retreats_go_straight_up(checker):
         assert np.diff(T[:, 2, 3]).min() > -1e-6
         assert T[-1, 2, 3] - T[0, 2, 3] == pytest.approx(0.10, abs=1e-6)
         assert (np.diff(T[:, 2, 3]) / np.diff(motion.retreat.t)).max() <= 0.26
+
+
+def test_a_lift_raises_the_hands_that_hold_and_no_other(checker):
+    step, paths = towel_fold("medium", 1)
+    q = planned(checker, step, paths).unwrap().grasp.q_grasp
+    up = plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03).unwrap()
+    assert check_trajectory(MODEL, checker, up, q, MODEL.planning, allow_fingertips=True).ok
+    rise = MODEL.tool_pose(Side.LEFT, up.q[-1]) - MODEL.tool_pose(Side.LEFT, q)
+    expected = np.zeros((4, 4))
+    expected[2, 3] = 0.03
+    assert rise == pytest.approx(expected, abs=1e-6)
+    assert np.array_equal(up.q[:, arm_slice(Side.RIGHT)], np.tile(q[arm_slice(Side.RIGHT)], (len(up.t), 1)))
 
 
 def test_the_same_question_has_the_same_answer(checker):

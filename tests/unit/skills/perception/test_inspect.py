@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from robots.errors import FailureKind
 from robots.ports import Side
 from skills.perception.inspect import align, draw_shape, inspect
 from skills.perception.view import TableView
-from skills.vocabulary import FoldLine, FoldStep, PredictedShape
+from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 # A towel 0.40 x 0.60 folded over its middle, left half onto right half: the fold is the left edge.
@@ -76,6 +78,34 @@ def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind
     seen = look(polygons, bumps, thickness).unwrap()
     assert seen.diagnosis is kind
     assert 0.0 < seen.confidence <= 1.0
+
+
+def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
+    """The left arm lost its corner: the garment still reaches 12 cm beyond the line there, far from the targets."""
+    grasps = {
+        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+    }
+    step = replace(STEP, line=FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1])))
+    step = replace(step, grasps=grasps)
+    flap = np.array([HALF[0], HALF[0] + (0.0, 0.12), 0.5 * (HALF[0] + HALF[1]) + (0.0, 0.03), HALF[1]])
+    seen = look([HALF, flap], step=step).unwrap()
+    assert seen.diagnosis is FailureKind.DROPPED_CORNER
+    assert seen.left_behind["left"] > 0.08 > 0.03 > seen.left_behind["right"]
+
+
+def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
+    """All cloth stands 3 mm higher than the mesh; the flat picture told so."""
+    scene = Scene(seed=4, polygons=[HALF], thickness=0.0045, wobble=0.001)
+    picture, bare = render(scene), empty(scene)
+    two_layers = PredictedShape(
+        np.vstack([PREDICTED.vertices - np.array([0, 0, 0.0028]), PREDICTED.vertices]),
+        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
+        np.vstack([PREDICTED.material, PREDICTED.material]),
+    )
+    blind = inspect(picture, camera(), TABLE, bare, two_layers, STEP).unwrap()
+    knowing = inspect(picture, camera(), TABLE, bare, two_layers, STEP, flat_top=0.0045).unwrap()
+    assert blind.accepted and blind.missing_layer < 0.1
+    assert knowing.missing_layer > 0.3
 
 
 def test_without_the_step_a_bad_edge_is_off_target():
