@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from importlib import metadata
 
 import numpy as np
@@ -18,14 +17,18 @@ from cell.library import add_entry, load_library
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.workcell import Workcell
-from robots.model import JointLimits, RobotModel
+from robots.model import RobotModel
 from robots.ports import Ports
 from skills.garments.garment import Garment
-from skills.motion.collision import CollisionChecker
+from skills.motion.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
 from skills.trajectory.library import Library, entry_from
 from skills.vocabulary import FoldStep, GraspTrajectory
 
-__all__ = ["assemble", "joint_limits", "load_robot"]
+__all__ = ["assemble", "load_robot"]
+
+
+SLACK = 0.002
+"""What is executed may come nearer than what is planned by this much [m]: the arms stand a little off."""
 
 
 def load_robot(settings: CellSettings) -> RobotModel:
@@ -33,13 +36,6 @@ def load_robot(settings: CellSettings) -> RobotModel:
     from robots.baxter.model import load_model  # the only robot yet: settings.robot is validated
 
     return load_model()
-
-
-def joint_limits(settings: CellSettings, robot: RobotModel) -> JointLimits:
-    """The set that the settings name; the planning set's velocities are 0.8 of the robot's own."""
-    motion = settings.motion
-    limits = robot.planning if motion.accelerations == "planning" else robot.commissioning
-    return replace(limits, velocity=np.minimum(limits.velocity, robot.protective.velocity * motion.velocity_scale))
 
 
 def assemble(
@@ -64,7 +60,14 @@ def assemble(
         calibration=camera_calibration(settings),
         robot=robot,
         checker=CollisionChecker(robot, settings.table),
-        limits=joint_limits(settings, robot),
+        guard=CollisionChecker(
+            robot,
+            settings.table,
+            body_margin=BODY_MARGIN - SLACK,
+            table_margin=TABLE_MARGIN - SLACK,
+            fingertip_margin=FINGERTIP_MARGIN - SLACK,
+        ),
+        limits=robot.limits(settings.motion.accelerations, settings.motion.velocity_scale),
         execution=_execution(settings),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
@@ -79,7 +82,7 @@ def assemble(
         attended=request.approve,
         approve=request.approve,
         tell=tell,
-        rng=_generators(),
+        rng=_generator,
     )
 
 
@@ -104,7 +107,7 @@ class _RunLibrary:
             garment=garment.name,
             material=garment.material,
             size_m=garment.size_m,
-            edge_length=0.025,
+            edge_length=garment.mesh_edge_m,
             method=str(notes["method"]),
             dissimilarity_initial=float(notes["dissimilarity_initial_m"]),
             max_tool_speed=garment.max_tool_speed,
@@ -114,9 +117,9 @@ class _RunLibrary:
         add_entry(self._logs, entry)
 
 
-def _generators() -> Callable[[int], np.random.Generator]:
-    """The motion planner's own draws: the same in every run, another one for each further try."""
-    return lambda draw=0: np.random.default_rng([1, draw])
+def _generator() -> np.random.Generator:
+    """The motion planner's own draws, the same in every run."""
+    return np.random.default_rng(1)
 
 
 def _execution(settings: CellSettings) -> ExecutionLimits:

@@ -20,9 +20,10 @@ from skills.garments.garment import Garment
 from skills.grasping.confirm import Held
 from skills.grasping.zero import Zero
 from skills.motion.plan import FoldMotion
+from skills.motion.posture import Posture
 from skills.perception.inspect import Inspection
 from skills.perception.perceive import Perception
-from skills.vocabulary import FoldStep, Grasp, GraspTrajectory, PredictedShape, ToolPath
+from skills.vocabulary import CameraCalibration, FoldStep, Grasp, GraspTrajectory, PredictedShape, ToolPath
 
 __all__ = ["Context", "Result", "StepNote"]
 
@@ -51,6 +52,8 @@ class Context:
 
     reference: CameraFrame | None = None
     """The empty table."""
+    refined: CameraCalibration | None = None
+    """The camera's pose corrected by that picture: the table's plane and edges are known."""
     frame: CameraFrame | None = None
     """The latest picture."""
     previous: CameraFrame | None = None
@@ -82,6 +85,8 @@ class Context:
     planned_step: FoldStep | None = None
     """The step as this try makes it (grasps moved by recoveries), and its tool paths by grasp."""
     planned_paths: Mapping[Side, ToolPath] = field(default_factory=dict)
+    avoided: tuple[Mapping[Side, Posture], ...] = ()
+    """Hand postures that this step has already tried: another search leaves them out."""
     tool_speed: float = 0.3
     """Cap of the tools' speed while they hold the garment [m/s]."""
     zeros: Mapping[Side, Zero] = field(default_factory=dict)
@@ -104,6 +109,10 @@ class Context:
     @property
     def step(self) -> FoldStep:
         return self.steps[self.index]
+
+    def calibration(self, nominal: CameraCalibration) -> CameraCalibration:
+        """The refined calibration where there is one."""
+        return self.refined or nominal
 
     @property
     def known_garment(self) -> Garment:

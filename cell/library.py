@@ -31,10 +31,6 @@ __all__ = [
     "write_library",
 ]
 
-EDGE_LENGTH = 0.025
-"""Mesh edge that shipped arcs are optimised on [m]."""
-
-
 @dataclass(frozen=True)
 class LoadedLibrary:
     """library: what can be used. refused: file and reason of what cannot, for the operator to see."""
@@ -110,14 +106,13 @@ def write_library(path: Path, library: Library) -> None:
 def build_library(
     garments: Iterable[Garment],
     method: str = "default",
-    edge_length: float = EDGE_LENGTH,
     predict: Predictor | None = None,
     report: Callable[[BuiltStep], None] | None = None,
 ) -> Library:
     """Optimise every step of every garment, laid in the middle of its poses, each after the steps before it."""
     library = Library()
     for garment in garments:
-        for built in build_garment(garment, method, edge_length, predict):
+        for built in build_garment(garment, method, predict):
             if report is not None:
                 report(built)
             if built.entry is not None:
@@ -126,15 +121,12 @@ def build_library(
 
 
 def build_garment(
-    garment: Garment,
-    method: str = "default",
-    edge_length: float = EDGE_LENGTH,
-    predict: Predictor | None = None,
+    garment: Garment, method: str = "default", predict: Predictor | None = None
 ) -> list[BuiltStep]:
     """The entries for one garment's plan. It ends at the first step that cannot be optimised."""
     predict = predict or ClothPredictor()
     state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, edge_length, garment.layers)
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
     positions: Array = mesh.lay_flat(garment.material.thickness)
     built: list[BuiltStep] = []
     for step in plan_folds(state, garment).unwrap():
@@ -145,7 +137,7 @@ def build_garment(
         if outcome.value is None:
             built.append(BuiltStep(garment.name, step.name, None, outcome.failure))
             break
-        entry = _entry(garment, step, outcome, method, edge_length)
+        entry = _entry(garment, step, outcome, method)
         built.append(BuiltStep(garment.name, step.name, entry, None))
         positions = _folded(mesh, positions, garment, step, outcome.value, predict)
     return built
@@ -163,7 +155,7 @@ def _folded(
 
 
 def _entry(
-    garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str, edge_length: float
+    garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str
 ) -> LibraryEntry:
     return entry_from(
         outcome.unwrap(),
@@ -173,7 +165,7 @@ def _entry(
         garment=garment.name,
         material=garment.material,
         size_m=garment.size_m,
-        edge_length=edge_length,
+        edge_length=garment.mesh_edge_m,
         method=method,
         dissimilarity_initial=float(outcome.notes["dissimilarity_initial_m"]),
         max_tool_speed=garment.max_tool_speed,

@@ -48,9 +48,7 @@ def report(
         shown = folds[index] if index < len(folds) else []
         steps.append(_step(note, result.steps[index], shown, triangles, request))
     steps += [
-        StepRecord(
-            name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False
-        )
+        StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False)
         for s in result.steps[len(context.done) :]
     ]
     failure = result.failure or {}

@@ -37,7 +37,7 @@ from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
 from cell.states import State
 from cell.terminal import TerminalOperator
-from robots.errors import ConfigurationError, StorageError
+from robots.errors import ConfigurationError, Failure, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
@@ -224,7 +224,9 @@ def _result(
         simulated=request.driver == "sim",
         result=RESULTS[end.state],
         state=end.state.value,
-        failure=failure and {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint},
+        failure=None
+        if failure is None
+        else {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint},
         score=score,
         steps=tuple(_steps(context)),
         robot_time_s=end.ended - end.started - context.waited_s,
@@ -234,6 +236,10 @@ def _result(
         signal=received[0] if received else None,
         recording=recording,
     )
+
+
+def _failure(failure: Failure) -> dict[str, str]:
+    return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 
 
 def _steps(context: Context) -> Iterator[dict[str, Any]]:

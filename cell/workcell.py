@@ -42,6 +42,8 @@ class Workcell:
     calibration: CameraCalibration
     robot: RobotModel
     checker: CollisionChecker
+    guard: CollisionChecker
+    """Judges what is about to be executed, with a little less margin than what is planned keeps."""
     limits: JointLimits
     execution: ExecutionLimits
     garments: tuple[Garment, ...]
@@ -59,8 +61,8 @@ class Workcell:
     approve: bool
     tell: Callable[[str], None]
     """Says how far a long computation is."""
-    rng: Callable[..., np.random.Generator]
-    """The motion planner's generator; its argument is the draw, 0 by default."""
+    rng: Callable[[], np.random.Generator]
+    """Makes the motion planner's generator, always from the same seed."""
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
         """Run a skill on a worker while watching the stop, then charge its declared time to the clock.

@@ -61,7 +61,7 @@ def grasp(cell: Workcell, context: Context) -> Result:
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
     held = _close_and_confirm(cell, context, settings)
-    record = {"contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()}}
+    record: dict[str, object] = {"contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()}}
     if held.failure:
         return Result(Event.FAILED, context.with_failure(held.failure), record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}

@@ -56,7 +56,7 @@ def next_step(cell: Workcell, context: Context) -> Result:
         return Result(Event.ALL_FOLDED, context)
     fresh = replace(
         context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
-        inspection=None, pictures=(), plan_frames=None,
+        inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(),
     )  # fmt: skip
     return Result(Event.NEXT_FOLD, fresh)
 
@@ -97,11 +97,12 @@ def figures(seen: Inspection) -> dict[str, float]:
 def _compare(cell: Workcell, context: Context, shape: PredictedShape) -> Outcome[Inspection]:
     assert context.frame is not None
     frame = context.frame
+    flat_top = context.perception.top if context.perception else None
     return cell.compute(
         cell.settings.computing.inspection_s,
         lambda: inspect(
-            frame, cell.calibration, cell.table, context.reference, shape,
-            context.step, cell.inspection, context.previous,
+            frame, context.calibration(cell.calibration), cell.table, context.reference, shape,
+            context.step, cell.inspection, context.previous, flat_top,
         ),
     )  # fmt: skip
 

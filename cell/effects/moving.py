@@ -34,7 +34,7 @@ def move(cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False) ->
     if state.failure:
         return state.failure
     checked = check_trajectory(
-        cell.robot, cell.checker, trajectory, state.unwrap().q, cell.limits,
+        cell.robot, cell.guard, trajectory, state.unwrap().q, cell.limits,
         allow_fingertips=fingertips, start_tolerance=cell.execution.start,
     )  # fmt: skip
     if checked.failure:

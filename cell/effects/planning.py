@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.library import EDGE_LENGTH
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
@@ -47,9 +46,7 @@ def plan_steps(cell: Workcell, context: Context) -> Result:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
     steps = planned.unwrap()
-    mesh = mesh_from_contour(state.contour, EDGE_LENGTH, garment.layers)
-    for step in steps:
-        cell.recorder.plan(cell.ports.clock.now(), step)
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
     context = replace(
         context, steps=steps, mesh=mesh, vertices=mesh.lay_flat(garment.material.thickness), garment=garment,
         trajectory=None,
@@ -61,6 +58,7 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
     """Look the arc up; optimise it where the library has none, or where a recovery asks for it."""
     garment, step = context.known_garment, context.step
     settings = cell.settings.optimiser
+    cell.recorder.plan(cell.ports.clock.now(), step)
     if settings.use_library and not context.adjustments_of(Adjustment.OPTIMISE, Adjustment.PLAIN_ARC):
         found = _look_up(cell, garment, step)
         if found is not None:
@@ -101,18 +99,21 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
     speed = _tool_speed(cell, garment)
     paths = tool_paths(trajectory, step, speed)
     q_now = cell.ports.arms.state().q
-    rng = cell.rng(context.count(Adjustment.OTHER_SEARCH))
+    avoid = context.avoided if context.count(Adjustment.OTHER_SEARCH) else ()
     planned = cell.compute(
         cell.settings.computing.motion_s,
         lambda: plan_fold_motion(
             cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
-            approach_height=cell.settings.motion.approach_height, rng=rng,
+            approach_height=cell.settings.motion.approach_height, rng=cell.rng(), avoid=avoid,
         ),
     )  # fmt: skip
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     motion = planned.unwrap()
-    context = replace(context, motion=motion, planned_paths=paths, planned_step=step, tool_speed=speed)
+    context = replace(
+        context, motion=motion, planned_paths=paths, planned_step=step, tool_speed=speed,
+        avoided=(*context.avoided, motion.postures),
+    )  # fmt: skip
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, context, motion))
     context, missed = _believed(context, prediction)
@@ -182,10 +183,7 @@ def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPredic
     """The step simulated with the tool paths that the arms execute: lift, arc, orientation and time law."""
     assert context.mesh is not None and context.vertices is not None
     height = cell.settings.grasp.lift_height
-    executed = {
-        posture.path: _lifted(motion.tool_paths[arm], height)
-        for arm, posture in motion.postures.items()
-    }
+    executed = {posture.path: _lifted(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
     return predict_fold(
         context.mesh, context.vertices, context.known_garment.material, executed,
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,

@@ -12,6 +12,7 @@ from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import perceive
+from skills.perception.refine import refine_calibration
 from skills.vocabulary import Outcome
 
 __all__ = ["await_garment", "look", "photograph_table", "recognise"]
@@ -43,7 +44,12 @@ def photograph_table(cell: Workcell, context: Context) -> Result:
     shot = _capture(cell)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
-    return Result(Event.DONE, replace(context, reference=shot.unwrap()))
+    frame = shot.unwrap()
+    refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
+    context = replace(context, reference=frame, refined=refined.value)
+    if refined.failure:  # the table does not show well enough: the calibration stands as it is
+        return Result(Event.DONE, context, {"refined": False, "why": refined.failure.what})
+    return Result(Event.DONE, context, {"refined": True, **refined.notes})
 
 
 def await_garment(cell: Workcell, context: Context) -> Result:
@@ -69,7 +75,7 @@ def recognise(cell: Workcell, context: Context) -> Result:
         cell.settings.computing.perception_s,
         lambda: perceive(
             frame,
-            cell.calibration,
+            context.calibration(cell.calibration),
             cell.table,
             context.reference,
             cell.garments,

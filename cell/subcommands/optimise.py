@@ -13,7 +13,6 @@ from typing import Any
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.journal import to_json
-from cell.library import EDGE_LENGTH
 from cell.subcommands.output import print_json, progress_stream, write_whole
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
@@ -37,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     out = progress_stream(options.json)
 
     state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, EDGE_LENGTH, garment.layers)
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
     vertices = mesh.lay_flat(garment.material.thickness)
     predict = ClothPredictor()
     told: list[dict[str, Any]] = []

@@ -19,6 +19,9 @@ GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
 TOLERANCE = 0.03  # barycentric, how far beside a triangle a vertex still meets it
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
+# a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
+# act on it would be flung
+LEAST_SHARE = 0.25
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.15  # at most at this speed [m/s]
@@ -112,6 +115,7 @@ def narrow_vertex_triangle(count, pair, side, wait, tri, x, v, w, thick, span, a
         den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
         if den == 0.0:
             continue
+        den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
         act_n[n, 0], act_n[n, 1], act_n[n, 2] = s * nx * scale, s * ny * scale, s * nz * scale
@@ -172,6 +176,7 @@ def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span
         den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]
         if den == 0.0:
             continue
+        den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
         act_n[n, 0], act_n[n, 1], act_n[n, 2] = nx, ny, nz

@@ -527,7 +527,7 @@ def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):  # type: ignore[no-untyped-d
         n2 += d[m] * d[m]
     if n2 >= reach * reach or n2 < 1e-16:
         return
-    den = b * b * wa[i] + s * s * wa[j]
+    den = max(b * b * wa[i] + s * s * wa[j], 0.25 * max(wa[i], wa[j]))
     if den == 0.0:
         return
     dist = np.sqrt(n2)

@@ -118,6 +118,11 @@ class Garment:
         dx, dy = np.ptp(self.template, axis=0)
         return float(dx), float(dy)
 
+    @property
+    def mesh_edge_m(self) -> float:
+        """Edge length of the meshes that predict its folds [m]: coarser ones cannot bend twice."""
+        return float(np.clip(min(self.size_m) / 20.0, 0.014, 0.026))
+
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
         """(k, 2) where the key points lie, table frame, when the garment is laid at a pose."""
         c, s = np.cos(angle), np.sin(angle)

@@ -25,7 +25,8 @@ def sources(*folders: str) -> list[Path]:
 
 def test_the_inside_of_the_simulation_is_imported_by_itself_only() -> None:
     forbidden = {f"cell.simulation.{name}" for name in INNER}
-    found = {str(p.relative_to(ROOT)): imported(p) & forbidden for p in sources("cell", "calibration", "skills", "robots")}
+    files = sources("cell", "calibration", "skills", "robots")
+    found = {str(p.relative_to(ROOT)): imported(p) & forbidden for p in files}
     assert len(found) > 20
     assert {path: names for path, names in found.items() if names} == {}
 

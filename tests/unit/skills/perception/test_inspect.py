@@ -81,7 +81,7 @@ def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind
 
 
 def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
-    """The left arm lost its corner: the garment still reaches 12 cm beyond the line there, far from the targets."""
+    """The left arm lost its corner: the garment still reaches 12 cm beyond the line there."""
     grasps = {
         side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
     }

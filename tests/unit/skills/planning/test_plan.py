@@ -85,8 +85,9 @@ def test_arms_take_their_own_side_and_auto_never_gives_one_arm_both() -> None:
         for step in plan_folds(garment.flat_state(0.6, 0.0), garment).unwrap():
             assert set(step.grasps) <= {Side.LEFT, Side.RIGHT}
             assert len(step.grasps) == len(garment.plan[step.index].variants[0].grasps), name
-    half = plan_folds(GARMENTS["large_towel"].flat_state(0.6, 0.0), GARMENTS["large_towel"]).unwrap()[0]
-    assert half.grasps[Side.LEFT].point[1] > 0 > half.grasps[Side.RIGHT].point[1]
+    half, quarter = plan_folds(GARMENTS["large_towel"].flat_state(0.6, 0.0), GARMENTS["large_towel"]).unwrap()
+    assert half.grasps[Side.LEFT].point[0] > half.grasps[Side.RIGHT].point[0] + 0.3, "in line along x"
+    assert quarter.grasps[Side.LEFT].point[1] > quarter.grasps[Side.RIGHT].point[1] + 0.2, "side by side"
 
 
 def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
@@ -146,7 +147,7 @@ def test_what_does_not_fit_is_a_failure_with_its_reason() -> None:
     assert "far_left" in str(few.failure)
     flat = plan_folds(_collapsed(state, garment), garment)
     assert flat.failure is not None and flat.failure.kind is FailureKind.LOW_CONFIDENCE
-    with pytest.raises(ValueError, match="far_onto_near"):
+    with pytest.raises(ValueError, match="left_onto_right"):
         plan_folds(state, garment, {"half": "inside_out"})
 
 

@@ -113,7 +113,7 @@ def test_lookup_takes_the_nearest_and_only_within_limits() -> None:
     assert find(material=TOWEL.material.with_friction(2 * TOWEL.material.friction_static)) is None
     assert find(material=TOWEL.material.with_friction(1.2 * TOWEL.material.friction_static)) is small
     assert find(category="pants") is None and find(step="sleeve") is None
-    assert find(variant="near_onto_far") is None and find(variant="far_onto_near") is small
+    assert find(variant="other") is None and find(variant="far_onto_near") is small
 
 
 def test_a_nearer_fabric_wins_at_equal_size() -> None:
@@ -177,7 +177,7 @@ def test_an_edited_entry_is_refused_and_its_neighbour_kept() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "null", '{"entries": []}', '{"schema": "other/9", "entries": []}', '{"schema": "%s"}' % SCHEMA],
+    ["", "{", "[]", "null", '{"entries": []}', '{"schema": "other/9", "entries": []}', json.dumps({"schema": SCHEMA})],
 )
 def test_a_foreign_file_is_refused_with_its_reason(text: str) -> None:
     library, refused = from_json(text)

@@ -33,7 +33,7 @@ def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) 
     assert s[0] == pytest.approx(0.0, abs=1e-12) and s[-1] == pytest.approx(length, rel=1e-12)
     assert v.min() > -1e-9 and v.max() <= cap * (1 + 1e-6)
     assert np.abs(a).max() <= TOOL_ACCELERATION * 1.01
-    assert v[0] < 0.02 * cap and v[-1] < 0.02 * cap
+    assert max(v[0], v[-1]) <= TOOL_ACCELERATION * t[1]
     tight = v.max() > 0.999 * cap or np.abs(a).max() > 0.98 * TOOL_ACCELERATION
     assert tight, "a law that touches no cap is not the fastest"
 
@@ -97,7 +97,8 @@ def test_a_speed_cap_lengthens_and_a_pitch_profile_is_followed() -> None:
     trajectory = GraspTrajectory(CONTROLS, fold_duration(CONTROLS, 0.35), "optimised", 0.0, 0.0)
     slow = tool_paths(trajectory, STEP, max_speed=0.1, pitch={Side.LEFT: np.array([0.0, 0.4]), Side.RIGHT: 0.2})
     fast = tool_paths(trajectory, STEP, max_speed=1.0)
-    assert slow[Side.LEFT].t[-1] > 2.5 * fast[Side.LEFT].t[-1]
+    assert slow[Side.LEFT].t[-1] == pytest.approx(fold_duration(CONTROLS, 0.1))
+    assert slow[Side.LEFT].t[-1] > 2 * trajectory.duration
     assert fast[Side.LEFT].t[-1] == pytest.approx(trajectory.duration)
     assert slow[Side.LEFT].pitch[[0, -1]] == pytest.approx([0.0, 0.4])
     assert (np.diff(slow[Side.LEFT].pitch) >= -1e-12).all()

@@ -1,0 +1,82 @@
+"""The shipped garment files are true to the paper's table and fit the cell they are for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from cell.garments import list_garments, load_garment
+from skills.planning.plan import plan_folds
+
+GARMENTS = {name: load_garment(name) for name in list_garments()}
+
+PAPER = {  # stretch %, friction angle in degrees, folds
+    "long_sleeve_shirt_large": (2.9, 24.3, 3),
+    "long_sleeve_shirt_small": (2.9, 24.7, 3),
+    "jeans": (2.9, 19.1, 2),
+    "pants": (1.7, 21.9, 2),
+    "large_towel": (2.2, 18.7, 2),
+    "medium_towel": (3.1, 22.3, 2),
+    "small_towel": (1.1, 24.3, 2),
+}
+
+# The camera over the head sees this much of the table plane (x, |y|): nearer rows are narrower.
+VIEW = shapely.Polygon([(0.17, -0.52), (1.10, -0.72), (1.10, 0.72), (0.17, 0.52)])
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_measured_figures_are_the_papers(name: str) -> None:
+    stretch, angle, folds = PAPER[name]
+    garment = GARMENTS[name]
+    assert garment.material.stretch_fraction == pytest.approx(stretch / 100)
+    assert garment.material.friction_static == pytest.approx(math.tan(math.radians(angle)))
+    assert len(garment.plan) == folds
+    assert not {"stretch_fraction", "friction_static"} & set(garment.material.assumed)
+    assert {"areal_mass", "bending_length", "thickness", "friction_layers"} <= set(garment.material.assumed)
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_every_pose_is_in_view_and_on_the_table(name: str) -> None:
+    garment = GARMENTS[name]
+    for x, y, angle in itertools.product(garment.poses.x, garment.poses.y, garment.poses.angle):
+        points = garment.place(x, y, angle)
+        assert shapely.Polygon(points).within(VIEW)
+        assert points[:, 0].min() >= 0.24 and points[:, 0].max() <= 0.98
+        assert garment.poses.contains(x, y, angle)
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_drawn_poses_stay_in_their_ranges_and_follow_the_seed(name: str) -> None:
+    poses = GARMENTS[name].poses
+    drawn = [poses.sample(np.random.default_rng(7)) for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    rng = np.random.default_rng(8)
+    samples = np.array([poses.sample(rng) for _ in range(200)])
+    assert all(poses.contains(*s) for s in samples)
+    assert (np.ptp(samples, axis=0) > 0.7 * np.ptp([poses.x, poses.y, poses.angle], axis=1)).all()
+    assert poses.contains(*poses.middle)
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_laying_is_a_similarity(name: str) -> None:
+    garment = GARMENTS[name]
+    placed = garment.place(0.5, 0.1, 0.4, 1.1)
+    before = np.linalg.norm(garment.template[:, None] - garment.template, axis=-1)
+    after = np.linalg.norm(placed[:, None] - placed, axis=-1)
+    assert np.allclose(after, 1.1 * before)
+    assert shapely.Polygon(placed).exterior.is_ccw
+    turned = garment.place(0.0, 0.0, np.pi / 2)
+    assert np.allclose(turned, garment.template @ np.array([[0, 1], [-1, 0]]))
+
+
+@pytest.mark.parametrize("name", GARMENTS)
+def test_a_garment_laid_out_flat_can_be_planned_in_all_its_variants(name: str) -> None:
+    garment = GARMENTS[name]
+    state = garment.flat_state(*garment.poses.middle)
+    for step in garment.plan:
+        for variant in step.variants:
+            assert plan_folds(state, garment, {step.name: variant.name}).ok
