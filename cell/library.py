@@ -31,6 +31,7 @@ __all__ = [
     "write_library",
 ]
 
+
 @dataclass(frozen=True)
 class LoadedLibrary:
     """library: what can be used. refused: file and reason of what cannot, for the operator to see."""
@@ -120,9 +121,7 @@ def build_library(
     return Library(library.entries[::-1])
 
 
-def build_garment(
-    garment: Garment, method: str = "default", predict: Predictor | None = None
-) -> list[BuiltStep]:
+def build_garment(garment: Garment, method: str = "default", predict: Predictor | None = None) -> list[BuiltStep]:
     """The entries for one garment's plan. It ends at the first step that cannot be optimised."""
     predict = predict or ClothPredictor()
     state = garment.flat_state(*garment.poses.middle)
@@ -154,9 +153,7 @@ def _folded(
     return predict(mesh, positions, garment.material, tool_paths(trajectory, step))
 
 
-def _entry(
-    garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str
-) -> LibraryEntry:
+def _entry(garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str) -> LibraryEntry:
     return entry_from(
         outcome.unwrap(),
         step,
@@ -176,7 +173,7 @@ def _entry(
 def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:
     try:
         text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return Library(), ()
     except (OSError, UnicodeDecodeError) as error:
         return Library(), (Refusal(-1, f"cannot be read: {error}"),)

@@ -145,7 +145,7 @@ def _descend(
 def _goal(cell: Workcell, context: Context, side: Side, lowest: float) -> DescentGoal:
     """Contact is expected on top of the stack under the hand; the bottom is what the arm can reach."""
     height = context.grasp_of(side).height
-    return DescentGoal(contact=height, bottom=min(max(lowest, -0.008), height))
+    return DescentGoal(contact=height, bottom=min(max(lowest, -0.008), height), through=height)
 
 
 def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, float]) -> Array:
