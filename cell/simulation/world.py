@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import pybullet as pb
 
 from cell.garments import list_garments, load_garment
 from cell.simulation import contact
@@ -30,7 +29,7 @@ from cell.simulation.tactile import SimulatedTactile
 from cell.simulation.truth import GarmentTruth, Truth
 from robots.baxter.camera_mount import INTRINSICS, T_HEAD_CAMERA, T_base_head
 from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
-from robots.baxter.pybullet_body import BaxterBody
+from robots.baxter.pybullet_body import BaxterBody, pb
 from robots.baxter.pybullet_files import seen_urdf
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Side, frozen

@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import pybullet as pb
 
 from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES
 from robots.baxter.pybullet_files import moving_urdf, srdf_disabled_pairs
+from robots.baxter.silence import silenced
 from robots.ports import Array, Side
 
-__all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map"]
+with silenced():  # it prints when it was built
+    import pybullet as pb
+
+__all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map", "pb"]
 
 ARM_EFFORT = 150.0
 """[Nm] The URDF's 50 Nm leave out the springs that carry the upper arm at S1: with them it sags 0.23 rad."""
@@ -48,7 +51,8 @@ class BaxterBody:
     def __init__(self, client: int) -> None:
         self._client = client
         flags = pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_USE_SELF_COLLISION
-        self._body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, flags=flags, physicsClientId=client)
+        with silenced():  # it warns of links without mass, which are only frames
+            self._body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, flags=flags, physicsClientId=client)
         joints = joint_map(self._body, client)
         self._arms = [joints[name] for name in JOINT_NAMES]
         self._fingers = {side: tuple(joints[name] for name in FINGER_JOINTS[side]) for side in Side}

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.cloth.contact import (
     EDGE_SHARE,
+    OVERLAP_SHARE,
+    OVERLAP_SPEED,
     narrow_edge_edge,
     narrow_vertex_triangle,
     solve_contacts,
@@ -32,6 +34,9 @@ CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their
 SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
 READY_RINGS = 3  # about what is awake: pairs there are searched in advance
 HORIZON = 2.0  # frames for which the search looks ahead
+SWEEPS = 4
+STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
+STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
@@ -73,7 +78,6 @@ class Rules(NamedTuple):
     max_speed: float
     drag: float
     bend_gamma: float
-    bend_every: int
     sleep_distance: float
     sleep_frames: int
     table: bool
@@ -81,7 +85,7 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep."""
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep; wc: the same for contacts."""
 
     x: Array
     xp: Array
@@ -91,6 +95,7 @@ class State(NamedTuple):
     built: Array
     course: Array
     wa: Array
+    wc: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
     ready: NDArray[np.bool_]
@@ -131,20 +136,23 @@ class Pairs(NamedTuple):
 
 
 class Holds(NamedTuple):
-    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame; hand: (m,), -1 unused.
+    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame when the pads
+    met it; height: (m,) tool z at which it is held; hand: (m,), -1 unused.
 
     age: (2,) [s] since each hand closed. impulse: (2, 3) summed over a frame; force: (2, 3) [N] mean of the
-    last frame on the hand. limit: (2,) [N], beyond which the pinch lets go.
+    last frame on the hand. limit: (2,) [N], beyond which the pinch lets go. points: (2,) held.
     """
 
     vertex: NDArray[np.int32]
     bary: Array
     offset: Array
+    height: Array
     hand: NDArray[np.int32]
     age: Array
     impulse: Array
     force: Array
     limit: Array
+    points: NDArray[np.int64]
 
 
 @njit(nogil=True)
@@ -198,7 +206,7 @@ def _stir_by_contact(n, act_i, stirred, near):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, awake, wa, w):  # type: ignore[no-untyped-def]
+def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, awake, wa, wc, w):  # type: ignore[no-untyped-def]
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke for which no pairs were searched."""
     changed = unsearched = False
@@ -214,7 +222,7 @@ def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, a
                 ref[i, m] = built[i, m] = xp[i, m] = x[i, m]
                 v[i, m] = course[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
-            awake[i], wa[i] = False, 0.0
+            awake[i], wa[i], wc[i] = False, 0.0, 0.0
             changed = True
             for m in range(3):
                 xp[i, m] = u[i, m] = x[i, m]
@@ -240,7 +248,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  
                 near[vertex[k, m]] = True
     changed, unsearched = _settle(
         rules.sleep_frames, near, state.ready, state.x, state.xp, state.u, state.v, state.ref, state.built, state.course,
-        state.quiet, state.awake, state.wa, body.w,
+        state.quiet, state.awake, state.wa, state.wc, body.w,
     )  # fmt: skip
     if changed:
         count[PACKED] = 0
@@ -283,7 +291,7 @@ def _pack(body, rules, state):  # type: ignore[no-untyped-def]
             for m in range(4):
                 state.hinge[n, m] = body.hinge[e, m]
                 state.weight[n, m] = body.weight[e, m]
-            state.inverse[n] = grow / (den + body.bend[e] * inv_h2 / rules.bend_every)
+            state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
             n += 1
     count[HINGES] = n
     count[PACKED] = 1
@@ -387,6 +395,15 @@ def _get(key, row, k):  # type: ignore[no-untyped-def]
     return -1
 
 
+@njit(nogil=True)
+def _weigh(index, n_awake, x, wa, wc, table):  # type: ignore[no-untyped-def]
+    """Inverse masses for contacts: what lies lower on the table acts heavier, as if the table's hold had already
+    come up to it. One sweep then carries a stack of layers (shock propagation, Guendelman et al. 2003)."""
+    for c in range(n_awake):
+        i = index[c]
+        wc[i] = wa[i] * np.exp(min(max(x[i, 2], 0.0), STACK_HEIGHT) / STACK_SCALE) if table else wa[i]
+
+
 @njit(nogil=True, fastmath={"contract"})
 def _needs_search(rules, state):  # type: ignore[no-untyped-def]
     """Whether a vertex strayed from the course that the last search foresaw (or could before the next look)."""
@@ -449,10 +466,7 @@ def _table_and_speed(rules, state):  # type: ignore[no-untyped-def]
         i = state.index[c]
         if rules.table and x[i, 2] < low:
             old = xp[i, 2]
-            if old < low:
-                old = min(low, old + min(0.2 * (low - old), 0.15 * rules.h))
-                xp[i, 2] = old
-            floor = min(low, old)
+            floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
             press = floor - x[i, 2]
             if press > 0.0:
                 dx, dy = x[i, 0] - xp[i, 0], x[i, 1] - xp[i, 1]
@@ -471,37 +485,64 @@ def _table_and_speed(rules, state):  # type: ignore[no-untyped-def]
 @njit(nogil=True, fastmath={"contract"})
 def _hold(rules, state, holds, a, tool_p, tool_r, f):  # type: ignore[no-untyped-def]
     """Draw the pinched points to where the tools have them, at the share a of frame f."""
-    soft = rules.hold_compliance / rules.h**2
-    x, wa = state.x, state.wa
     frame = rules.h * rules.substeps
-    hands = holds.hand
-    for k in range(len(hands)):
-        hand = hands[k]
-        if hand < 0:
+    pose = np.empty((4, 3))
+    for hand in range(2):
+        if holds.points[hand] == 0:
             continue
-        ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
-        i, j, m = holds.vertex[k, 0], holds.vertex[k, 1], holds.vertex[k, 2]
-        bi, bj, bm = holds.bary[k, 0], holds.bary[k, 1], holds.bary[k, 2]
-        inv = 1.0 / (wa[i] * bi * bi + wa[j] * bj * bj + wa[m] * bm * bm + soft)
-        ox, oy, oz = holds.offset[k, 0], holds.offset[k, 1] * ramp, holds.offset[k, 2]
         for d in range(3):
-            p0 = (
-                tool_p[f, hand, d]
-                + tool_r[f, hand, d, 0] * ox
-                + tool_r[f, hand, d, 1] * oy
-                + tool_r[f, hand, d, 2] * oz
-            )
-            p1 = (
-                tool_p[f + 1, hand, d]
-                + tool_r[f + 1, hand, d, 0] * ox
-                + tool_r[f + 1, hand, d, 1] * oy
-                + tool_r[f + 1, hand, d, 2] * oz
-            )
-            s = (p0 + a * (p1 - p0) - bi * x[i, d] - bj * x[j, d] - bm * x[m, d]) * inv
-            x[i, d] += wa[i] * bi * s
-            x[j, d] += wa[j] * bj * s
-            x[m, d] += wa[m] * bm * s
-            holds.impulse[hand, d] -= s
+            pose[0, d] = tool_p[f, hand, d] + a * (tool_p[f + 1, hand, d] - tool_p[f, hand, d])
+            for m in range(3):
+                pose[1 + m, d] = tool_r[f, hand, d, m] + a * (tool_r[f + 1, hand, d, m] - tool_r[f, hand, d, m])
+        ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
+        _hold_line(
+            hand, pose, ramp, rules.hold_compliance / rules.h**2, state.x, state.wa, holds.vertex, holds.bary, holds.offset,
+            holds.height, holds.hand, holds.impulse,
+        )  # fmt: skip
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):  # type: ignore[no-untyped-def]
+    """One hand's points. Several layers are held as a stack that is free to turn about the line: they keep their
+    distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
+    # the middle height of the stack, and the moments of where its layers are about the line
+    mean = 0.0
+    n = 0
+    for k in range(len(owner)):
+        if owner[k] == hand:
+            mean += height[k]
+            n += 1
+    mean /= n
+    along, across = 0.0, 0.0
+    for k in range(len(owner)):
+        if owner[k] != hand:
+            continue
+        i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]
+        y, z = 0.0, -mean
+        for d in range(3):
+            p = bary[k, 0] * x[i, d] + bary[k, 1] * x[j, d] + bary[k, 2] * x[m, d] - pose[0, d]
+            y += p * pose[2, d]
+            z += p * pose[3, d]
+        along += (height[k] - mean) * z
+        across += (height[k] - mean) * y
+    size = np.sqrt(along * along + across * across)
+    c, s = (along / size, across / size) if size > 1e-12 else (1.0, 0.0)
+    for k in range(len(owner)):
+        if owner[k] != hand:
+            continue
+        i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]
+        bi, bj, bm = bary[k, 0], bary[k, 1], bary[k, 2]
+        inv = 1.0 / (wa[i] * bi * bi + wa[j] * bj * bj + wa[m] * bm * bm + soft)
+        r = height[k] - mean
+        ox, oy = offset[k, 0], s * r + (offset[k, 1] - s * r) * ramp
+        oz = mean + c * r + (offset[k, 2] - mean - c * r) * ramp
+        for d in range(3):
+            p = pose[0, d] + pose[1, d] * ox + pose[2, d] * oy + pose[3, d] * oz
+            g = (p - bi * x[i, d] - bj * x[j, d] - bm * x[m, d]) * inv
+            x[i, d] += wa[i] * bi * g
+            x[j, d] += wa[j] * bj * g
+            x[m, d] += wa[m] * bm * g
+            impulse[hand, d] -= g
 
 
 @njit(nogil=True)
@@ -632,6 +673,7 @@ def _let_go(holds):  # type: ignore[no-untyped-def]
             for k in range(len(holds.hand)):
                 if holds.hand[k] == hand:
                     holds.hand[k] = -1
+            holds.points[hand] = 0
 
 
 def _fingerprint() -> str:
@@ -675,26 +717,26 @@ def _compile(sources: str) -> Callable[..., int]:
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
                         half = count[HALF]
+                        _weigh(state.index, count[AWAKE], state.x, state.wa, state.wc, rules.table)
                         n = narrow_vertex_triangle(
-                            count[VT], pairs.vt[half], pairs.side[half], pairs.vt_wait, body.tri, state.x, state.v, state.wa, thick, PHASE * h,
+                            count[VT], pairs.vt[half], pairs.side[half], pairs.vt_wait, body.tri, state.x, state.v, state.wc, thick, PHASE * h,
                             pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, 0,
                         )  # fmt: skip
                         count[ACTIVE] = narrow_edge_edge(
-                            count[EE], pairs.ee[half], pairs.near[half], pairs.normal[half], pairs.ee_wait, body.edge, state.x, state.v, state.wa,
+                            count[EE], pairs.ee[half], pairs.near[half], pairs.normal[half], pairs.ee_wait, body.edge, state.x, state.v, state.wc,
                             EDGE_SHARE * thick, PHASE * h, pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, n,
                         )  # fmt: skip
                         count[AGE] += PHASE
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     _integrate(rules, state)
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
-                    if s % rules.bend_every == 0:
-                        _bend(rules, state)
+                    _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
-                    if count[ACTIVE] > 0:
+                    for sweep in range(SWEEPS):
                         solve_contacts(
-                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wa, state.x,
-                            state.xp, rules.mu_layers, h,
+                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wc, state.x,
+                            state.xp, rules.mu_layers, h, sweep,
                         )  # fmt: skip
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)

@@ -19,6 +19,9 @@ from skills.cloth.mesh import ClothMesh
 __all__ = ["PadGeometry", "PinchReport", "PinchedPoints", "find_pinched"]
 
 
+PRESSED = 0.8  # of the distance between layers is left between the pads
+
+
 @dataclass(frozen=True)
 class PadGeometry:
     """width along the tool's x, stroke (opening before closing) along its y, depth along -z [m].
@@ -54,6 +57,13 @@ class PinchedPoints:
     bary: Array
     offset: Array
     layers: int
+
+    @property
+    def height(self) -> Array:
+        """(m,) tool z at which the points are held [m]: the pads press the layers onto each other, so that the
+        stack can turn over about the line."""
+        middle = float(self.offset[:, 2].mean()) if len(self.offset) else 0.0
+        return middle + PRESSED * (self.offset[:, 2] - middle)
 
     @property
     def report(self) -> PinchReport:

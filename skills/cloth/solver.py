@@ -111,7 +111,7 @@ class ClothSimulation:
         self._body = _body(mesh, material, self.settings)
         if fixed is not None:
             self._body.w[fixed] = 0.0
-        self._rules = _rules(mesh, material, self.settings, self.pads, table, self._body)
+        self._rules = _rules(material, self.settings, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
         self._pairs = _new_pairs(16 * n, 12 * n)
@@ -149,7 +149,7 @@ class ClothSimulation:
         s.x[:], s.xp[:], s.ref[:], s.built[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
-        s.u[:] = x
+        s.u[:], s.wc[:] = x, self._body.w
         s.count[:] = 0
         free = np.flatnonzero(s.awake)
         s.index[: len(free)] = free
@@ -157,6 +157,7 @@ class ClothSimulation:
         self._pairs.side[:] = 0
         self._pairs.near[:] = False
         self._holds.hand[:] = -1
+        self._holds.points[:] = 0
         self._holds.force[:] = 0.0
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
@@ -171,7 +172,9 @@ class ClothSimulation:
         free = np.flatnonzero(h.hand < 0)[: len(found.vertex)]
         m = len(free)
         h.vertex[free], h.bary[free], h.offset[free] = found.vertex[:m], found.bary[:m], found.offset[:m]
+        h.height[free] = found.height[:m]
         h.hand[free] = hand
+        h.points[hand] = m
         h.age[hand] = 0.0
         h.force[hand] = 0.0
         h.limit[hand] = 2.0 * self.pads.friction * force
@@ -181,6 +184,7 @@ class ClothSimulation:
     def release(self, hand: int) -> None:
         """Open the pads of `hand`."""
         self._holds.hand[self._holds.hand == hand] = -1
+        self._holds.points[hand] = 0
         self._holds.force[hand] = 0.0
 
     def set_grip_force(self, hand: int, force: float) -> None:
@@ -300,14 +304,9 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kern
     )  # fmt: skip
 
 
-def _rules(
-    mesh: ClothMesh, material: Material, settings: SolverSettings, pads: PadGeometry, table: bool, body: kernel.Body
-) -> kernel.Rules:
+def _rules(material: Material, settings: SolverSettings, pads: PadGeometry, table: bool) -> kernel.Rules:
     h = settings.frame / settings.substeps
     gamma = settings.bend_damping / h
-    # bending is soft against the masses on the usual meshes: then every other substep is enough
-    own = (body.weight**2 * body.w[body.hinge]).sum(axis=1) + 1e-30
-    soft = len(own) == 0 or float(np.min(body.bend / h**2 / own)) > 40.0
     gx, gy, gz = settings.gravity
     return kernel.Rules(
         h=h,
@@ -322,7 +321,6 @@ def _rules(
         max_speed=settings.max_speed,
         drag=settings.drag,
         bend_gamma=gamma,
-        bend_every=2 if soft else 1,
         sleep_distance=settings.sleep_distance,
         sleep_frames=settings.sleep_frames if settings.sleep_frames > 0 else 2**30,
         table=table,
@@ -335,7 +333,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         return np.zeros(shape)
 
     return kernel.State(
-        x=f(n, 3), xp=f(n, 3), v=f(n, 3), u=f(n, 3), ref=f(n, 3), built=f(n, 3), course=f(n, 3), wa=f(n),
+        x=f(n, 3), xp=f(n, 3), v=f(n, 3), u=f(n, 3), ref=f(n, 3), built=f(n, 3), course=f(n, 3), wa=f(n), wc=f(n),
         quiet=np.zeros(n, np.int32), awake=np.ones(n, np.bool_), ready=np.ones(n, np.bool_),
         stirred=np.zeros(n, np.bool_), near=np.zeros(n, np.bool_), index=np.zeros(n, np.int32),
         count=np.zeros(16, np.int64), edge=np.zeros((edges, 2), np.int32), length=f(edges), wi=f(edges), wj=f(edges),
@@ -355,8 +353,9 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
 
 def _new_holds() -> kernel.Holds:
     return kernel.Holds(
-        np.zeros((MAX_HELD, 3), np.int32), np.zeros((MAX_HELD, 3)), np.zeros((MAX_HELD, 3)),
+        np.zeros((MAX_HELD, 3), np.int32), np.zeros((MAX_HELD, 3)), np.zeros((MAX_HELD, 3)), np.zeros(MAX_HELD),
         np.full(MAX_HELD, -1, np.int32), np.zeros(HANDS), np.zeros((HANDS, 3)), np.zeros((HANDS, 3)), np.zeros(HANDS),
+        np.zeros(HANDS, np.int64),
     )  # fmt: skip
 
 

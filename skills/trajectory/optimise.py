@@ -42,9 +42,10 @@ POLISH_DELTA = 0.05
 PAPER_DELTAS = (0.1, 0.001)
 """The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
 
-LOWEST, HIGHEST = 0.1, 1.2
-"""Bounds of the inner control points' height and of their way along the fold, in units of its distance."""
+LOWEST, HIGHEST = 0.3, 1.2
 BACK, BEYOND = -0.2, 1.2
+"""Bounds of the inner control points' height and of their way along the fold, in units of its distance. A low arc
+is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment."""
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
@@ -79,9 +80,7 @@ def optimise_fold(
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
     search, default_budget = METHODS[method]
-    problem = FoldProblem(
-        step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height
-    )
+    problem = FoldProblem(step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height)
     own = ThreadPoolExecutor(threads) if executor is None else None
     try:
         evaluator = Evaluator(problem, budget or default_budget, executor or own, progress)  # type: ignore[arg-type]
@@ -190,9 +189,7 @@ def _shared(problem: FoldProblem, x: Array) -> Controls:
     return {side: frame.denormalise(inner) for side, frame in problem.frames.items()}
 
 
-def _polish(
-    problem: FoldProblem, evaluator: Evaluator, x0: Array, controls: Callable[[Array], Controls]
-) -> None:
+def _polish(problem: FoldProblem, evaluator: Evaluator, x0: Array, controls: Callable[[Array], Controls]) -> None:
     """Secant Levenberg-Marquardt from the best point known, within what is left of the budget."""
     if evaluator.left <= len(x0):
         return
@@ -233,9 +230,7 @@ def _secant(
     def many(points: Sequence[Array]) -> list[Array]:
         return [np.array([c.cost]) for c in evaluator.many([controls(x) for x in points])]
 
-    secant_levenberg_marquardt(
-        lambda x: many([x])[0], x0, options, many=many, f0=np.array([known.cost])
-    )
+    secant_levenberg_marquardt(lambda x: many([x])[0], x0, options, many=many, f0=np.array([known.cost]))
 
 
 METHODS: dict[str, tuple[Callable[[FoldProblem, Evaluator], object], int]] = {

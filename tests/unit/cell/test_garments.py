@@ -54,7 +54,7 @@ BROKEN = {
     "not a number": ({"max_tool_speed": float("nan")}, ["max_tool_speed", "nan"]),
     "three layers": ({"layers": 3}, ["layers", "3"]),
     "empty plan": ({"plan": []}, ["plan"]),
-    "pose upside down": ({"poses": {"x": [0.6, 0.5], "y": [0, 0], "angle_deg": [0, 0]}}, ["poses", "lower end 0.6"]),
+    "pose upside down": ({"poses": {"x": [0.6, 0.5], "y": [0, 0], "angle_deg": [0, 0]}}, ["lower end 0.6"]),
     "no poses": ({"poses": None}, ["poses"]),
     "clockwise": ({"keypoints": {"near_right": [-0.2, -0.3], "near_left": [-0.2, 0.3], "far_left": [0.2, 0.3],
                                  "far_right": [0.2, -0.3]}}, ["counter-clockwise"]),
@@ -62,7 +62,7 @@ BROKEN = {
                                 "near_left": [-0.2, 0.3]}}, ["crosses itself"]),
     "off centre": ({"keypoints": {"near_right": [0, 0], "far_right": [0.4, 0], "far_left": [0.4, 0.6],
                                   "near_left": [0, 0.6]}}, ["middle", "0.2"]),
-    "edge of nothing": ({"edge_pairs": [[["near_right", "hood"], ["far_right", "far_left"]]]}, ["hood", "near_left"]),
+    "edge of nothing": ({"edge_pairs": [[["near_right", "hood"], ["far_right", "far_left"]]]}, ["hood", "near"]),
 }  # fmt: skip
 
 

@@ -119,7 +119,8 @@ def test_empty_pads_that_press_on_one_another_hold_nothing(scale: float, least: 
     found = 0
     for seed in range(N):
         hand, pads = grasp(seed, scale, 0)
-        end = confirm_on(hand, pads, 1, 0.0010)
+        any_number = seed % 2 == 0  # even when any number of layers would do
+        end = confirm_on(hand, pads, None if any_number else 1, 0.0010)
         found += end.failure is not None and end.failure.kind is FailureKind.MISSED_GRASP
     assert found >= least
 

@@ -140,6 +140,18 @@ def test_a_slow_slip_is_not_taken_for_drift() -> None:
         assert failure is not None and 2.5 < t < 5.0
 
 
+def test_a_slip_slower_than_the_baseline_follows_is_seen_too() -> None:
+    """A loss by e every 20 s: each moment looks like drift, the sum does not."""
+    for seed in range(4):
+        hand, watch = start(seed, 1.0)
+
+        def creep(hand: SensedHand, t: float) -> None:
+            hand.pads = 12.0 * np.ones(2) * np.exp(-t / 20.0)
+
+        failure, t = fold(hand, watch, creep, 25.0)
+        assert failure is not None and 14.0 < t < 22.0
+
+
 def test_slow_drift_is_not_taken_for_a_slip() -> None:
     """A force that settles by a fifth, on sensors that drift ten times as fast as they should."""
     for seed in range(30):

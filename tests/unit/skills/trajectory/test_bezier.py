@@ -44,7 +44,7 @@ def test_split_gives_the_same_curve_in_two(seed: int, at: float) -> None:
 
 
 @given(seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_length_is_the_integral_of_speed(seed: int) -> None:
     control = controls(seed)
     derivative = 3 * np.diff(control, axis=0)

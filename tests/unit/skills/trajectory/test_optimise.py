@@ -133,9 +133,7 @@ def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
 def test_single_arm_folds_are_optimised_too() -> None:
     from dataclasses import replace
 
-    one = replace(
-        HALF, grasps={Side.LEFT: HALF.grasps[Side.LEFT]}, targets={Side.LEFT: HALF.targets[Side.LEFT]}
-    )
+    one = replace(HALF, grasps={Side.LEFT: HALF.grasps[Side.LEFT]}, targets={Side.LEFT: HALF.targets[Side.LEFT]})
     outcome = optimise_fold(one, MESH, FLAT, TOWEL.material, predict=Bowl(one))
     assert set(outcome.unwrap().control_points) == {Side.LEFT}
 

@@ -177,7 +177,7 @@ def test_an_edited_entry_is_refused_and_its_neighbour_kept() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "null", '{"entries": []}', '{"schema": "other/9", "entries": []}', json.dumps({"schema": SCHEMA})],
+    ["", "{", "[]", '{"entries": []}', '{"schema": "other/9", "entries": []}', f'{{"schema": "{SCHEMA}"}}'],
 )
 def test_a_foreign_file_is_refused_with_its_reason(text: str) -> None:
     library, refused = from_json(text)

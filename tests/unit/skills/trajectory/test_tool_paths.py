@@ -17,9 +17,7 @@ from skills.vocabulary import GraspTrajectory, Side
 
 TOWEL = load_garment("medium_towel")
 STEP = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()[0]
-CONTROLS = {
-    s: initial_controls(f.start, f.end) for s, f in frames_of(STEP, TOWEL.material.thickness).items()
-}
+CONTROLS = {s: initial_controls(f.start, f.end) for s, f in frames_of(STEP, TOWEL.material.thickness).items()}
 
 
 @given(st.floats(0.01, 2.0), st.floats(0.05, 1.0))

@@ -1,0 +1,137 @@
+"""The library's files: whole or not at all, the user's before the shipped, nothing broken used or lost."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cell.library as files
+from cell.garments import load_garment
+from cell.library import (
+    add_entry,
+    build_garment,
+    build_library,
+    load_library,
+    shipped_library_path,
+    user_library_path,
+    write_library,
+)
+from robots.errors import CellError, FailureKind, StorageError
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+from skills.trajectory.library import Library, LibraryEntry, from_json, lookup, to_json, trajectory_from
+from skills.vocabulary import Side
+
+TOWELS = ("small_towel", "medium_towel", "large_towel")
+TOWEL = load_garment("medium_towel")
+
+
+def perfect(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+    """A stand-in simulation: the fold comes out 3 mm high, whatever the arc."""
+    state = TOWEL.flat_state(*TOWEL.poses.middle)
+    steps = plan_folds(state, TOWEL).unwrap()
+    start = next(iter(paths.values())).position[0, :2]
+    step = next(s for s in steps if any(np.allclose(g.point, start) for g in s.grasps.values()))
+    return target_vertices(mesh, step.lines, material) + np.array([0, 0, 0.003])
+
+
+@pytest.fixture(scope="module")
+def built() -> Library:
+    return build_library([TOWEL], method="initial", predict=perfect)
+
+
+def test_building_makes_an_entry_for_every_step_with_its_provenance(built: Library) -> None:
+    assert [e.step for e in built.entries] == [s.name for s in TOWEL.plan]
+    for entry in built.entries:
+        assert entry.garment == "medium_towel" and entry.material == TOWEL.material
+        assert entry.dissimilarity == pytest.approx(0.003) == entry.dissimilarity_initial
+        assert entry.method == "initial" and entry.simulations == 1 and entry.version
+        assert set(entry.inner) == {Side.LEFT, Side.RIGHT}
+
+
+def test_building_ends_at_the_step_that_fails_and_says_why() -> None:
+    def fails(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        raise CellError("no")
+
+    (only,) = build_garment(TOWEL, "initial", fails)
+    assert only.entry is None and only.failure is not None
+    assert only.failure.kind is FailureKind.OPTIMISER_FAILED
+    reports: list[str] = []
+    library = build_library([TOWEL], "initial", fails, report=lambda b: reports.append(b.step))
+    assert library.entries == () and reports == ["half"]
+
+
+def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library) -> None:
+    shipped = load_library().library
+    half, quarter = built.entries
+    add_entry(tmp_path, half)
+    add_entry(tmp_path, quarter)
+    add_entry(tmp_path, replace(half, simulations=99))
+    loaded = load_library(tmp_path)
+    assert not loaded.refused
+    assert len(loaded.library.entries) == 2 + len(shipped.entries)
+    found = lookup(loaded.library, "towel", "half", TOWEL.material, TOWEL.size_m)
+    assert found is not None and found.simulations == 99
+
+
+def test_nothing_is_left_half_written(tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = user_library_path(tmp_path)
+    write_library(path, built)
+    before = path.read_bytes()
+
+    def full(_fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left"):
+        write_library(path, Library())
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_a_folder_that_is_a_file_is_a_storage_error(tmp_path: Path, built: Library) -> None:
+    (tmp_path / "logs").write_text("")
+    with pytest.raises(StorageError) as caught:
+        add_entry(tmp_path / "logs", built.entries[0])
+    assert "--logs" in str(caught.value)
+
+
+def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path: Path, built: Library) -> None:
+    path = user_library_path(tmp_path)
+    path.write_text("{ broken")
+    loaded = load_library(tmp_path)
+    assert [p for p, _ in loaded.refused] == [path] and "JSON" in loaded.refused[0][1].reason
+    assert len(loaded.library.entries) == len(load_library().library.entries)
+    add_entry(tmp_path, built.entries[0])
+    assert (tmp_path / "library.json.refused").read_text() == "{ broken"
+    assert not load_library(tmp_path).refused
+
+
+def test_one_damaged_entry_costs_only_itself(tmp_path: Path, built: Library) -> None:
+    path = user_library_path(tmp_path)
+    path.write_text(to_json(built).replace('"method": "initial"', '"method": "default"', 1))
+    loaded = load_library(tmp_path)
+    assert len(loaded.refused) == 1 and loaded.refused[0][1].index == 0
+    assert built.entries[1].step in [e.step for e in loaded.library.entries if e.garment == "medium_towel"]
+
+
+@pytest.mark.parametrize("name", TOWELS)
+def test_the_shipped_library_has_every_towel_step(name: str) -> None:
+    """Shipped entries are whole, belong to the garment files as they are now, and are good folds."""
+    library, refused = from_json(shipped_library_path().read_text())
+    assert not refused
+    garment = load_garment(name)
+    for step in plan_folds(garment.flat_state(*garment.poses.middle), garment).unwrap():
+        entry = lookup(library, garment.category, step.name, garment.material, garment.size_m)
+        assert isinstance(entry, LibraryEntry) and entry.garment == name
+        assert entry.material == garment.material and entry.size_m == pytest.approx(garment.size_m)
+        diagonal = float(np.hypot(*garment.size_m))
+        assert entry.dissimilarity <= entry.dissimilarity_initial + 1e-9
+        assert entry.dissimilarity < 0.025 * diagonal
+        found = trajectory_from(entry, step, garment.material.thickness)
+        assert found is not None
+        assert all(np.isfinite(c).all() and c[:, 2].min() >= 0 for c in found.control_points.values())
