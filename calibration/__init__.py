@@ -1,0 +1,1 @@
+"""Procedures that make the model match the cell."""

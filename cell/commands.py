@@ -41,6 +41,11 @@ class CommandQueue:
                     return command
         return None
 
+    def drop(self, void: Set[Event]) -> None:
+        """Forget these commands: what was said before a question was asked does not answer it."""
+        with self._lock:
+            self._queue = deque(c for c in self._queue if c not in void)
+
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
         """As `take`, but give a person `seconds` of real time to say it."""
         with self._lock:

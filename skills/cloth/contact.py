@@ -1,9 +1,10 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
 """Self-contact of cloth: vertex against triangle and edge against edge.
 
 The search for pairs is in tree.py. Narrow phase, every few substeps: which of the pairs are near, on which
-side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the next narrow
-phase. The side of a pair follows the geometry as long as it is apart and is kept while it is near: a pair
-that was pressed through is pushed back to where it came from.
+side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the
+next narrow phase. The side of a pair follows the geometry as long as it is apart and is kept while it is
+near: a pair that was pressed through is pushed back to where it came from.
 
 Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
 Coulomb's at position level.
@@ -16,7 +17,7 @@ from numba import njit
 
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
-TOLERANCE = 0.03  # barycentric, how far beside a triangle a vertex still meets it
+TOLERANCE = 0.05  # barycentric, how far beside a triangle a vertex still meets it
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
@@ -28,7 +29,7 @@ OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def closest_on_segments(x, i, j, k, m):  # type: ignore[no-untyped-def]
+def closest_on_segments(x, i, j, k, m):
     """Closest points of segments i-j and k-m (Ericson 2005, 5.1.9): parameters and p - q."""
     ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
     bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]
@@ -51,7 +52,7 @@ def closest_on_segments(x, i, j, k, m):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _point_segment2(px, py, pz, x, i, j):  # type: ignore[no-untyped-def]
+def _point_segment2(px, py, pz, x, i, j):
     """Squared distance of a point from segment i-j."""
     ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
     rx, ry, rz = px - x[i, 0], py - x[i, 1], pz - x[i, 2]
@@ -61,7 +62,9 @@ def _point_segment2(px, py, pz, x, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def narrow_vertex_triangle(count, pair, side, wait, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n):  # type: ignore[no-untyped-def]
+def narrow_vertex_triangle(
+    count, pair, side, wait, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
@@ -81,7 +84,7 @@ def narrow_vertex_triangle(count, pair, side, wait, tri, x, v, w, thick, span, a
         d = (nx * dx + ny * dy + nz * dz) * scale
         # the gap cannot close within the span: the pair is apart, whichever side
         sx, sy, sz = v[i, 0] - v[p, 0], v[i, 1] - v[p, 1], v[i, 2] - v[p, 2]
-        reach = 4e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if abs(d) > release + reach:
             side[c] = 0
             wait[c] = min((abs(d) - release - reach) / reach, MAX_WAIT)
@@ -126,7 +129,9 @@ def narrow_vertex_triangle(count, pair, side, wait, tri, x, v, w, thick, span, a
 
 
 @njit(nogil=True, fastmath={"contract"})
-def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n):  # type: ignore[no-untyped-def]
+def narrow_edge_edge(
+    count, pair, near, normal, wait, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+):
     """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
@@ -140,7 +145,7 @@ def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span
         sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
         sy = (1 - s) * v[i, 1] + s * v[j, 1] - (1 - t) * v[k, 1] - t * v[m, 1]
         sz = (1 - s) * v[i, 2] + s * v[j, 2] - (1 - t) * v[k, 2] - t * v[m, 2]
-        reach = 4e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if d2 > (release + reach) ** 2:
             near[c] = False
             wait[c] = min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)
@@ -158,10 +163,8 @@ def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span
         scale = 1.0 / np.sqrt(nn)
         nx, ny, nz = nx * scale, ny * scale, nz * scale
         d = nx * dx + ny * dy + nz * dz
-        if near[c]:
-            flip = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] < 0.0
-        else:
-            flip = d < 0.0
+        lean = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] if near[c] else d
+        flip = lean < 0.0
         if flip:
             nx, ny, nz, d = -nx, -ny, -nz, -d
         if near[c] and (d > release or d < -give_up):
@@ -187,7 +190,7 @@ def narrow_edge_edge(count, pair, near, normal, wait, edge, x, v, w, thick, span
 
 
 @njit(nogil=True, fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h, sweep):  # type: ignore[no-untyped-def]
+def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h, sweep):
     """One sweep: no approach below the contact distance, old overlap released, Coulomb friction."""
     cap = OVERLAP_SPEED * h
     for row in range(n):

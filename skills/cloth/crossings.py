@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
 """How many edges of a cloth pass through its triangles: zero for cloth that is possible."""
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def count_crossings(positions: Array, triangles: NDArray[np.int32]) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _scan(x, tri, edge, order, lo, hi):  # type: ignore[no-untyped-def]
+def _scan(x, tri, edge, order, lo, hi):
     widest = 0.0
     for t in range(len(tri)):
         widest = max(widest, hi[t, 0] - lo[t, 0])
@@ -52,7 +53,7 @@ def _scan(x, tri, edge, order, lo, hi):  # type: ignore[no-untyped-def]
             if min(x[i, 2], x[j, 2]) > hi[t, 2] or max(x[i, 2], x[j, 2]) < lo[t, 2]:
                 continue
             p, q, s = tri[t, 0], tri[t, 1], tri[t, 2]
-            if i == p or i == q or i == s or j == p or j == q or j == s:
+            if i in (p, q, s) or j in (p, q, s):
                 continue
             if _meets(x[i], x[j], x[p], x[q], x[s]):
                 found.append((i, j, t))
@@ -63,7 +64,7 @@ def _scan(x, tri, edge, order, lo, hi):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _meets(a, b, p, q, r):  # type: ignore[no-untyped-def]
+def _meets(a, b, p, q, r):
     """Segment a-b against triangle p, q, r (Moeller & Trumbore 1997)."""
     d, u, v, w = b - a, q - p, r - p, a - p
     h = np.array([d[1] * v[2] - d[2] * v[1], d[2] * v[0] - d[0] * v[2], d[0] * v[1] - d[1] * v[0]])

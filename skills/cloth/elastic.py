@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
 """Stretch over edges and quadratic bending over hinges, as compliant constraints (XPBD).
 
 Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, Y the
@@ -105,7 +106,7 @@ def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
 
 
 @njit(nogil=True, fastmath={"contract"})
-def solve_edges(n, edge, length, wi, wj, x):  # type: ignore[no-untyped-def]
+def solve_edges(n, edge, length, wi, wj, x):
     """One sweep over the first n packed edges; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2)."""
     for k in range(n):
         i, j = edge[k, 0], edge[k, 1]
@@ -124,7 +125,7 @@ def solve_edges(n, edge, length, wi, wj, x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def solve_hinges(n, hinge, weight, inverse, w, x):  # type: ignore[no-untyped-def]
+def solve_hinges(n, hinge, weight, inverse, w, x):
     """One sweep over the first n packed hinges; inverse: 1 / (sum w K^2 + compliance / h^2)."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
@@ -140,7 +141,7 @@ def solve_hinges(n, hinge, weight, inverse, w, x):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, fastmath={"contract"})
-def damp_edges(n, edge, rate, w, x, v):  # type: ignore[no-untyped-def]
+def damp_edges(n, edge, rate, w, x, v):
     """Take the share `rate` of the speed at which each edge's ends part or meet: momentum is kept."""
     for k in range(n):
         i, j = edge[k, 0], edge[k, 1]

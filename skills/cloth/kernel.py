@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
 """The compiled loop over frames and substeps (small-step XPBD, Macklin et al. 2019).
 
 One thread, no global interpreter lock, a fixed order of every sum: the same input gives the same bits. The
@@ -34,14 +35,14 @@ CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their
 SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
 READY_RINGS = 3  # about what is awake: pairs there are searched in advance
 HORIZON = 2.0  # frames for which the search looks ahead
-SWEEPS = 4
+SWEEPS = 2  # over the contacts a substep, there and back: one alone lets layers creep
 STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
 STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
-# places in State.count
+# places in State.counts
 VT, EE, VT_ALL, EE_ALL, HALF, ACTIVE, EDGES, HINGES, AWAKE = range(9)  # lengths of the lists
 SEARCHED, PACKED, FRAME, SUBSTEP, AGE, SEARCHES = range(9, 15)  # what is up to date, where the loop stands
 
@@ -92,6 +93,7 @@ class State(NamedTuple):
     v: Array
     u: Array
     ref: Array
+    last: Array
     built: Array
     course: Array
     wa: Array
@@ -101,8 +103,8 @@ class State(NamedTuple):
     ready: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
     near: NDArray[np.bool_]
-    index: NDArray[np.int32]
-    count: NDArray[np.int64]
+    awake_list: NDArray[np.int32]
+    counts: NDArray[np.int64]
     edge: NDArray[np.int32]
     length: Array
     wi: Array
@@ -156,7 +158,7 @@ class Holds(NamedTuple):
 
 
 @njit(nogil=True)
-def _grow(start, ring, near, rings):  # type: ignore[no-untyped-def]
+def _grow(start, ring, near, rings):
     """Mark the neighbours of what is marked, `rings` times."""
     last = near.copy()
     for _ in range(rings):
@@ -168,22 +170,26 @@ def _grow(start, ring, near, rings):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _find_moving(index, n_awake, x, ref, quiet, distance, stirred):  # type: ignore[no-untyped-def]
-    """Mark awake vertices that left their reference point, which follows them; the others get quieter."""
+def _find_moving(index, n_awake, x, ref, last, quiet, distance, frames, stirred):
+    """Mark awake vertices that left their reference point, which follows them; the others get quieter. What
+    gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean."""
     for c in range(n_awake):
         i = index[c]
-        d2 = 0.0
+        away, step = 0.0, 0.0
         for m in range(3):
-            d2 += (x[i, m] - ref[i, m]) ** 2
+            away += (x[i, m] - ref[i, m]) ** 2
+            step += (x[i, m] - last[i, m]) ** 2
+            last[i, m] = x[i, m]
         quiet[i] += 1
-        if d2 > distance * distance:
+        gathers = quiet[i] >= frames and np.sqrt(step) * frames > 1.5 * np.sqrt(away) + 1e-4
+        if away > distance * distance or gathers:
             stirred[i] = True
             for m in range(3):
                 ref[i, m] = x[i, m]
 
 
 @njit(nogil=True)
-def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
     for k in range(len(cap_r)):
         travel = 0.0
         for m in range(3):
@@ -198,7 +204,7 @@ def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-
 
 
 @njit(nogil=True)
-def _stir_by_contact(n, act_i, stirred, near):  # type: ignore[no-untyped-def]
+def _stir_by_contact(n, act_i, stirred, near):
     for c in range(n):
         i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
         if stirred[i] or stirred[j] or stirred[k] or stirred[m]:
@@ -206,7 +212,7 @@ def _stir_by_contact(n, act_i, stirred, near):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, awake, wa, wc, w):  # type: ignore[no-untyped-def]
+def _settle(sleep_frames, near, ready, x, xp, u, v, ref, last, built, course, quiet, awake, wa, wc, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke for which no pairs were searched."""
     changed = unsearched = False
@@ -219,7 +225,7 @@ def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, a
             changed = True
             unsearched = unsearched or not ready[i]
             for m in range(3):
-                ref[i, m] = built[i, m] = xp[i, m] = x[i, m]
+                ref[i, m] = last[i, m] = built[i, m] = xp[i, m] = x[i, m]
                 v[i, m] = course[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
             awake[i], wa[i], wc[i] = False, 0.0, 0.0
@@ -231,12 +237,22 @@ def _settle(sleep_frames, near, ready, x, xp, u, v, ref, built, course, quiet, a
 
 
 @njit(nogil=True)
-def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
-    count = state.count
+    count = state.counts
     stirred, near = state.stirred, state.near
     stirred[:] = False
-    _find_moving(state.index, count[AWAKE], state.x, state.ref, state.quiet, rules.sleep_distance, stirred)
+    _find_moving(
+        state.awake_list,
+        count[AWAKE],
+        state.x,
+        state.ref,
+        state.last,
+        state.quiet,
+        rules.sleep_distance,
+        rules.sleep_frames,
+        stirred,
+    )
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
     near[:] = stirred
     _grow(body.ring_start, body.ring, near, 2)
@@ -247,9 +263,23 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  
             for m in range(3):
                 near[vertex[k, m]] = True
     changed, unsearched = _settle(
-        rules.sleep_frames, near, state.ready, state.x, state.xp, state.u, state.v, state.ref, state.built, state.course,
-        state.quiet, state.awake, state.wa, state.wc, body.w,
-    )  # fmt: skip
+        rules.sleep_frames,
+        near,
+        state.ready,
+        state.x,
+        state.xp,
+        state.u,
+        state.v,
+        state.ref,
+        state.last,
+        state.built,
+        state.course,
+        state.quiet,
+        state.awake,
+        state.wa,
+        state.wc,
+        body.w,
+    )
     if changed:
         count[PACKED] = 0
     if unsearched:
@@ -257,13 +287,13 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):  
 
 
 @njit(nogil=True)
-def _pack(body, rules, state):  # type: ignore[no-untyped-def]
+def _pack(body, rules, state):
     """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready."""
-    count, wa = state.count, state.wa
+    count, wa = state.counts, state.wa
     n = 0
     for i in range(len(wa)):
         if state.awake[i]:
-            state.index[n] = i
+            state.awake_list[n] = i
             n += 1
     count[AWAKE] = n
     n = 0
@@ -298,10 +328,10 @@ def _pack(body, rules, state):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
+def _search(body, rules, state, pairs):
     """New candidate pairs into the other half of the lists; near ones keep their side, also those that sleep
     (behind the others, not looked at). False when a list is too small. Allocates nothing."""
-    count = state.count
+    count = state.counts
     horizon = HORIZON * rules.h * rules.substeps
     old = count[HALF]
     new = 1 - old
@@ -367,7 +397,7 @@ def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
     count[SEARCHED], count[AGE] = 1, 0
     count[SEARCHES] += 1
     for c in range(count[AWAKE]):
-        i = state.index[c]
+        i = state.awake_list[c]
         for m in range(3):
             state.built[i, m] = state.x[i, m]
             state.course[i, m] = state.v[i, m]
@@ -375,7 +405,7 @@ def _search(body, rules, state, pairs):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _put(key, row, k, r):  # type: ignore[no-untyped-def]
+def _put(key, row, k, r):
     mask = len(key) - 1
     at = np.int64((k * 2654435761) & mask)
     while key[at] >= 0:
@@ -385,7 +415,7 @@ def _put(key, row, k, r):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _get(key, row, k):  # type: ignore[no-untyped-def]
+def _get(key, row, k):
     mask = len(key) - 1
     at = np.int64((k * 2654435761) & mask)
     while key[at] >= 0:
@@ -396,7 +426,7 @@ def _get(key, row, k):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _weigh(index, n_awake, x, wa, wc, table):  # type: ignore[no-untyped-def]
+def _weigh(index, n_awake, x, wa, wc, table):
     """Inverse masses for contacts: what lies lower on the table acts heavier, as if the table's hold had already
     come up to it. One sweep then carries a stack of layers (shock propagation, Guendelman et al. 2003)."""
     for c in range(n_awake):
@@ -405,11 +435,11 @@ def _weigh(index, n_awake, x, wa, wc, table):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _needs_search(rules, state):  # type: ignore[no-untyped-def]
+def _needs_search(rules, state):
     """Whether a vertex strayed from the course that the last search foresaw (or could before the next look)."""
-    t = rules.h * min(state.count[AGE], HORIZON * rules.substeps)
-    for c in range(state.count[AWAKE]):
-        i = state.index[c]
+    t = rules.h * min(state.counts[AGE], HORIZON * rules.substeps)
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         d2 = 0.0
         for m in range(3):
             d2 += (state.x[i, m] - state.built[i, m] - t * state.course[i, m]) ** 2
@@ -419,11 +449,11 @@ def _needs_search(rules, state):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _integrate(rules, state):  # type: ignore[no-untyped-def]
+def _integrate(rules, state):
     h = rules.h
     keep = 1.0 / (1.0 + rules.drag * h)
-    for c in range(state.count[AWAKE]):
-        i = state.index[c]
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         vx = state.v[i, 0] * keep + h * rules.gx
         vy = state.v[i, 1] * keep + h * rules.gy
         vz = state.v[i, 2] * keep + h * rules.gz
@@ -439,31 +469,31 @@ def _integrate(rules, state):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _bend(rules, state):  # type: ignore[no-untyped-def]
+def _bend(rules, state):
     """Hinges with damping: solved for u = x + gamma (x - xp), in which the damped constraint is the plain one."""
     g = rules.bend_gamma
-    n = state.count[HINGES]
+    n = state.counts[HINGES]
     x, xp, u = state.x, state.xp, state.u
-    for c in range(state.count[AWAKE]):
-        i = state.index[c]
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         for m in range(3):
             u[i, m] = x[i, m] + g * (x[i, m] - xp[i, m])
     solve_hinges(n, state.hinge, state.weight, state.inverse, state.wa, u)
     scale = 1.0 / (1.0 + g)
-    for c in range(state.count[AWAKE]):
-        i = state.index[c]
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         for m in range(3):
             x[i, m] = (u[i, m] + g * xp[i, m]) * scale
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _table_and_speed(rules, state):  # type: ignore[no-untyped-def]
+def _table_and_speed(rules, state):
     """The table (a plane at z = 0) with Coulomb friction, then velocities from displacements."""
     low = 0.5 * rules.thickness
     inv_h = 1.0 / rules.h
     x, xp, v = state.x, state.xp, state.v
-    for c in range(state.count[AWAKE]):
-        i = state.index[c]
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         if rules.table and x[i, 2] < low:
             old = xp[i, 2]
             floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
@@ -483,7 +513,7 @@ def _table_and_speed(rules, state):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _hold(rules, state, holds, a, tool_p, tool_r, f):  # type: ignore[no-untyped-def]
+def _hold(rules, state, holds, a, tool_p, tool_r, f):
     """Draw the pinched points to where the tools have them, at the share a of frame f."""
     frame = rules.h * rules.substeps
     pose = np.empty((4, 3))
@@ -496,13 +526,23 @@ def _hold(rules, state, holds, a, tool_p, tool_r, f):  # type: ignore[no-untyped
                 pose[1 + m, d] = tool_r[f, hand, d, m] + a * (tool_r[f + 1, hand, d, m] - tool_r[f, hand, d, m])
         ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
         _hold_line(
-            hand, pose, ramp, rules.hold_compliance / rules.h**2, state.x, state.wa, holds.vertex, holds.bary, holds.offset,
-            holds.height, holds.hand, holds.impulse,
-        )  # fmt: skip
+            hand,
+            pose,
+            ramp,
+            rules.hold_compliance / rules.h**2,
+            state.x,
+            state.wa,
+            holds.vertex,
+            holds.bary,
+            holds.offset,
+            holds.height,
+            holds.hand,
+            holds.impulse,
+        )
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):  # type: ignore[no-untyped-def]
+def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
     """One hand's points. Several layers are held as a stack that is free to turn about the line: they keep their
     distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
     # the middle height of the stack, and the moments of where its layers are about the line
@@ -546,7 +586,7 @@ def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owne
 
 
 @njit(nogil=True)
-def _distance2(x, i, p, q):  # type: ignore[no-untyped-def]
+def _distance2(x, i, p, q):
     """Squared distance of vertex i from segment p-q."""
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     rx, ry, rz = x[i, 0] - p[0], x[i, 1] - p[1], x[i, 2] - p[2]
@@ -556,7 +596,7 @@ def _distance2(x, i, p, q):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):  # type: ignore[no-untyped-def]
+def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
     """Move the point (1 - s) i + s j of the cloth out of a ball of radius `reach` about c, which came from c0."""
     b = 1.0 - s
     d = np.empty(3)
@@ -591,7 +631,7 @@ def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):  # type: ignore[no-untyped-d
 
 
 @njit(nogil=True)
-def _capsules(rules, state, busy, a, a0, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+def _capsules(rules, state, busy, a, a0, cap_p0, cap_p1, cap_r, f):
     """Kinematic capsules push edges (and so vertices) that are near them."""
     x, xp, wa = state.x, state.xp, state.wa
     p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -611,7 +651,7 @@ def _capsules(rules, state, busy, a, a0, cap_p0, cap_p1, cap_r, f):  # type: ign
 
 
 @njit(nogil=True)
-def _closest_free(x, i, j, p, q):  # type: ignore[no-untyped-def]
+def _closest_free(x, i, j, p, q):
     """Parameters of the closest points of edge i-j and segment p-q."""
     a = e = f = c = b = 0.0
     for m in range(3):
@@ -636,13 +676,13 @@ def _closest_free(x, i, j, p, q):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-untyped-def]
+def _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
     """(m, 2) capsule and packed edge that can meet within frame f."""
     found = [(0, 0)]
     found.pop()
     frame = rules.h * rules.substeps
     for k in range(len(cap_r)):
-        for e in range(state.count[EDGES]):
+        for e in range(state.counts[EDGES]):
             i, j = state.edge[e, 0], state.edge[e, 1]
             s, t = _closest_free(state.x, i, j, cap_p0[f + 1, k], cap_p1[f + 1, k])
             d2 = 0.0
@@ -663,7 +703,7 @@ def _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):  # type: ignore[no-u
 
 
 @njit(nogil=True)
-def _let_go(holds):  # type: ignore[no-untyped-def]
+def _let_go(holds):
     """A pinch that is pulled harder than its pads can bear loses the cloth."""
     for hand in range(2):
         f2 = 0.0
@@ -688,13 +728,13 @@ def _compile(sources: str) -> Callable[..., int]:
     """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
 
     @njit(cache=True, nogil=True)
-    def run_frames(body, rules, state, pairs, holds, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):  # type: ignore[no-untyped-def]
-        """Advance from (count[FRAME], count[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
+    def run_frames(body, rules, state, pairs, holds, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):
+        """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
 
-        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0, cap_p1:
-        (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
+        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0,
+        cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
         """
-        count = state.count
+        count = state.counts
         _ = sources
         h = rules.h
         thick = rules.thickness
@@ -717,15 +757,44 @@ def _compile(sources: str) -> Callable[..., int]:
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
                         half = count[HALF]
-                        _weigh(state.index, count[AWAKE], state.x, state.wa, state.wc, rules.table)
+                        _weigh(state.awake_list, count[AWAKE], state.x, state.wa, state.wc, rules.table)
                         n = narrow_vertex_triangle(
-                            count[VT], pairs.vt[half], pairs.side[half], pairs.vt_wait, body.tri, state.x, state.v, state.wc, thick, PHASE * h,
-                            pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, 0,
-                        )  # fmt: skip
+                            count[VT],
+                            pairs.vt[half],
+                            pairs.side[half],
+                            pairs.vt_wait,
+                            body.tri,
+                            state.x,
+                            state.v,
+                            state.wc,
+                            thick,
+                            PHASE * h,
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            0,
+                        )
                         count[ACTIVE] = narrow_edge_edge(
-                            count[EE], pairs.ee[half], pairs.near[half], pairs.normal[half], pairs.ee_wait, body.edge, state.x, state.v, state.wc,
-                            EDGE_SHARE * thick, PHASE * h, pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, n,
-                        )  # fmt: skip
+                            count[EE],
+                            pairs.ee[half],
+                            pairs.near[half],
+                            pairs.normal[half],
+                            pairs.ee_wait,
+                            body.edge,
+                            state.x,
+                            state.v,
+                            state.wc,
+                            EDGE_SHARE * thick,
+                            PHASE * h,
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            n,
+                        )
                         count[AGE] += PHASE
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     _integrate(rules, state)
@@ -735,9 +804,19 @@ def _compile(sources: str) -> Callable[..., int]:
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
                     for sweep in range(SWEEPS):
                         solve_contacts(
-                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wc, state.x,
-                            state.xp, rules.mu_layers, h, sweep,
-                        )  # fmt: skip
+                            count[ACTIVE],
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            state.wc,
+                            state.x,
+                            state.xp,
+                            rules.mu_layers,
+                            h,
+                            sweep,
+                        )
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
                     _table_and_speed(rules, state)

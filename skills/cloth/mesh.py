@@ -22,7 +22,8 @@ __all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
 
 Index = NDArray[np.int32]
 
-CORNER_TURN = np.deg2rad(20.0)  # a contour vertex that turns by more is a corner and keeps its place
+CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place
+SLIGHT_TURN = np.deg2rad(0.5)  # enough between two long sides: a drawn outline, not a seen one
 GRID_TURN = np.deg2rad(11.0)  # the hexagonal grid against material x, so that no row is parallel to a hem
 JITTER = 0.12  # of the edge length
 SEED = 20110520  # the jitter's own: a mesh is a function of its arguments
@@ -44,8 +45,7 @@ class ClothMesh:
     """A garment's mesh in material coordinates: where each vertex lies when the garment is flat.
 
     rest: (n, 2) [m]. layer: (n,), 0 on the table, 1 above it; vertices of the welded border count as 0.
-    triangles: (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1 (the normals point out
-    of the garment below and ... alike on both sheets of a closed surface, downward side first).
+    triangles: (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1.
     triangle_layer: (m,). seam: (k, 2) border edges along which the layers are welded (empty for one layer).
     """
 
@@ -106,7 +106,9 @@ class ClothMesh:
     @cached_property
     def border(self) -> Index:
         """(b,) vertices on the outline."""
-        e, n = np.unique(np.sort(_half_edges(self.triangles[self.triangle_layer == 0]), axis=1), axis=0, return_counts=True)
+        e, n = np.unique(
+            np.sort(_half_edges(self.triangles[self.triangle_layer == 0]), axis=1), axis=0, return_counts=True
+        )
         return frozen(np.unique(e[n == 1]).astype(np.int32))
 
     @cached_property
@@ -156,8 +158,12 @@ def mesh_from_contour(contour: Array, edge_length: float, layers: int = 1, rotat
         polygon = shapely.Polygon(border)
     else:
         raise ConfigurationError(
-            "the contour is too narrow somewhere to be meshed", "use a shorter edge length", edge_length=edge_length
+            "the contour is too narrow somewhere to be meshed",
+            "use a shorter edge length",
+            edge_length=edge_length,
         )
+    if layers == 2:
+        points, tri = _split_chords(points, tri, len(border), polygon)
     points, tri = _drop_unused(points, tri)
     return _layered(points, tri, layers)
 
@@ -181,7 +187,9 @@ def _check(contour: Array, edge_length: float, layers: int) -> Array:
         raise ConfigurationError("a contour is (k, 2) with k >= 3", "", shape=tuple(c.shape))
     if not np.isfinite(c).all():
         row = int(np.flatnonzero(~np.isfinite(c).all(axis=1))[0])
-        raise ConfigurationError("the contour has a point that is not finite", "", index=row, point=c[row].tolist())
+        raise ConfigurationError(
+            "the contour has a point that is not finite", "", index=row, point=c[row].tolist()
+        )
     polygon = shapely.Polygon(c)
     if not polygon.is_valid:
         raise ConfigurationError(
@@ -201,7 +209,8 @@ def _resample(outline: Array, edge_length: float) -> Array:
     """The outline at about one point an edge length; corners keep their place."""
     back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
-    corners = np.flatnonzero(turn > CORNER_TURN)
+    sides = np.minimum(np.linalg.norm(back, axis=1), np.linalg.norm(ahead, axis=1))
+    corners = np.flatnonzero((turn > CORNER_TURN) | ((turn > SLIGHT_TURN) & (sides > 1.5 * edge_length)))
     if len(corners) < 3:
         corners = np.unique(np.linspace(0, len(outline), 4, endpoint=False).astype(int))
     kept = [int(corners[0])]
@@ -260,7 +269,9 @@ def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, e
         np.add.at(count, half[:, a], 1.0)
     inner = points[n_border:]
     moved = np.where(
-        count[n_border:, None] > 0, 0.5 * (inner + total[n_border:] / np.maximum(count[n_border:, None], 1.0)), inner
+        count[n_border:, None] > 0,
+        0.5 * (inner + total[n_border:] / np.maximum(count[n_border:, None], 1.0)),
+        inner,
     )
     return moved[_inside(polygon, moved, 0.5 * edge_length)]
 
@@ -271,6 +282,19 @@ def _missing_border(tri: Index, n_border: int) -> Index:
     return np.array(
         [i for i in range(n_border) if tuple(sorted((i, (i + 1) % n_border))) not in have], dtype=np.int32
     )
+
+
+def _split_chords(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon) -> tuple[Array, Index]:
+    """New vertices in the middle of inner edges from border to border: two layers that are welded along the
+    border would be one sheet there."""
+    for _ in range(4):
+        e, count = np.unique(np.sort(_half_edges(tri), axis=1), axis=0, return_counts=True)
+        chords = e[(count == 2) & (e < n_border).all(axis=1)]
+        if not len(chords):
+            break
+        points = np.vstack([points, points[chords].mean(axis=1)])
+        tri = _triangulate(points, polygon)
+    return points, tri
 
 
 def _drop_unused(points: Array, tri: Index) -> tuple[Array, Index]:

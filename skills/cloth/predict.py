@@ -73,7 +73,9 @@ def predict_fold(
                 force[side] = max(force[side], float(np.linalg.norm(simulation.pinch_force(hand))))
         if done in shots:
             pictures.append(simulation.positions)
-    dropped = tuple(s for h, s in enumerate(HANDS) if s in paths and pinches[s].held_points and not simulation.held(h))
+    dropped = tuple(
+        s for h, s in enumerate(HANDS) if s in paths and pinches[s].held_points and not simulation.held(h)
+    )
     for hand in range(len(HANDS)):
         simulation.release(hand)
     rest = max(1, round((release_s + settle_s) / frame))

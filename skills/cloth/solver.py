@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,9 @@ class SolverSettings:
     z = 0). reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6
     where the garment's own is not given). stretch_damping, bend_damping: Rayleigh times [s], force of
     damping = time x stiffness x rate. drag [1/s] of the air. max_speed [m/s] caps every vertex.
-    sleep_distance, sleep_frames: a vertex that stays so near for so long is at rest and costs nothing until
-    something moves near it (0 frames: nothing ever sleeps). anisotropy: stiffness along material y over
-    that along x. seam_factor: stretch stiffness of the outline over the cloth's.
+    sleep_distance, sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest
+    and costs nothing until something moves near it (0 frames: nothing ever sleeps). anisotropy: stiffness
+    along material y over that along x. seam_factor: stretch stiffness of the outline over the cloth's.
     """
 
     frame_rate: int = 60
@@ -45,7 +46,7 @@ class SolverSettings:
     bend_damping: float = 0.01
     drag: float = 0.05
     max_speed: float = 4.0
-    sleep_distance: float = 4e-4
+    sleep_distance: float = 1e-3
     sleep_frames: int = 10
     anisotropy: float = 1.0
     seam_factor: float = 1.0
@@ -146,14 +147,14 @@ class ClothSimulation:
         if x.shape != self._state.x.shape or not np.isfinite(x).all():
             raise InternalError("positions must be finite and (n, 3)", shape=tuple(x.shape), n=len(self._state.x))
         s = self._state
-        s.x[:], s.xp[:], s.ref[:], s.built[:] = x, x, x, x
+        s.x[:], s.xp[:], s.ref[:], s.last[:], s.built[:] = x, x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.u[:], s.wc[:] = x, self._body.w
-        s.count[:] = 0
+        s.counts[:] = 0
         free = np.flatnonzero(s.awake)
-        s.index[: len(free)] = free
-        s.count[kernel.AWAKE] = len(free)
+        s.awake_list[: len(free)] = free
+        s.counts[kernel.AWAKE] = len(free)
         self._pairs.side[:] = 0
         self._pairs.near[:] = False
         self._holds.hand[:] = -1
@@ -244,7 +245,7 @@ class ClothSimulation:
         if saved["state.x"].shape != self._state.x.shape:
             raise InternalError("a checkpoint of another mesh", shape=tuple(saved["state.x"].shape))
 
-        def part(name: str) -> dict[str, Array]:
+        def part(name: str) -> dict[str, Any]:
             return {k.split(".")[1]: v.copy() for k, v in saved.items() if k.startswith(name + ".")}
 
         self._state = kernel.State(**part("state"))
@@ -256,8 +257,8 @@ class ClothSimulation:
     def _grow_pairs(self) -> None:
         old = self._pairs
         new = _new_pairs(2 * old.vt.shape[1], 2 * old.ee.shape[1])
-        for a, b in zip(old, new, strict=True):
-            b[tuple(slice(0, k) for k in a.shape)] = a
+        for name, a in old._asdict().items():
+            getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
 
 
@@ -299,9 +300,19 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kern
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     start = np.searchsorted(both[:, 0], np.arange(len(w) + 1)).astype(np.int32)
     return kernel.Body(
-        w, e.edge, e.length, e.compliance, rate, e.hinge, e.weight, e.bend, mesh.triangles.copy(), start,
-        np.ascontiguousarray(both[:, 1], dtype=np.int32), build_tree(mesh, e.edge),
-    )  # fmt: skip
+        w,
+        e.edge,
+        e.length,
+        e.compliance,
+        rate,
+        e.hinge,
+        e.weight,
+        e.bend,
+        mesh.triangles.copy(),
+        start,
+        np.ascontiguousarray(both[:, 1], dtype=np.int32),
+        build_tree(mesh, e.edge),
+    )
 
 
 def _rules(material: Material, settings: SolverSettings, pads: PadGeometry, table: bool) -> kernel.Rules:
@@ -333,30 +344,68 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         return np.zeros(shape)
 
     return kernel.State(
-        x=f(n, 3), xp=f(n, 3), v=f(n, 3), u=f(n, 3), ref=f(n, 3), built=f(n, 3), course=f(n, 3), wa=f(n), wc=f(n),
-        quiet=np.zeros(n, np.int32), awake=np.ones(n, np.bool_), ready=np.ones(n, np.bool_),
-        stirred=np.zeros(n, np.bool_), near=np.zeros(n, np.bool_), index=np.zeros(n, np.int32),
-        count=np.zeros(16, np.int64), edge=np.zeros((edges, 2), np.int32), length=f(edges), wi=f(edges), wj=f(edges),
-        rate=f(edges), hinge=np.zeros((hinges, 4), np.int32), weight=f(hinges, 4), inverse=f(hinges),
-    )  # fmt: skip
+        x=f(n, 3),
+        xp=f(n, 3),
+        v=f(n, 3),
+        u=f(n, 3),
+        ref=f(n, 3),
+        last=f(n, 3),
+        built=f(n, 3),
+        course=f(n, 3),
+        wa=f(n),
+        wc=f(n),
+        quiet=np.zeros(n, np.int32),
+        awake=np.ones(n, np.bool_),
+        ready=np.ones(n, np.bool_),
+        stirred=np.zeros(n, np.bool_),
+        near=np.zeros(n, np.bool_),
+        awake_list=np.zeros(n, np.int32),
+        counts=np.zeros(16, np.int64),
+        edge=np.zeros((edges, 2), np.int32),
+        length=f(edges),
+        wi=f(edges),
+        wj=f(edges),
+        rate=f(edges),
+        hinge=np.zeros((hinges, 4), np.int32),
+        weight=f(hinges, 4),
+        inverse=f(hinges),
+    )
 
 
 def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return kernel.Pairs(
-        np.zeros((2, vt, 2), np.int32), np.zeros((2, vt), np.int8), np.zeros((2, ee, 2), np.int32),
-        np.zeros((2, ee), np.bool_), np.zeros((2, ee, 3)), np.zeros(vt, np.int16), np.zeros(ee, np.int16),
-        np.zeros((4 * vt, 2), np.int32), np.zeros(table, np.int64), np.zeros(table, np.int32),
-        np.zeros((m, 4), np.int32), np.zeros((m, 4)), np.zeros((m, 3)), np.zeros(m), np.zeros(m),
-    )  # fmt: skip
+        np.zeros((2, vt, 2), np.int32),
+        np.zeros((2, vt), np.int8),
+        np.zeros((2, ee, 2), np.int32),
+        np.zeros((2, ee), np.bool_),
+        np.zeros((2, ee, 3)),
+        np.zeros(vt, np.int16),
+        np.zeros(ee, np.int16),
+        np.zeros((4 * vt, 2), np.int32),
+        np.zeros(table, np.int64),
+        np.zeros(table, np.int32),
+        np.zeros((m, 4), np.int32),
+        np.zeros((m, 4)),
+        np.zeros((m, 3)),
+        np.zeros(m),
+        np.zeros(m),
+    )
 
 
 def _new_holds() -> kernel.Holds:
     return kernel.Holds(
-        np.zeros((MAX_HELD, 3), np.int32), np.zeros((MAX_HELD, 3)), np.zeros((MAX_HELD, 3)), np.zeros(MAX_HELD),
-        np.full(MAX_HELD, -1, np.int32), np.zeros(HANDS), np.zeros((HANDS, 3)), np.zeros((HANDS, 3)), np.zeros(HANDS),
+        np.zeros((MAX_HELD, 3), np.int32),
+        np.zeros((MAX_HELD, 3)),
+        np.zeros((MAX_HELD, 3)),
+        np.zeros(MAX_HELD),
+        np.full(MAX_HELD, -1, np.int32),
+        np.zeros(HANDS),
+        np.zeros((HANDS, 3)),
+        np.zeros((HANDS, 3)),
+        np.zeros(HANDS),
         np.zeros(HANDS, np.int64),
-    )  # fmt: skip
+    )
 
 
 def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:

@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
 """The search for pairs that may touch: a tree of boxes over the mesh, with bounds on the normals.
 
 The tree follows the mesh (it is built once, on the flat garment) and its boxes are fitted anew at each search,
@@ -28,7 +29,8 @@ STACK = 4096
 class Tree(NamedTuple):
     """Nodes 0..m-1 are the leaves (one triangle each, `leaf`), then each inner node after its children; the
     root is last. child: (nodes, 2), -1 for leaves; layer: -1 where both; flat: (nodes, 4) box in material
-    coordinates, grown by half an edge; size: triangles below. vertex, edge: (m, 3) of which a triangle is the
+    coordinates, grown by half an edge; size: triangles below; beside: (m, 3) leaves at its edges.
+    vertex, edge: (m, 3) of which a triangle is the
     owner, -1 elsewhere: each pair of primitives is met once."""
 
     leaf: NDArray[np.int32]
@@ -41,6 +43,8 @@ class Tree(NamedTuple):
     box: Array
     normal: Array
     awake: NDArray[np.bool_]
+    beside: NDArray[np.int32]
+    face: Array
     edge_box: Array
     stack: NDArray[np.int32]
 
@@ -79,15 +83,45 @@ def build_tree(mesh: ClothMesh, edge: NDArray[np.int32]) -> Tree:
         size[k] = size[a] + size[b]
     vertex, owned = _owners(mesh, edge)
     return Tree(
-        np.array(leaf, np.int32), child, layer, flat, size, vertex, owned,
-        np.zeros((nodes, 6)), np.zeros((nodes, 6)), np.zeros(nodes, np.bool_),
-        np.zeros((len(edge), 6)), np.zeros((STACK, 2), np.int32),
-    )  # fmt: skip
+        np.array(leaf, np.int32),
+        child,
+        layer,
+        flat,
+        size,
+        vertex,
+        owned,
+        np.zeros((nodes, 6)),
+        np.zeros((nodes, 6)),
+        np.zeros(nodes, np.bool_),
+        _beside(mesh, leaf),
+        np.zeros((m, 3)),
+        np.zeros((len(edge), 6)),
+        np.zeros((STACK, 2), np.int32),
+    )
+
+
+def _beside(mesh: ClothMesh, leaf: list[int]) -> NDArray[np.int32]:
+    """(m, 3): the leaves of one layer beside each leaf, -1 at the outline."""
+    faces: dict[tuple[int, int, int], list[tuple[int, int]]] = {}
+    for k, t in enumerate(leaf):
+        tri = mesh.triangles[t].tolist()
+        for e in range(3):
+            i, j = sorted((tri[e], tri[(e + 1) % 3]))
+            faces.setdefault((i, j, int(mesh.triangle_layer[t])), []).append((k, e))
+    out = np.full((len(leaf), 3), -1, np.int32)
+    for pair in faces.values():
+        if len(pair) == 2:
+            (a, ea), (b, eb) = pair
+            out[a, ea], out[b, eb] = b, a
+    return out
 
 
 def _owners(mesh: ClothMesh, edge: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     number = {tuple(sorted(e)): k for k, e in enumerate(edge.tolist())}
-    vertex, owned = np.full((len(mesh.triangles), 3), -1, np.int32), np.full((len(mesh.triangles), 3), -1, np.int32)
+    vertex, owned = (
+        np.full((len(mesh.triangles), 3), -1, np.int32),
+        np.full((len(mesh.triangles), 3), -1, np.int32),
+    )
     seen_v: set[int] = set()
     seen_e: set[int] = set()
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -103,7 +137,7 @@ def _owners(mesh: ClothMesh, edge: NDArray[np.int32]) -> tuple[NDArray[np.int32]
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _fit(leaf, child, box, normal, busy, tri, x, v, awake, horizon, margin):  # type: ignore[no-untyped-def]
+def _fit(leaf, child, beside, face, box, normal, busy, tri, x, v, awake, horizon, margin):
     """Boxes swept over `horizon` [s] and grown by `margin` [m], bounds of the normals, who is awake."""
     m = len(tri)
     for k in range(m):
@@ -118,10 +152,18 @@ def _fit(leaf, child, box, normal, busy, tri, x, v, awake, horizon, margin):  # 
         vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         s = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz + 1e-30)
-        normal[k, 0] = normal[k, 3] = nx * s
-        normal[k, 1] = normal[k, 4] = ny * s
-        normal[k, 2] = normal[k, 5] = nz * s
+        face[k, 0], face[k, 1], face[k, 2] = nx * s, ny * s, nz * s
         busy[k] = awake[p] or awake[q] or awake[r]
+    for k in range(m):
+        # with the triangles beside it: its edges and vertices are also theirs
+        for c in range(3):
+            normal[k, c] = normal[k, c + 3] = face[k, c]
+        for e in range(3):
+            j = beside[k, e]
+            if j >= 0:
+                for c in range(3):
+                    normal[k, c] = min(normal[k, c], face[j, c])
+                    normal[k, c + 3] = max(normal[k, c + 3], face[j, c])
     for k in range(m, len(child)):
         a, b = child[k, 0], child[k, 1]
         for c in range(3):
@@ -133,7 +175,7 @@ def _fit(leaf, child, box, normal, busy, tri, x, v, awake, horizon, margin):  # 
 
 
 @njit(nogil=True)
-def _smooth(normal, a, b):  # type: ignore[no-untyped-def]
+def _smooth(normal, a, b):
     """Whether all normals of nodes a and b lean towards one direction."""
     lean = 0.0
     d2 = 0.0
@@ -146,7 +188,7 @@ def _smooth(normal, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _neighbours(layer, size, f, a, b):  # type: ignore[no-untyped-def]
+def _neighbours(layer, size, f, a, b):
     """Whether two regions of one layer lie side by side in the material."""
     if layer[a] != layer[b] or layer[a] < 0:
         return False
@@ -156,26 +198,44 @@ def _neighbours(layer, size, f, a, b):  # type: ignore[no-untyped-def]
         return False
     if size[a] <= SMALL and size[b] <= SMALL:
         return True
-    return w > 0.5 * min(f[a, 2] - f[a, 0], f[b, 2] - f[b, 0]) or h > 0.5 * min(f[a, 3] - f[a, 1], f[b, 3] - f[b, 1])
+    return w > 0.5 * min(f[a, 2] - f[a, 0], f[b, 2] - f[b, 0]) or h > 0.5 * min(
+        f[a, 3] - f[a, 1], f[b, 3] - f[b, 1]
+    )
 
 
 @njit(nogil=True)
-def search_pairs(tree, met, tri, edge, x, v, awake, thick, horizon, slack, vt, ee):  # type: ignore[no-untyped-def]
-    """All pairs, one of their vertices awake, that can come within release distance in `horizon` [s] when no vertex
-    strays from its straight course by more than `slack` [m]; -> counts, which may exceed the lists' lengths, or -1
-    when `met`, the scratch for triangles that meet, is too short."""
-    _fit(tree.leaf, tree.child, tree.box, tree.normal, tree.awake, tri, x, v, awake, horizon, 0.5 * RELEASE * thick + slack)
+def search_pairs(tree, met, tri, edge, x, v, awake, thick, horizon, slack, vt, ee):
+    """All pairs, one of their vertices awake, that can come within release distance in `horizon` [s] when no
+    vertex strays from its straight course by more than `slack` [m]; -> counts, which may exceed the lists'
+    lengths, or -1 when `met`, the scratch for triangles that meet, is too short."""
+    _fit(
+        tree.leaf,
+        tree.child,
+        tree.beside,
+        tree.face,
+        tree.box,
+        tree.normal,
+        tree.awake,
+        tri,
+        x,
+        v,
+        awake,
+        horizon,
+        0.5 * RELEASE * thick + slack,
+    )
     near_vt, near_ee = RELEASE * thick + 2.0 * slack, EDGE_SHARE * RELEASE * thick + 2.0 * slack
     n = _meeting_leaves(
         tree.leaf, tree.child, tree.layer, tree.size, tree.flat, tree.box, tree.normal, tree.awake, tree.stack, met
     )
     if n > len(met):
         return -1, -1
-    return _primitive_pairs(n, met, tree.edge_box, tree.vertex, tree.edge, tri, edge, x, v, awake, near_vt, near_ee, horizon, vt, ee)
+    return _primitive_pairs(
+        n, met, tree.edge_box, tree.vertex, tree.edge, tri, edge, x, v, awake, near_vt, near_ee, horizon, vt, ee
+    )
 
 
 @njit(nogil=True)
-def _meeting_leaves(leaf, child, layer, size, flat, box, normal, awake, stack, met):  # type: ignore[no-untyped-def]
+def _meeting_leaves(leaf, child, layer, size, flat, box, normal, awake, stack, met):
     """Pairs of triangles whose boxes meet and that are not parts of one smooth region; -> their number."""
     top, n = 1, 0
     stack[0, 0] = stack[0, 1] = len(child) - 1
@@ -220,7 +280,7 @@ def _meeting_leaves(leaf, child, layer, size, flat, box, normal, awake, stack, m
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _edge_boxes(edge, x, v, horizon, margin, out):  # type: ignore[no-untyped-def]
+def _edge_boxes(edge, x, v, horizon, margin, out):
     for e in range(len(edge)):
         i, j = edge[e, 0], edge[e, 1]
         for c in range(3):
@@ -231,7 +291,9 @@ def _edge_boxes(edge, x, v, horizon, margin, out):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True)
-def _primitive_pairs(n_met, met, box, own_vertex, own_edge, tri, edge, x, v, awake, near_vt, near_ee, horizon, vt, ee):  # type: ignore[no-untyped-def]
+def _primitive_pairs(
+    n_met, met, box, own_vertex, own_edge, tri, edge, x, v, awake, near_vt, near_ee, horizon, vt, ee
+):
     """Vertex-triangle and edge-edge pairs out of the meeting triangles; -> how many of each."""
     _edge_boxes(edge, x, v, horizon, 0.5 * near_ee, box)
     n_vt = n_ee = 0
@@ -272,15 +334,15 @@ def _primitive_pairs(n_met, met, box, own_vertex, own_edge, tri, edge, x, v, awa
 
 
 @njit(nogil=True, inline="always")
-def _parting(v, i, j):  # type: ignore[no-untyped-def]
+def _parting(v, i, j):
     dx, dy, dz = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
     return dx * dx + dy * dy + dz * dz
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _can_meet(x, v, awake, tri, i, t, near, horizon):  # type: ignore[no-untyped-def]
+def _can_meet(x, v, awake, tri, i, t, near, horizon):
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-    if i == p or i == q or i == r or not (awake[i] or awake[p] or awake[q] or awake[r]):
+    if i in (p, q, r) or not (awake[i] or awake[p] or awake[q] or awake[r]):
         return False
     reach = near + horizon * np.sqrt(max(_parting(v, i, p), max(_parting(v, i, q), _parting(v, i, r))))
     apart = False
@@ -297,9 +359,9 @@ def _can_meet(x, v, awake, tri, i, t, near, horizon):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, fastmath={"contract"})
-def _can_cross(x, v, awake, edge, e, f, near, horizon):  # type: ignore[no-untyped-def]
+def _can_cross(x, v, awake, edge, e, f, near, horizon):
     i, j, k, m = edge[e, 0], edge[e, 1], edge[f, 0], edge[f, 1]
-    if i == k or i == m or j == k or j == m or not (awake[i] or awake[j] or awake[k] or awake[m]):
+    if i in (k, m) or j in (k, m) or not (awake[i] or awake[j] or awake[k] or awake[m]):
         return False
     speed2 = max(max(_parting(v, i, k), _parting(v, i, m)), max(_parting(v, j, k), _parting(v, j, m)))
     reach = near + horizon * np.sqrt(speed2)

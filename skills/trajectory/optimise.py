@@ -43,9 +43,13 @@ PAPER_DELTAS = (0.1, 0.001)
 """The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
 
 LOWEST, HIGHEST = 0.3, 1.2
-BACK, BEYOND = -0.2, 1.2
+BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
 """Bounds of the inner control points' height and of their way along the fold, in units of its distance. A low arc
-is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment."""
+is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment. The first
+half of the points stay before OVERLAP, the others after 1 - OVERLAP: arcs go forward."""
+
+CONFIRM, SLIPPERY = 4, 0.75
+"""How many of the best arcs the default method simulates once more, and at what share of the friction."""
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
@@ -172,30 +176,44 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """The grid, then a polish in four variables that the arms share: way along and height of both inner points."""
+    """The grid, then a polish in four variables that the arms share: way along and height of both inner points.
+
+    The best few are then confirmed at lower friction.
+    """
     _search_grid(problem, evaluator)
     assert evaluator.best is not None
     frames = problem.frames
+    reserve = CONFIRM if evaluator.left > CONFIRM + 6 else 0
     inner = np.mean([frames[s].normalise(c) for s, c in evaluator.best.controls.items()], axis=0)
-    _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x))
+    _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x), reserve)
+    evaluator.confirm(reserve, SLIPPERY)
 
 
 def _shared(problem: FoldProblem, x: Array) -> Controls:
     """Arcs of all arms from (way, height) of each inner point (2 (n - 1),), in units of the fold's distance."""
     way, height = x.reshape(-1, 2).T
-    way, height = np.clip(way, BACK, BEYOND), np.clip(height, LOWEST, HIGHEST)
+    early = np.arange(len(way)) < len(way) / 2
+    way = np.where(early, np.clip(way, BACK, OVERLAP), np.clip(way, 1 - OVERLAP, BEYOND))
+    height = np.clip(height, LOWEST, HIGHEST)
     height = height * min(1.0, _capped(problem, float(height.max())) / height.max())
     inner = np.column_stack([way, np.zeros(len(way)), height])
     return {side: frame.denormalise(inner) for side, frame in problem.frames.items()}
 
 
-def _polish(problem: FoldProblem, evaluator: Evaluator, x0: Array, controls: Callable[[Array], Controls]) -> None:
+def _polish(
+    problem: FoldProblem,
+    evaluator: Evaluator,
+    x0: Array,
+    controls: Callable[[Array], Controls],
+    reserve: int = 0,
+) -> None:
     """Secant Levenberg-Marquardt from the best point known, within what is left of the budget."""
-    if evaluator.left <= len(x0):
+    budget = evaluator.left - reserve
+    if budget <= len(x0):
         return
     assert evaluator.best is not None
     distance = max(f.distance for f in problem.frames.values())
-    options = SecantOptions(delta=POLISH_DELTA / distance, max_evaluations=evaluator.left)
+    options = SecantOptions(delta=POLISH_DELTA / distance, max_evaluations=budget)
     _secant(evaluator, x0, controls, options, evaluator.best)
 
 

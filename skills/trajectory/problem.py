@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -88,14 +88,16 @@ class FoldProblem:
     def headings(self) -> dict[Side, float]:
         return {side: grasp.heading for side, grasp in self.step.grasps.items()}
 
-    def evaluate(self, controls: Controls) -> Candidate:
-        """Simulate one candidate. A simulation that fails is a candidate that failed, not an exception."""
+    def evaluate(self, controls: Controls, friction: float = 1.0) -> Candidate:
+        """Simulate one candidate, on a table with `friction` times the material's.
+
+        A simulation that fails is a candidate that failed, not an exception.
+        """
+        material = self.material.with_friction(friction * self.material.friction_static)
         duration = fold_duration(controls, self.max_tool_speed)
         lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
         try:
-            end = self.predict(
-                self.mesh, self.positions, self.material, fold_paths(controls, self.headings, duration)
-            )
+            end = self.predict(self.mesh, self.positions, material, fold_paths(controls, self.headings, duration))
             d = dissimilarity(self.target, end, self.mesh.triangles, self.mesh.area)
         except CellError:
             d = float("nan")
@@ -122,6 +124,7 @@ class Evaluator:
         self.budget = budget
         self.first: Candidate | None = None
         self.best: Candidate | None = None
+        self.seen: list[Candidate] = []
         self.count = 0
         self.failed = 0
         self._executor = executor
@@ -138,14 +141,34 @@ class Evaluator:
             self._take(candidate)
         return candidates
 
+    def confirm(self, most: int, friction: float) -> None:
+        """Simulate the best few once more on a more slippery table; the one with the best mean cost is the best.
+
+        The lowest of many rough costs is partly luck, and friction is what is known least.
+        """
+        few = sorted(self.seen, key=lambda c: c.cost)[: min(most, self.left)]
+        if len(few) < 2:
+            return
+        again = list(
+            self._executor.map(partial(self.problem.evaluate, friction=friction), [c.controls for c in few])
+        )
+        means = [c.cost + a.cost for c, a in zip(few, again, strict=True)]
+        self.best = few[int(np.argmin(means))]
+        for _ in again:
+            self._tick()
+
     def one(self, controls: Controls) -> Candidate:
         return self.many([controls])[0]
 
     def _take(self, candidate: Candidate) -> None:
-        self.count += 1
         self.failed += candidate.failed
+        self.seen.append(candidate)
         self.first = self.first or candidate
         if self.best is None or candidate.cost < self.best.cost:
             self.best = candidate
-        if self._progress is not None:
+        self._tick()
+
+    def _tick(self) -> None:
+        self.count += 1
+        if self._progress is not None and self.best is not None:
             self._progress(self.count, self.budget, self.best.dissimilarity)

@@ -130,7 +130,8 @@ def test_the_shipped_library_has_every_towel_step(name: str) -> None:
         assert isinstance(entry, LibraryEntry) and entry.garment == name
         assert entry.material == garment.material and entry.size_m == pytest.approx(garment.size_m)
         diagonal = float(np.hypot(*garment.size_m))
-        assert entry.dissimilarity <= entry.dissimilarity_initial + 1e-9
+        # A shorter arc may cost a little of D: the objective weighs both.
+        assert entry.dissimilarity <= entry.dissimilarity_initial + 5e-4
         assert entry.dissimilarity < 0.025 * diagonal
         found = trajectory_from(entry, step, garment.material.thickness)
         assert found is not None

@@ -15,9 +15,11 @@ from cell.garments import load_garment
 from robots.errors import CellError, FailureKind
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.trajectory.bezier import evaluate, two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import triangle_areas
 from skills.trajectory.optimise import METHODS, optimise_fold
+from skills.trajectory.problem import Evaluator, FoldProblem
 from skills.vocabulary import Side
 
 TOWEL = load_garment("medium_towel")
@@ -58,8 +60,6 @@ class Bowl:
         self._lock = threading.Lock()
 
     def __call__(self, mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
-        from skills.trajectory.bezier import evaluate
-
         with self._lock:
             self.calls += 1
             self.threads.add(threading.get_ident())
@@ -118,8 +118,6 @@ def test_the_result_does_not_depend_on_which_simulation_ends_first() -> None:
 
 
 def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
-    from skills.trajectory.bezier import evaluate
-
     high = Bowl(best=np.array([0.0, 1.5, 1.0, 1.5]), scale=0.002)
     for method in METHODS:
         tops = [
@@ -128,6 +126,26 @@ def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
         ]
         assert max(z.max() for z in tops) <= 0.15 + 0.01
         assert min(z.min() for z in tops) >= 0.0
+
+
+def test_of_equally_good_arcs_the_one_that_bears_a_slippery_table_is_taken() -> None:
+    target = target_vertices(MESH, HALF.lines, TOWEL.material)
+
+    def drags(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        top = max(p.position[:, 2].max() for p in paths.values())
+        slippery = material.friction_static < 0.9 * TOWEL.material.friction_static
+        return target + np.array([0, 0, 0.02 if slippery and top < 0.2 else 0.004])
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, drags, 0.35, 0.4)
+    ends = {s: (f.start, f.end) for s, f in problem.frames.items()}
+    low, high = ({s: two_parameter_controls(*e, h, 0.0) for s, e in ends.items()} for h in (0.33, 0.6))
+    with ThreadPoolExecutor(2) as pool:
+        evaluator = Evaluator(problem, 4, pool, None)
+        evaluator.many([low, high])
+        assert evaluator.best is not None and evaluator.best.controls is low, "the shorter of two good arcs"
+        evaluator.confirm(4, 0.75)
+    assert evaluator.best.controls is high and evaluator.count == 4
+    assert evaluator.best.dissimilarity == pytest.approx(0.004), "the figure is that of the nominal table"
 
 
 def test_single_arm_folds_are_optimised_too() -> None:

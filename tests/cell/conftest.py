@@ -1,0 +1,52 @@
+"""One whole run, looked at from many sides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from cell.journal import Entry, Journal, RunRecord
+from cell.requests import FoldRequest, FoldResult
+from tests.runs import Onlooker, fold_request
+
+SETTINGS = {"optimiser": {"simulations": 4, "use_library": False}}
+"""Few simulations, on two threads: that the optimum is found is tested elsewhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A run that has ended, with all that it left behind."""
+
+    request: FoldRequest
+    result: FoldResult
+    onlooker: Onlooker
+    record: RunRecord
+    entries: tuple[Entry, ...]
+
+    @property
+    def folder(self) -> Path:
+        return self.record.directory
+
+
+def see(folder: Path, **options: bool) -> Seen:
+    onlooker = Onlooker()
+    request = fold_request(folder, SETTINGS, garment="medium_towel", seed=1, **options)
+    result = onlooker.fold(request)
+    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+        record = journal.run("last")
+        return Seen(request, result, onlooker, record, tuple(journal.entries(record.id)))
+
+
+@pytest.fixture(scope="session")
+def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
+    """A medium towel folded with everything on: recording, report, scorer."""
+    yield see(tmp_path_factory.mktemp("seen"), record=True, witness=True)
+
+
+@pytest.fixture(scope="session")
+def unseen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
+    """The same seed, with recording, scorer and truth taken out."""
+    return see(tmp_path_factory.mktemp("unseen"), record=False, witness=False)

@@ -1,0 +1,294 @@
+"""A whole run of the simulated cell: what it did, what it sent, what it left behind, and that it can be repeated."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.executive import Executive
+from cell.journal import Entry
+from cell.library import load_library
+from cell.lock import is_held
+from cell.states import TERMINAL, Effect, Event, State
+from robots.baxter.model import load_model
+from skills.motion.collision import CollisionChecker
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+NEAR_THE_TABLE = frozenset({Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.CLEAR})
+"""Effects in which the fingertips may touch the table."""
+
+
+# how it ended
+
+
+def test_the_towel_is_folded(seen: Any) -> None:
+    assert seen.result.failure is None
+    assert (seen.result.result, seen.result.state, seen.result.exit_code) == ("folded", "folded", 0)
+    assert [step["done"] for step in seen.result.steps] == [True, True]
+
+
+def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
+    score = seen.result.score
+    assert seen.result.simulated and score["simulated"]
+    limits = score["limits"]
+    within = [score[k] >= v if k == "iou" else score[k] <= v for k, v in limits.items()]
+    assert score["passed"] is all(within)
+    assert score["iou"] > 0.8, "whatever the verdict: it was folded about in half twice"
+
+
+def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
+    figures = json.loads(json.dumps(seen.result.as_json(), allow_nan=False))
+    for key in ("garment", "seed", "driver", "result", "score", "steps", "robot_time_s", "wall_time_s",
+                "stage_times_s", "run_dir"):  # fmt: skip
+        assert key in figures
+    for step in figures["steps"]:
+        assert step["source"] in {"library", "optimised"}
+        assert 0.5 < step["predicted_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
+        assert step["attempts"] >= 1 and isinstance(step["recoveries"], list)
+    assert {"passed", "iou", "correspondence_m", "edges_m", "drift_m", "height_m"} <= figures["score"].keys()
+
+
+# the ledger
+
+
+def test_the_ledger_has_no_gaps_and_time_does_not_go_back(seen: Any) -> None:
+    assert [e.sequence for e in seen.entries] == list(range(1, len(seen.entries) + 1))
+    for clock in ("cell_time", "wall_time"):
+        times = [getattr(e, clock) for e in seen.entries]
+        assert all(a <= b for a, b in pairwise(times))
+
+
+def test_every_effect_has_its_intent_and_then_its_result(seen: Any) -> None:
+    open_intent: Entry | None = None
+    for entry in seen.entries:
+        if entry.kind == "intent":
+            assert open_intent is None, "an effect began inside another"
+            open_intent = entry
+        elif entry.kind == "result":
+            assert open_intent is not None and entry.answers == open_intent.sequence
+            assert (entry.name, entry.state) == (open_intent.name, open_intent.state)
+            open_intent = None
+    assert open_intent is None
+    quiet = {Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP}
+    noted = [e.name for e in seen.entries if e.kind == "intent"]
+    assert noted == [e.value for e, _ in seen.onlooker.performed if e not in quiet]
+
+
+def test_the_ledger_replays_through_the_machine(seen: Any) -> None:
+    """From the entries alone the pure machine comes to the same end by the same effects."""
+    machine = Executive()
+    for entry in seen.entries:
+        if entry.kind == "event":
+            step = machine.handle(Event(entry.name))
+            assert (step.target.value, step.source.value) == (entry.state, entry.payload["from"])
+        elif entry.kind == "intent":
+            assert (entry.state, entry.name) == (step.target.value, step.effect.value)
+        else:
+            assert entry.payload["event"] in {e.value for e in machine.allowed()}
+    assert machine.state in TERMINAL and machine.state.value == seen.result.state
+
+
+def test_the_ledgers_summary_is_the_result(seen: Any) -> None:
+    kept = json.loads((seen.folder / "result.json").read_text(encoding="utf-8"))
+    summary = {k: v for k, v in seen.record.summary.items() if k != "schema"}
+    assert kept == summary == json.loads(json.dumps(seen.result.as_json()))
+    assert (seen.record.status, seen.record.result) == (seen.result.result, seen.result.result)
+    assert seen.record.settings_hash == seen.request.settings.fingerprint()
+    assert seen.record.versions["foldcell"]
+
+
+# time
+
+
+def test_robot_time_is_the_cells_clock_from_first_to_last(seen: Any) -> None:
+    result, entries = seen.result, seen.entries
+    assert result.robot_time_s == pytest.approx(entries[-1].cell_time - entries[0].cell_time, abs=1e-6)
+    assert sum(result.stage_times_s.values()) == pytest.approx(result.robot_time_s, abs=0.1)
+    assert set(result.stage_times_s) <= {s.value for s in State}
+
+
+def test_wall_time_covers_the_run(seen: Any) -> None:
+    within = seen.entries[-1].wall_time - seen.entries[0].wall_time
+    assert within <= seen.result.wall_time_s <= seen.record.ended - seen.record.started + 5.0
+
+
+def test_computing_is_charged_as_declared(seen: Any) -> None:
+    costs = seen.request.settings.computing
+    spans = {e.sequence: e for e in seen.entries if e.kind == "intent"}
+    charged = [
+        (e.payload["simulations"], e.cell_time - spans[e.answers].cell_time)
+        for e in seen.entries
+        if e.kind == "result" and e.name == "choose_trajectory"
+    ]
+    assert charged
+    for simulations, seconds in charged:
+        assert seconds == pytest.approx(simulations * costs.simulation_s, abs=1e-6)
+
+
+# what was sent to the arms
+
+
+def test_every_set_point_keeps_the_joints_limits(seen: Any) -> None:
+    limits = load_model().limits("planning", seen.request.settings.motion.velocity_scale)
+    sent = seen.onlooker.set_points
+    t, q = np.array([s.t for s in sent]), np.array([s.q for s in sent])
+    assert len(t) > 1000 and np.isfinite(q).all()
+    assert not any(s.sent.clipped for s in sent), "the driver had to clip"
+    assert (q >= limits.lower).all() and (q <= limits.upper).all()
+    dt, dq = np.diff(t), np.diff(q, axis=0)
+    speed = np.abs(dq) / np.where(dt > 1e-6, dt, np.inf)[:, None]
+    assert (speed <= 1.01 * limits.velocity).all()
+    assert (np.abs(np.array([s.qd for s in sent])) <= 1.01 * limits.velocity).all()
+    assert np.abs(dq).max() < 0.05, "a jump"
+
+
+def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
+    """Approach and fold are one planned motion each: second differences of what was sent are its accelerations."""
+    limits = load_model().limits("planning", 1.0)
+    for effect in (Effect.APPROACH, Effect.FOLD):
+        t, q = (np.array([getattr(s, k) for s in seen.onlooker.set_points if s.effect is effect]) for k in ("t", "q"))
+        whole = np.flatnonzero(np.abs(np.diff(t, n=2)) < 1e-6)
+        whole = whole[np.diff(t)[whole] < 0.011]
+        assert len(whole) > 200
+        acceleration = np.abs(np.diff(q, n=2, axis=0)[whole]) / 1e-4
+        assert (acceleration <= 1.05 * limits.acceleration).all()
+
+
+def test_the_arms_are_commanded_without_a_break_while_they_move(seen: Any) -> None:
+    """A command holds for 0.2 s; within one effect none may run out."""
+    for a, b in pairwise(seen.onlooker.set_points):
+        if a.effect is b.effect and np.abs(a.qd).max() > 1e-3:
+            assert b.t - a.t < 0.05
+
+
+def test_no_set_point_touches_what_it_must_not(seen: Any) -> None:
+    table = seen.request.settings.table
+    checker = CollisionChecker(load_model(), table, body_margin=0.005, table_margin=0.010, fingertip_margin=0.010)
+    for s in seen.onlooker.set_points[::5]:
+        contact = checker.contact(s.q, allow_fingertips=s.effect in NEAR_THE_TABLE)
+        assert contact is None, f"{contact} at {s.t:.2f} s in {s.effect}"
+
+
+def test_it_ends_with_the_arms_parked_and_the_hands_open(seen: Any) -> None:
+    assert np.abs(seen.onlooker.last_q - load_model().q_park).max() < 0.02
+    assert min(seen.onlooker.openings) > 0.015
+
+
+# what it left behind
+
+
+def test_the_runs_folder_is_whole(seen: Any) -> None:
+    assert sorted(p.name for p in seen.folder.iterdir()) == ["cell.yaml", "report.html", "result.json", "run.rrd"]
+    assert (seen.folder / "cell.yaml").read_text(encoding="utf-8") == seen.request.settings.as_yaml()
+    logs = {p.name for p in seen.request.logs.iterdir()} - {"ledger.db-shm", "ledger.db-wal"}
+    assert logs == {"cell.lock", "ledger.db", "library.json", seen.record.id}
+    assert not is_held(seen.request.logs / "cell.lock")
+
+
+def test_the_recording_is_complete_and_tells_the_same_story(seen: Any) -> None:
+    import rerun.chunk
+
+    assert seen.result.recording == {"dropped": 0, "live_dropped": 0, "errors": []}
+    rows: dict[str, int] = {}
+    for chunk in rerun.chunk.RrdReader(str(seen.folder / "run.rrd")).stream():
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
+    names = " ".join(rows)
+    parts = (
+        "/camera/picture", "/camera/depth", "/camera/mask", "/joints/", "/grip/", "/opening/", "/perception/overlay",
+        "/perceived/keypoints", "/plan/fold_line", "/arcs/planned", "/predicted", "/observed", "/truth", "/log",
+    )  # fmt: skip
+    for part in parts:
+        assert part in names, f"nothing of '{part}' in {names}"
+    transitions = sum(1 for e in seen.entries if e.kind == "event")
+    assert max(n for path, n in rows.items() if "state" in path) >= transitions
+
+
+class Loads(HTMLParser):
+    """What a browser would fetch to show a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.pictures = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        named = dict(attrs)
+        self.pictures += tag in {"img", "svg"}
+        wanted = [named.get("src"), named.get("srcset"), named.get("poster"), named.get("data")]
+        wanted.append(named.get("href") if tag in {"link", "use", "image", "base"} else None)
+        self.fetched += [w for w in wanted if w and not w.startswith(("data:", "#"))]
+
+
+def test_the_report_needs_nothing_from_elsewhere(seen: Any) -> None:
+    text = (seen.folder / "report.html").read_text(encoding="utf-8")
+    page = Loads()
+    page.feed(text)
+    styled = [u for u in re.findall(r"url\(\s*['\"]?([^'\")]+)", text) if not u.startswith(("data:", "#"))]
+    assert page.fetched + styled + re.findall(r"@import[^;]+", text) == []
+    assert page.pictures >= 12, "six key frames of each fold"
+
+
+def test_the_report_says_what_the_result_says(seen: Any) -> None:
+    text = re.sub(r"<[^>]+>", " ", (seen.folder / "report.html").read_text(encoding="utf-8"))
+    assert "simulated" in text
+    for step in seen.result.steps:
+        assert step["name"] in text.lower()
+    assert f"{seen.result.robot_time_s:.1f}" in text
+
+
+def test_both_folds_are_kept_in_the_users_library(seen: Any) -> None:
+    loaded = load_library(seen.request.logs)
+    assert [r for path, r in loaded.refused if path.parent == seen.request.logs] == []
+    kept = json.loads((seen.request.logs / "library.json").read_text(encoding="utf-8"))
+    assert len(kept["entries"]) == len(seen.result.steps) == 2
+    assert {s["source"] for s in seen.result.steps} == {"optimised"}
+
+
+# the same again
+
+
+def test_the_same_seed_decides_the_same_without_scorer_and_truth(seen: Any, unseen: Any) -> None:
+    """A run is a function of its seed, and nothing in it depends on being watched or scored."""
+    assert list(told(unseen.entries)) == list(told(seen.entries))
+
+
+def test_the_same_seed_sends_the_same_set_points_bit_for_bit(seen: Any, unseen: Any) -> None:
+    a, b = seen.onlooker.set_points, unseen.onlooker.set_points
+    assert [s.t for s in a] == [s.t for s in b]
+    assert all(np.array_equal(x.q, y.q) and np.array_equal(x.qd, y.qd) for x, y in zip(a, b, strict=True))
+
+
+def test_the_same_seed_sees_the_same_pictures_bit_for_bit(seen: Any, unseen: Any) -> None:
+    frames = [
+        [r.context.frame for r in run.onlooker.results if r.context.frame is not None] for run in (seen, unseen)
+    ]
+    assert len(frames[0]) > 3
+    for a, b in zip(*frames, strict=True):
+        assert np.array_equal(a.rgb, b.rgb)
+        assert np.array_equal(a.depth, b.depth, equal_nan=True)
+
+
+def test_a_run_that_nobody_watches_is_not_scored_and_not_recorded(unseen: Any) -> None:
+    assert unseen.result.score is None
+    assert sorted(p.name for p in unseen.folder.iterdir()) == ["cell.yaml", "result.json"]
+
+
+def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:
+    """A ledger without what the wall's clock has put into it."""
+    for e in entries:
+        yield e.sequence, e.cell_time, e.state, e.kind, e.name, e.answers, _timeless(e.payload)
+
+
+def _timeless(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _timeless(v) for k, v in value.items() if k != "wall"}
+    return value
+

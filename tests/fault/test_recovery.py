@@ -1,0 +1,207 @@
+"""Faults let loose in whole runs: each is noticed, answered within bounds, and ends in a declared and safe state.
+
+The runs are cut short, by the operator's abort, once they have shown what is to be seen.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.commands import CommandQueue
+from cell.journal import Journal
+from cell.recovery import Adjustment
+from cell.requests import FoldRequest
+from cell.simulation import Fault, FaultKind, inject
+from cell.states import Effect, Event
+from robots.baxter.model import load_model
+from robots.errors import Failure, FailureKind
+from robots.ports import Ports, Side
+from skills.trajectory.optimise import optimise_fold
+from skills.vocabulary import Outcome
+from tests.runs import PLAIN, Onlooker, fold_request
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def abort(ports: Ports, commands: CommandQueue, n: int) -> None:
+    commands.put(Event.ABORT)
+
+
+def parked(onlooker: Onlooker) -> bool:
+    """The arms at their rest pose, the hands open."""
+    return bool(np.abs(onlooker.last_q - load_model().q_park).max() < 0.02 and min(onlooker.openings) > 0.03)
+
+
+def told(request: FoldRequest) -> list[Any]:
+    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+        return journal.entries(journal.run("last").id)
+
+
+# seeing
+
+
+def test_no_garment(tmp_path: Path) -> None:
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    result = onlooker.fold(request, lambda ports: inject(ports, Fault(FaultKind.NO_GARMENT)))
+    assert (result.state, result.exit_code) == ("not_folded", 2)
+    assert result.failure["kind"] == "no_garment" and result.failure["hint"]
+    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN, Event.LOOK_AGAIN, Event.GIVE_UP]
+    assert onlooker.count(Effect.LOOK) == 3 and onlooker.count(Effect.APPROACH) == 0
+    assert onlooker.performed[-2][0] is Effect.MAKE_SAFE and parked(onlooker)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.CAMERA_BLACK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_SILENT])
+def test_a_broken_camera_is_looked_through_again_and_then_given_up(kind: FaultKind, tmp_path: Path) -> None:
+    """It breaks after the picture of the empty table. A frozen one would show that table for ever."""
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: inject(ports, Fault(kind))
+    result = onlooker.fold(request)
+    assert (result.state, result.exit_code) == ("not_folded", 2)
+    assert 1 <= onlooker.events(Effect.CHOOSE_RECOVERY).count(Event.LOOK_AGAIN) <= 4
+    expected = {FaultKind.CAMERA_FREEZE: {"camera_fault", "no_garment"}}.get(kind, {"camera_fault"})
+    assert set(onlooker.kinds()) <= expected and result.failure["kind"] in expected
+    assert onlooker.count(Effect.APPROACH) == 0 and parked(onlooker)
+
+
+def test_a_camera_that_comes_back_is_believed_again(tmp_path: Path) -> None:
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker.after[Effect.AWAIT_GARMENT] = lambda ports, commands, n: inject(
+        ports, Fault(FaultKind.CAMERA_BLACK, duration=0.9)
+    )
+    onlooker.after[Effect.PLAN_FOLDS] = abort
+    onlooker.fold(request)
+    assert onlooker.events(Effect.RECOGNISE) == [Event.FAILED, Event.DONE]
+    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN]
+
+
+# planning
+
+
+def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    methods = []
+
+    def broken(step: Any, mesh: Any, vertices: Any, material: Any, method: str, *rest: Any, **options: Any) -> Any:
+        methods.append(method)
+        if method == "initial":
+            return optimise_fold(step, mesh, vertices, material, method, *rest, **options)
+        failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
+        return Outcome(failure=failure, notes={"simulations": 7})
+
+    monkeypatch.setattr("cell.effects.planning.optimise_fold", broken)
+    onlooker = Onlooker()
+    request = fold_request(tmp_path, {"optimiser": {"use_library": False}})
+    onlooker.after[Effect.PLAN_MOTION] = abort
+    result = onlooker.fold(request)
+    assert methods == ["default", "initial"]
+    assert onlooker.events(Effect.CHOOSE_TRAJECTORY) == [Event.FAILED, Event.DONE]
+    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.OPTIMISE_AGAIN]
+    assert onlooker.events(Effect.PLAN_MOTION) == [Event.DONE], "the plain arc can be moved"
+    assert Adjustment.PLAIN_ARC in onlooker.results[-1].context.adjustments
+    assert (result.state, result.exit_code) == ("not_folded", 2)
+    spent = [e.cell_time for e in told(request) if e.name == "choose_trajectory"]
+    assert spent[1] - spent[0] == pytest.approx(0.7), "failed simulations cost their time too"
+
+
+def test_an_optimiser_that_always_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
+    monkeypatch.setattr("cell.effects.planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
+    onlooker = Onlooker()
+    result = onlooker.fold(fold_request(tmp_path))
+    assert (result.state, result.failure["kind"]) == ("not_folded", "optimiser_failed")
+    assert onlooker.count(Effect.CHOOSE_TRAJECTORY) == 2 and onlooker.count(Effect.APPROACH) == 0
+
+
+def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError("of course")
+
+    monkeypatch.setattr("cell.effects.seeing.perceive", crash)
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    result = onlooker.fold(request)
+    assert (result.result, result.exit_code) == ("fault", 3)
+    assert result.failure["kind"] == "skill_crashed"
+    assert onlooker.performed[-2] == (Effect.MAKE_SAFE, Event.DONE) and parked(onlooker)
+    assert any("Traceback" in str(e.payload) for e in told(request))
+
+
+# gripping
+
+
+def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
+    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel")
+    onlooker.after[Effect.GRASP] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
+    fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1)
+    result = onlooker.fold(request, lambda ports: inject(ports, fault))
+    assert onlooker.kinds()[0] == "missed_grasp"
+    at = onlooker.performed.index((Effect.GRASP, Event.FAILED))
+    following = [effect for effect, _ in onlooker.performed[at + 1 : at + 6]]
+    assert following == [
+        Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP,
+    ]  # fmt: skip
+    assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second try holds"
+    assert result.steps[0]["recoveries"] == ["missed_grasp -> grasp_again (lower)"]
+    assert result.steps[0]["attempts"] == 2
+    assert (result.state, result.exit_code) == ("not_folded", 2)
+    assert parked(onlooker), "aborted with cloth in the hands: it is let go and the arms are parked"
+
+
+# stop
+
+
+def test_a_stop_in_the_middle_of_a_fold(tmp_path: Path) -> None:
+    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel")
+    stopped_at: list[float] = []
+    began: list[float] = []
+
+    def press(ports: Ports, effect: Effect, t: float) -> None:
+        if effect is not Effect.FOLD or stopped_at:
+            return
+        began.append(t)
+        if t - began[0] > 1.0:
+            ports.stop.trigger("the button")
+            stopped_at.append(t)
+
+    onlooker.at_set_point = press
+    result = onlooker.fold(request)
+    assert (result.state, result.result, result.exit_code) == ("stopped", "not_folded", 2)
+    assert result.failure["kind"] == "stopped" and "the button" in result.failure["what"]
+    after = [s for s in onlooker.set_points if s.t >= stopped_at[0]]
+    assert len(after) == 1, "only the set-point that was on its way when the stop came"
+    assert onlooker.performed[-2:] == [(Effect.FOLD, Event.FAILED), (Effect.HOLD, Event.DONE)]
+    assert max(onlooker.openings) < 0.02, "the stop did not let go of the garment"
+    assert told(request)[-3].payload["kind"] == "stopped"
+    assert told(request)[-1].cell_time - stopped_at[0] < 0.05
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_stops_the_run_and_names_itself(number: signal.Signals, code: int, tmp_path: Path) -> None:
+    before = signal.getsignal(number)
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker.before[Effect.LOOK] = lambda ports, commands, n: os.kill(os.getpid(), number)
+    result = onlooker.fold(request)
+    assert (result.state, result.exit_code, result.signal) == ("stopped", code, number)
+    assert number.name in result.failure["what"]
+    assert signal.getsignal(number) is before, "the handler is left behind"
+    assert onlooker.performed[-1][0] is Effect.HOLD
+
+
+# what the run leaves
+
+
+def test_an_aborted_run_is_whole(tmp_path: Path) -> None:
+    """Recording and report are made however a run ends."""
+    onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, witness=True)
+    onlooker.after[Effect.LOOK] = abort
+    result = onlooker.fold(request)
+    assert (result.state, result.exit_code) == ("not_folded", 2)
+    folder = Path(result.run_dir)
+    assert sorted(p.name for p in folder.iterdir()) == ["cell.yaml", "report.html", "result.json", "run.rrd"]
+    assert result.recording["errors"] == []

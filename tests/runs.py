@@ -1,0 +1,124 @@
+"""Whole runs of the simulated cell for tests: cheap settings, and a way to look on and to interfere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from cell.commands import CommandQueue
+from cell.config import load_settings
+from cell.context import Context, Result
+from cell.effects import EFFECTS
+from cell.requests import FoldRequest, FoldResult
+from cell.run import fold_once
+from cell.states import Effect, Event
+from cell.workcell import Workcell
+from robots.ports import Array, JointSetpoint, Ports
+
+__all__ = ["PLAIN", "Onlooker", "Sent", "fold_request"]
+
+PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
+"""One simulation instead of an optimisation: enough where it does not matter how well the garment is folded."""
+
+
+def fold_request(
+    folder: Path, settings: Mapping[str, Any] = PLAIN, *, garment: str = "small_towel", seed: int = 1, **changes: Any
+) -> FoldRequest:
+    """A run that keeps its ledger in `folder`/logs, without a recording and unscored unless it is asked for."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
+    (folder / "logs").mkdir(exist_ok=True)
+    options: dict[str, Any] = {"quiet": True, "record": False, "witness": False, **changes}
+    return FoldRequest(
+        garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
+        logs=folder / "logs", **options,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """One set-point as the driver got it and as it sent it on, and the effect that it belongs to."""
+
+    t: float
+    effect: Effect
+    q: Array
+    qd: Array
+    sent: JointSetpoint
+
+
+@dataclass
+class Onlooker:
+    """Stands beside a run: knows every effect, event and set-point, and may act before and after an effect.
+
+    `before` and `after` get (ports, commands, n) with n counting the effect's performances from 1. `at_set_point`
+    is called before each set-point.
+    """
+
+    before: dict[Effect, Callable[[Ports, CommandQueue, int], object]] = field(default_factory=dict)
+    after: dict[Effect, Callable[[Ports, CommandQueue, int], object]] = field(default_factory=dict)
+    at_set_point: Callable[[Ports, Effect, float], object] = lambda ports, effect, t: None
+    performed: list[tuple[Effect, Event]] = field(default_factory=list)
+    results: list[Result] = field(default_factory=list)
+    set_points: list[Sent] = field(default_factory=list)
+    last_q: Array = field(default_factory=lambda: np.zeros(14))
+    openings: list[float] = field(default_factory=list)
+    under_way: Effect = Effect.NOTHING
+
+    def fold(self, request: FoldRequest, script: Callable[[Ports], object] = lambda ports: None) -> FoldResult:
+        """`fold_once` with this onlooker beside it."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("cell.run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
+
+            def begin(ports: Ports, commands: CommandQueue) -> None:
+                self._listen(patch, ports)
+                script(ports)
+
+            return fold_once(request, begin)
+
+    def count(self, effect: Effect) -> int:
+        return sum(1 for e, _ in self.performed if e is effect)
+
+    def events(self, effect: Effect) -> list[Event]:
+        """How each performance of an effect ended."""
+        return [event for e, event in self.performed if e is effect]
+
+    def kinds(self) -> list[str]:
+        """The failures in the order in which they were met."""
+        failing = {Event.FAILED, Event.CRASH, Event.STOP}
+        return [r.context.failure.kind.value for r in self.results if r.event in failing and r.context.failure]
+
+    def _watched(self, effect: Effect, perform: Callable[[Workcell, Context], Result]) -> Any:
+        def watched(cell: Workcell, context: Context) -> Result:
+            self.under_way = effect
+            n = self.count(effect) + 1
+            if effect in self.before:
+                self.before[effect](cell.ports, cell.commands, n)
+            result = perform(cell, context)
+            self.performed.append((effect, result.event))
+            self.results.append(result)
+            self.last_q = cell.ports.arms.state().q
+            self.openings = [gripper.state().opening for gripper in cell.ports.grippers.values()]
+            if effect in self.after:
+                self.after[effect](cell.ports, cell.commands, n)
+            return result
+
+        return watched
+
+    def _listen(self, patch: pytest.MonkeyPatch, ports: Ports) -> None:
+        arms = type(ports.arms)
+        command = arms.command
+
+        def heard(port: Any, q: Array, qd: Array) -> JointSetpoint:
+            self.at_set_point(ports, self.under_way, ports.clock.now())
+            sent = command(port, q, qd)
+            self.set_points.append(Sent(ports.clock.now(), self.under_way, np.array(q), np.array(qd), sent))
+            return sent
+
+        patch.setattr(arms, "command", heard)

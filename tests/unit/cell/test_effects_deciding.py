@@ -1,0 +1,156 @@
+"""What is tried after a failure, and what an operator can say: bounds, dwell, waiting that is not charged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cell.config import CellSettings, load_settings
+from cell.context import Context
+from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.recovery import RECOVERIES, Adjustment
+from cell.states import Event
+from robots.errors import Failure, FailureKind
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+
+
+def failed(kind: FailureKind, times: int = 1, context: Context | None = None) -> Context:
+    context = context or Context()
+    for _ in range(times):
+        context = context.with_failure(Failure(kind, "it failed"))
+    return context
+
+
+def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
+    path = tmp_path / "cell.yaml"
+    path.write_text("recovery:\n" + "".join(f"  {k}: {v}\n" for k, v in bounds.items()))
+    return load_settings(path)
+
+
+# recoveries
+
+
+@pytest.mark.parametrize("kind", list(RECOVERIES))
+def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
+    context, tried = Context(), []
+    while True:
+        result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
+        context = result.context
+        if result.event is Event.GIVE_UP:
+            break
+        tried.append((result.event, Adjustment(str(result.record["change"]))))
+        assert len(tried) < 10
+    assert tried == [(r.event, r.adjust) for r in RECOVERIES[kind]]
+    assert list(context.adjustments) == [a for _, a in tried if a is not Adjustment.NONE]
+
+
+def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
+    """Failures of ever new kinds must not add up to tries without end."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
+    context, events = Context(), []
+    for kind in (K.NO_CONTACT, K.SLIPPED, K.TRACKING_ERROR, K.OFF_TARGET, K.DRIFT):
+        result = choose_next(workcell, failed(kind, context=context))
+        context = result.context
+        events.append(result.event)
+    assert events[3:] == [Event.GIVE_UP, Event.GIVE_UP]
+    assert Event.GIVE_UP not in events[:3]
+
+
+def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=3))
+    context, events = Context(), []
+    for index in (0, 0, 1, 2):
+        result = choose_next(workcell, failed(K.MISSED_GRASP, context=replace(context, index=index)))
+        context = result.context
+        events.append(result.event)
+    assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
+
+
+def test_no_recovery_where_none_is_wanted(tmp_path: Path) -> None:
+    for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
+        workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
+        assert choose_next(workcell, failed(K.NO_GARMENT)).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize("kind", [K.STOPPED, K.HARDWARE_FAULT, K.CATEGORY_MISMATCH, K.GRIPPER_FAULT])
+@pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
+def test_what_stands_in_no_row_is_not_tried_again(kind: FailureKind, attended: bool, event: Event) -> None:
+    result = choose_next(fake_workcell(FakeCell(), attended=attended), failed(kind))
+    assert result.event is event
+    assert result.context.recoveries == (), "asking or giving up is no recovery"
+
+
+def test_the_dwell_is_waited_with_the_arms_held(tmp_path: Path) -> None:
+    cell = FakeCell()
+    choose_next(fake_workcell(cell), failed(K.NO_GARMENT))
+    assert cell.now == pytest.approx(1.0)
+    gaps = [b - a for (a, _), (b, _) in zip(cell.commands, cell.commands[1:], strict=False)]
+    assert gaps and max(gaps) < 0.2, "the arms' commands timed out"
+    cell = FakeCell()
+    choose_next(fake_workcell(cell, settings=bounded(tmp_path, dwell=2.0)), failed(K.OFF_TARGET))
+    assert cell.now == pytest.approx(2.0)
+
+
+def test_a_stop_ends_the_dwell() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
+    result = choose_next(workcell, failed(K.NO_GARMENT))
+    assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
+    assert cell.now < 0.4
+
+
+# the operator
+
+
+@pytest.mark.parametrize(
+    ("ask", "known"),
+    [
+        (ask_approval, {Event.APPROVE, Event.RETRY, Event.ABORT}),
+        (ask_operator, {Event.RETRY, Event.SKIP, Event.ABORT}),
+        (pause, {Event.RESUME, Event.ABORT}),
+    ],
+)
+def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
+    for answer in known:
+        cell = FakeCell()
+        workcell = fake_workcell(cell)
+        cell.at(0.3, lambda queue=workcell.commands, answer=answer: queue.put(answer))
+        result = ask(workcell, Context())
+        assert result.event is answer
+        assert result.record == {"command": answer.value}
+        assert result.context.waited_s == pytest.approx(cell.now) and cell.now >= 0.3
+        assert cell.commands == [], "it moved while it asked"
+
+
+def test_what_was_not_asked_for_is_no_answer() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))
+    cell.at(0.6, lambda: workcell.commands.put(Event.APPROVE))
+    assert ask_approval(workcell, Context()).event is Event.APPROVE
+    assert cell.now >= 0.6
+
+
+def test_approval_given_before_the_plan_was_there_is_void() -> None:
+    """A key pressed twice at one fold must not approve the next one unseen."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell.commands.put(Event.APPROVE)
+    cell.at(0.3, lambda: workcell.commands.put(Event.ABORT))
+    assert ask_approval(workcell, Context()).event is Event.ABORT
+
+
+@pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
+def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
+    result = ask(workcell, Context())
+    assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
+    assert cell.now < 0.4

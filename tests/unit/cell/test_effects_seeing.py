@@ -1,0 +1,94 @@
+"""Looking: refused where the picture would mislead, and what is remembered of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config import load_settings
+from cell.context import Context
+from cell.effects.seeing import look, photograph_table
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import FailureKind
+from robots.ports import CameraFrame
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+
+class CountingCamera:
+    """The fake camera, with a count of its pictures."""
+
+    def __init__(self, camera: Any) -> None:
+        self._camera = camera
+        self.shots = 0
+
+    def capture(self) -> CameraFrame:
+        self.shots += 1
+        return replace(self._camera.capture(), sequence=self.shots)
+
+
+def seeing(pan_calibrated: float = 0.0, **changes: Any) -> tuple[Workcell, CountingCamera]:
+    """A cell whose head stands at 0 rad, with a camera calibrated at another angle."""
+    ports = FakeCell().ports()
+    camera = CountingCamera(ports.camera)
+    workcell = fake_workcell(FakeCell(), ports=replace(ports, camera=camera), **changes)
+    calibration = replace(workcell.calibration, head_pan=pan_calibrated)
+    return replace(workcell, calibration=calibration), camera
+
+
+@pytest.mark.parametrize("effect", [look, photograph_table])
+@pytest.mark.parametrize("pan", [0.05, -0.011])
+def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None:
+    workcell, camera = seeing(pan)
+    result = effect(workcell, Context())
+    assert result.event is Event.FAILED
+    assert result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "head" in result.context.failure.what and result.context.failure.hint
+    assert camera.shots == 0 and result.context.frame is None
+
+
+def test_the_noise_of_the_head_is_let_pass() -> None:
+    workcell, camera = seeing(0.008)
+    assert look(workcell, Context()).event is Event.DONE
+    assert camera.shots == 1
+
+
+def test_two_pictures_are_remembered() -> None:
+    """A frozen camera is known by comparing the last picture with the one before."""
+    workcell, _ = seeing()
+    context = Context()
+    for _ in range(3):
+        context = look(workcell, context).context
+    assert (context.frame.sequence, context.previous.sequence) == (3, 2)
+
+
+def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
+    workcell, _ = seeing()
+    good = look(workcell, Context()).context
+    turned = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.4))
+    failed = look(turned, good)
+    assert failed.event is Event.FAILED
+    assert failed.context.attempts == {(0, "camera_fault"): 1}
+
+
+def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
+    (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
+    workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))
+    result = photograph_table(workcell, Context())
+    assert (result.event, result.context.reference, camera.shots) == (Event.DONE, None, 0)
+
+
+def test_a_table_that_does_not_show_leaves_the_calibration_as_it_is() -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as workers:
+        workcell, _ = seeing(workers=workers)
+        result = photograph_table(workcell, Context())
+    assert result.event is Event.DONE and result.record["refined"] is False
+    assert result.context.refined is None and result.context.reference is not None
+    assert result.context.calibration(workcell.calibration) is workcell.calibration
+    assert np.isfinite(workcell.calibration.T_table_camera).all()

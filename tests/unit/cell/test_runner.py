@@ -1,0 +1,365 @@
+"""The runner: the ledger around every effect, and what an operator, a stop or a crash does between two effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.context import Context, Result
+from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.executive import Step
+from cell.journal import Journal, RunJournal
+from cell.runner import EffectFunction, RunEnd, Runner
+from cell.states import Effect, Event, State
+from robots.errors import DriverError, Failure, FailureKind
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+PATIENCE = 0.3
+STRAIGHT = [
+    Effect.PREPARE, Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK, Effect.RECOGNISE, Effect.PLAN_FOLDS,
+    Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD,
+    Effect.RELEASE, Effect.RETREAT, Effect.LOOK, Effect.INSPECT,
+]  # fmt: skip
+
+
+class Rig:
+    """A runner over effects that do nothing but take a second of cell time, except those that a test replaces."""
+
+    def __init__(self, run: RunJournal, journal: Journal) -> None:
+        self.cell = FakeCell()
+        self.journal, self.ledger = journal, run
+        self.performed: list[Effect] = []
+        self.after: dict[Effect, Callable[[], object]] = {}
+        self.answers: dict[Effect, list[Callable[[], object]]] = {}
+        self.special: dict[Effect, EffectFunction] = {
+            Effect.ASK_APPROVAL: ask_approval,
+            Effect.ASK_OPERATOR: ask_operator,
+            Effect.WAIT: pause,
+            Effect.CHOOSE_RECOVERY: choose_next,
+            Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
+        }
+        self.observers: tuple[Any, ...] = ()
+        self.workcell = fake_workcell(self.cell)
+
+    def attended(self, **changes: bool) -> None:
+        self.workcell = fake_workcell(self.cell, attended=True, commands=self.workcell.commands, **changes)
+
+    def say(self, command: Event) -> Callable[[], object]:
+        return lambda: self.workcell.commands.put(command)
+
+    def answer(self, question: Effect, *answers: Callable[[], object]) -> None:
+        """The operator thinks for PATIENCE before each answer; waiting takes as long on the wall."""
+        self.answers[question] = list(answers)
+
+    def run(self) -> RunEnd:
+        effects = {effect: self._effect(effect) for effect in Effect}
+        return Runner(self.workcell, effects, self.ledger, self.workcell.commands, self.observers).run()
+
+    def _effect(self, effect: Effect) -> EffectFunction:
+        def perform(cell: Any, context: Context) -> Result:
+            self.performed.append(effect)
+            if effect not in {Effect.NOTHING, Effect.WAIT, Effect.ASK_APPROVAL, Effect.ASK_OPERATOR}:
+                self.cell.ports().clock.sleep_until(self.cell.now + 1.0)
+            if self.answers.get(effect):
+                self.cell.at(self.cell.now + PATIENCE, self.answers[effect].pop(0))
+            result = self.special.get(effect, lambda c, x: Result(Event.DONE, x))(cell, context)
+            self.after.pop(effect, lambda: None)()
+            return result
+
+        return perform
+
+    def entries(self, kind: str | None = None) -> list[Any]:
+        return self.journal.entries(self.ledger.id, kind)
+
+    def transitions(self) -> list[tuple[str, str]]:
+        return [(e.name, e.state) for e in self.entries("event")]
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with Journal.open(tmp_path / "ledger.db") as journal:
+        run = journal.begin_run(garment="medium_towel", seed=1, driver="fake")
+        yield Rig(run, journal)
+        run.abandon()
+
+
+def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
+    """An effect that fails so often, and then works."""
+    left = [times]
+
+    def effect(cell: Any, context: Context) -> Result:
+        left[0] -= 1
+        if left[0] < 0:
+            return Result(Event.DONE, context)
+        return Result(Event.FAILED, context.with_failure(Failure(kind, "it failed", "mend it", {"n": left[0]})))
+
+    return effect
+
+
+# the straight way, and the ledger
+
+
+def test_a_run_without_trouble(rig: Rig) -> None:
+    end = rig.run()
+    assert end.state is State.FOLDED
+    assert rig.performed == [*STRAIGHT, Effect.NOTHING]
+    assert end.ended - end.started == pytest.approx(len(STRAIGHT))
+    assert sum(end.stage_times.values()) == pytest.approx(len(STRAIGHT))
+
+
+def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) -> None:
+    seen = []
+
+    def look_at_the_ledger(cell: Any, context: Context) -> Result:
+        with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
+            intent = reader.last_intent(rig.ledger.id)
+        assert intent is not None
+        seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
+        return Result(Event.DONE, context, {"force_n": 3.5})
+
+    rig.special[Effect.GRASP] = look_at_the_ledger
+    rig.run()
+    started = STRAIGHT.index(Effect.GRASP)
+    assert seen == [("grasp", "grasping", float(started), None)]
+    begun = next(e for e in rig.entries("intent") if e.name == "grasp")
+    (ended,) = [e for e in rig.entries("result") if e.answers == begun.sequence]
+    assert ended.cell_time == pytest.approx(started + 1.0)
+    assert ended.payload["event"] == "done" and ended.payload["force_n"] == 3.5
+
+
+def test_the_ledger_tells_the_way_through_the_table(rig: Rig) -> None:
+    end = rig.run()
+    assert [e.name for e in rig.entries("intent")] == [e.value for e in STRAIGHT]
+    assert rig.transitions()[0] == ("start", "preparing")
+    assert rig.transitions()[-1] == ("all_folded", end.state.value)
+
+
+def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    assert rig.run().state is State.FOLDED
+    failed = next(e for e in rig.entries("result") if e.payload["event"] == "failed")
+    assert (failed.name, failed.payload["kind"]) == ("grasp", "missed_grasp")
+    assert (failed.payload["what"], failed.payload["hint"]) == ("it failed", "mend it")
+    assert failed.payload["values"] == {"n": 0}
+
+
+def test_observers_are_told_of_every_step(rig: Rig) -> None:
+    class Listener:
+        def __init__(self) -> None:
+            self.states: list[State] = []
+            self.events: list[Event] = []
+
+        def entered(self, t: float, step: Step) -> None:
+            self.states.append(step.target)
+
+        def performed(self, t: float, step: Step, result: Result) -> None:
+            self.events.append(result.event)
+
+    listener = Listener()
+    rig.observers = (listener,)
+    rig.run()
+    assert [s.value for s in listener.states] == [state for _, state in rig.transitions()]
+    assert [e.value for e in listener.events] == [name for name, _ in rig.transitions()][1:]
+
+
+# failures
+
+
+def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> None:
+    rig.special[Effect.FOLD] = failing(K.SLIPPED)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.FOLD)
+    assert rig.performed[at : at + 4] == [Effect.FOLD, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+
+
+@pytest.mark.parametrize("kind", [K.MISSED_GRASP, K.UNREACHABLE, K.STALE_STATE, K.HARDWARE_FAULT])
+def test_an_effect_that_always_fails_ends_the_run_safe(rig: Rig, kind: FailureKind) -> None:
+    rig.special[Effect.GRASP] = failing(kind, 1000)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.performed.count(Effect.GRASP) <= 5
+    assert end.context.failure.kind is kind
+
+
+def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
+    def silent(cell: Any, context: Context) -> Result:
+        raise DriverError(K.CAMERA_FAULT, "the camera does not answer", "look at its cable", waited_s=2.0)
+
+    rig.special[Effect.LOOK] = silent
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert rig.performed.count(Effect.LOOK) == 3, "it is tried again twice"
+    failed = [e.payload for e in rig.entries("result") if e.name == "look"]
+    assert all((f["kind"], f["values"]) == ("camera_fault", {"waited_s": 2.0}) for f in failed)
+
+
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
+def test_a_crash_makes_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
+    def crash(cell: Any, context: Context) -> Result:
+        raise ZeroDivisionError("of course")
+
+    rig.special[effect] = crash
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
+    crashed = next(e.payload for e in rig.entries("result") if e.name == effect.value)
+    assert crashed["kind"] == "skill_crashed" and "ZeroDivisionError: of course" in crashed["what"]
+    assert "Traceback" in crashed["values"]["traceback"]
+
+
+def test_a_crash_while_making_safe_holds_the_arms(rig: Rig) -> None:
+    def crash(cell: Any, context: Context) -> Result:
+        raise ValueError("twice")
+
+    rig.special[Effect.FOLD] = rig.special[Effect.MAKE_SAFE] = crash
+    assert rig.run().state is State.FAULT
+    assert rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.HOLD]
+
+
+# stop
+
+
+@pytest.mark.parametrize("effect", STRAIGHT)
+def test_a_stop_ends_the_run_before_the_next_effect(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = lambda: rig.workcell.ports.stop.trigger("button")
+    end = rig.run()
+    if effect is Effect.INSPECT:  # the stop comes when all is done
+        assert end.state is State.FOLDED
+        return
+    assert end.state is State.STOPPED
+    assert rig.performed[-2:] == [effect, Effect.HOLD]
+    assert rig.transitions()[-1] == ("stop", "stopped")
+
+
+def test_a_stop_seen_by_an_effect_is_not_recovered(rig: Rig) -> None:
+    rig.special[Effect.FOLD] = failing(K.STOPPED)
+    assert rig.run().state is State.STOPPED
+    assert rig.performed[-2:] == [Effect.FOLD, Effect.HOLD]
+
+
+def test_a_stop_while_making_safe_ends_stopped(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
+    rig.special[Effect.MAKE_SAFE] = failing(K.STOPPED)
+    assert rig.run().state is State.STOPPED
+
+
+# the operator
+
+
+def test_approval_leads_to_the_approach(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.APPROVE))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    at = rig.performed.index(Effect.ASK_APPROVAL)
+    assert rig.performed[at - 1 : at + 2] == [Effect.PLAN_MOTION, Effect.ASK_APPROVAL, Effect.APPROACH]
+    asked = [e for e in rig.entries() if e.name == "ask_approval"]
+    assert asked[1].payload["command"] == "approve"
+    assert asked[1].cell_time - asked[0].cell_time == pytest.approx(PATIENCE, abs=0.02)
+    assert end.context.waited_s == pytest.approx(PATIENCE, abs=0.02)
+
+
+def test_a_plan_that_is_not_approved_is_not_moved(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-3:] == [Effect.ASK_APPROVAL, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert Effect.APPROACH not in rig.performed
+
+
+def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.RETRY), rig.say(Event.APPROVE))
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.ASK_APPROVAL)
+    assert rig.performed[at + 1] is Effect.LOOK
+    assert rig.performed.count(Effect.APPROACH) == 1
+
+
+def test_one_approval_is_for_one_plan(rig: Rig) -> None:
+    """Said twice at the first fold, it must not approve the second."""
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.special[Effect.INSPECT] = lambda c, x: Result(Event.NEXT_FOLD, x)
+    approve = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, lambda: [approve(), approve()], rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed.count(Effect.APPROACH) == 1
+
+
+def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    assert [e for e in rig.performed if e is not Effect.WAIT] == [*STRAIGHT, Effect.NOTHING]
+    at = rig.performed.index(Effect.WAIT)
+    assert rig.performed[at - 1 : at + 2] == [Effect.LOOK, Effect.WAIT, Effect.RECOGNISE]
+    assert ("pause", "paused") in rig.transitions() and ("resume", "recognising") in rig.transitions()
+    assert end.context.waited_s == pytest.approx(PATIENCE, abs=0.02)
+    assert rig.cell.commands == []
+
+
+def test_the_motion_that_a_pause_put_off_is_begun_anew(rig: Rig) -> None:
+    rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME))
+    assert rig.run().state is State.FOLDED
+    assert rig.performed.count(Effect.LIFT) == 1
+    at = rig.performed.index(Effect.WAIT)
+    assert rig.performed[at + 1] is Effect.LIFT
+
+
+def test_pause_twice_in_one_run(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.after[Effect.FOLD] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME), rig.say(Event.RESUME))
+    assert rig.run().state is State.FOLDED
+    assert rig.performed.count(Effect.WAIT) == 2
+
+
+def test_abort_while_paused(rig: Rig) -> None:
+    rig.after[Effect.LIFT] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-4:] == [Effect.LIFT, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
+def test_stop_while_paused(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, lambda: rig.workcell.ports.stop.trigger("button"))
+    assert rig.run().state is State.STOPPED
+
+
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.LIFT])
+def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = rig.say(Event.ABORT)
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
+def test_pause_cannot_keep_the_cell_from_being_made_safe(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
+    rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)
+    assert rig.run().state is State.NOT_FOLDED
+    assert Effect.WAIT not in rig.performed
+
+
+def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
+    rig.attended()
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 3)
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    asked = rig.performed.index(Effect.ASK_OPERATOR)
+    assert rig.performed[:asked].count(Effect.LOOK) == 3
+    assert rig.performed[asked + 1] is Effect.LOOK
+    assert end.context.waited_s > 0

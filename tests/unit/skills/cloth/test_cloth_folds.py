@@ -1,0 +1,152 @@
+"""Pinch, folds and what is left of them: no crossings, at rest, near the target."""
+
+import numpy as np
+import pytest
+
+from robots.ports import Side
+from skills.cloth.crossings import count_crossings
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.pinch import PadGeometry
+from skills.cloth.predict import predict_fold
+from skills.cloth.solver import ClothSimulation, SolverSettings, ToolMotion
+from skills.vocabulary import Material, ToolPath
+
+MATERIAL = Material(
+    areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+TOWEL = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.0262)
+DOWN = np.diag([1.0, -1.0, -1.0])
+IN = 0.012  # grasps so far inside the corner [m]
+
+
+def arc(start, end, heading, lift=0.4, duration=3.0):
+    """A cubic Bezier over the table, smooth in time."""
+    a, b = np.array(start), np.array(end)
+    up = np.array([0.0, 0.0, lift * np.linalg.norm((b - a)[:2])])
+    p = np.array([a, a + 0.25 * (b - a) + up, a + 0.75 * (b - a) + up, b])
+    t = np.linspace(0.0, duration, 181)
+    fine = np.linspace(0.0, 1.0, 500)
+
+    def at(u):
+        u = u[:, None]
+        return (1 - u) ** 3 * p[0] + 3 * u * (1 - u) ** 2 * p[1] + 3 * u**2 * (1 - u) * p[2] + u**3 * p[3]
+
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at(fine), axis=0), axis=1))])
+    q = t / duration
+    u = np.interp(q**3 * (10 - 15 * q + 6 * q * q), s / s[-1], fine)
+    n = np.zeros(len(t))
+    return ToolPath(t, at(u), n + heading, n, n)
+
+
+def both(start, end, mirror, heading, **kw):
+    """The same arc for both hands, mirrored in x or y (0 or 1)."""
+    flip = np.ones(3)
+    flip[mirror] = -1.0
+    return {
+        Side.LEFT: arc(start, end, heading, **kw),
+        Side.RIGHT: arc(start * flip, end * flip, heading, **kw),
+    }
+
+
+@pytest.fixture(scope="module")
+def folded():
+    paths = both(np.array([0.3 - IN, 0.2 - IN, 0.001]), np.array([-0.3 + IN, 0.2 - IN, 0.012]), 1, np.pi / 2)
+    return predict_fold(TOWEL, TOWEL.lay_flat(0.003), MATERIAL, paths, keyframes=7)
+
+
+def test_towel_in_half(folded):
+    x = folded.vertices
+    flat = TOWEL.lay_flat(0.003)
+    target = flat.copy()
+    moving = flat[:, 0] > 0
+    target[moving, 0] *= -1
+    target[moving, 2] += 0.003
+    assert count_crossings(x, TOWEL.triangles) == 0
+    assert [count_crossings(k, TOWEL.triangles) for k in folded.keyframes] == [0] * 7
+    assert folded.residual_motion < 5e-4
+    assert np.linalg.norm(x - target, axis=1).mean() < 0.006
+    assert np.linalg.norm((x - flat)[flat[:, 0] < -0.05], axis=1).max() < 0.005
+    assert not folded.dropped
+    weight = 0.4 * 0.24 * 9.81
+    assert all(0.05 < f < weight for f in folded.max_pinch_force.values())
+
+
+def test_towel_in_quarters(folded):
+    left = arc([-0.28 + IN, 0.2 - IN, 0.0005], [-0.28 + IN, -0.2 + IN, 0.02], 0.0)
+    right = arc([-0.06, 0.2 - IN, 0.0005], [-0.06, -0.2 + IN, 0.02], 0.0)
+    r = predict_fold(TOWEL, folded.vertices, MATERIAL, {Side.LEFT: left, Side.RIGHT: right})
+    assert {p.layers for p in r.pinches.values()} == {2}
+    assert count_crossings(r.vertices, TOWEL.triangles) == 0
+    assert r.residual_motion < 1e-3
+    assert r.vertices[:, 2].max() < 0.07
+    # four layers cover the half of the half: nothing of it lies outside by more than the crease's bulge
+    assert r.vertices[:, 1].max() < 0.04 and r.vertices[:, 1].min() > -0.24
+
+
+def test_the_pinch_takes_layers_by_height(folded):
+    s = ClothSimulation(TOWEL, MATERIAL, folded.vertices)
+    at = np.array([-0.2, 0.15])
+    near = np.linalg.norm(s.positions[:, :2] - at, axis=1) < 0.03
+    top = s.positions[near, 2].max()
+    assert s.grip(0, np.array([*at, 0.0]), DOWN).layers == 2
+    assert s.grip(0, np.array([*at, 0.5 * (0.0015 + top) + 0.0015]), DOWN).layers == 1
+    assert s.grip(0, np.array([*at, 0.03]), DOWN).held_points == 0
+    assert s.grip(0, np.array([0.5, 0.15, 0.0]), DOWN).held_points == 0
+
+
+def test_held_cloth_hangs_about_the_line_and_its_weight_is_felt():
+    s = ClothSimulation(TOWEL, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
+    p = np.array([0.3 - IN, 0.0, 0.001])
+    s.grip(0, p, np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
+    up = p + np.array([0.0, 0.0, 0.9])
+    r = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    s.advance(120, [ToolMotion(0, p, r, up, r)])
+    s.advance(120, [ToolMotion(0, up, r, up, r)])
+    assert s.positions[:, 2].min() > 0.0
+    force = s.pinch_force(0)
+    assert force[2] == pytest.approx(-0.4 * 0.24 * 9.81, rel=0.01)
+    assert np.abs(force[:2]).max() < 0.05
+    held = np.argmin(np.linalg.norm(TOWEL.rest - [0.3 - IN, 0.0], axis=1))
+    assert np.linalg.norm(s.positions[held] - up) < 0.03
+    s.release(0)
+    s.advance(60)
+    assert s.positions[:, 2].max() < 0.7
+
+
+def test_a_pinch_lets_go_of_what_it_cannot_bear():
+    """Two pads of friction mu bear 2 mu N: a weak squeeze loses the towel in the lift, a firm one does not."""
+    weight = 0.4 * 0.24 * 9.81
+    pads = PadGeometry(friction=0.8)
+    held = []
+    for force in (0.8 * weight / 1.6, 1.5 * weight / 1.6):
+        s = ClothSimulation(TOWEL, MATERIAL, pads=pads)
+        p = np.array([0.0, 0.0, 0.001])
+        s.grip(1, p, DOWN, force=force)
+        s.advance(120, [ToolMotion(1, p, DOWN, p + np.array([0, 0, 0.8]), DOWN)])
+        held.append(s.held(1))
+    assert held == [False, True]
+
+
+def test_sleeve_of_a_two_layer_shirt():
+    outline = np.array(
+        [(-0.2, -0.25), (0.2, -0.25), (0.2, 0.1), (0.42, 0.02), (0.45, 0.1), (0.18, 0.24), (-0.2, 0.24)]
+    )
+    mesh = mesh_from_contour(outline, 0.028, layers=2)
+    s = ClothSimulation(mesh, MATERIAL)
+    s.advance(30)
+    assert count_crossings(s.positions, mesh.triangles) == 0
+    paths = {Side.LEFT: arc([0.42, 0.07, 0.0005], [-0.02, 0.07, 0.02], np.pi / 2)}
+    r = predict_fold(mesh, s.positions, MATERIAL, paths, keyframes=7)
+    assert r.pinches[Side.LEFT].layers == 2
+    assert count_crossings(r.vertices, mesh.triangles) == 0
+    assert max(count_crossings(k, mesh.triangles) for k in r.keyframes) <= 5
+    assert r.vertices[:, 0].max() < 0.3  # the sleeve lies on the body
+
+
+def test_crossings_are_counted():
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [5, 5, 1.0]])
+    tri = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32)
+    assert count_crossings(x, tri) == 2  # an edge of each passes through the other
+    x[3:, :2] += 3.0
+    assert count_crossings(x, tri) == 0

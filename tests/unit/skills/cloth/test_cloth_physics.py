@@ -1,0 +1,186 @@
+"""The solver against closed forms and conservation laws."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import ConfigurationError
+from skills.cloth.elastic import GRAVITY
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.solver import CapsuleMotion, ClothSimulation, SolverSettings
+from skills.vocabulary import Material
+
+MATERIAL = Material(
+    areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+PATCH = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
+FREE = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
+
+
+def turn(angle):
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+def hung_strip(stretch, edge, substeps, length=0.6, width=0.15):
+    """Elongation of a strip that hangs by its upper hem."""
+    mesh = mesh_from_contour(np.array([[0, 0], [width, 0], [width, length], [0, length]]), edge)
+    top, bottom = mesh.rest[:, 1] > length - 1e-9, mesh.rest[:, 1] < 1e-9
+    x = np.column_stack([mesh.rest[:, 0], np.zeros(len(mesh.rest)), mesh.rest[:, 1]])
+    settings = SolverSettings(substeps=substeps, drag=2.0, sleep_frames=0)
+    s = ClothSimulation(mesh, replace(MATERIAL, stretch_fraction=stretch), x, settings, table=False, fixed=top)
+    s.advance(200)
+    z = s.positions[:, 2]
+    return (z[top].mean() - z[bottom].mean()) / length - 1.0
+
+
+@pytest.mark.parametrize(("stretch", "edge", "substeps"), [(0.01, 0.026, 20), (0.03, 0.026, 20), (0.03, 0.026, 40),
+                                                           (0.03, 0.018, 20), (0.02, 0.03, 12)])  # fmt: skip
+def test_hung_strip_elongates_as_asked(stretch, edge, substeps):
+    """Closed form of a strip under its own weight: areal_mass g L / (2 Y); on any mesh, with any substeps."""
+    assert hung_strip(stretch, edge, substeps) == pytest.approx(stretch, abs=1.2e-3)
+
+
+def slide(mu, angle, frames=60):
+    settings = SolverSettings(gravity=(GRAVITY * np.sin(angle), 0.0, -GRAVITY * np.cos(angle)), drag=0.0)
+    s = ClothSimulation(PATCH, replace(MATERIAL, friction_static=mu, friction_dynamic=mu), settings=settings)
+    start = s.positions
+    s.advance(frames)
+    return (s.positions - start)[:, 0]
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
+def test_tilted_table_holds_below_the_friction_angle(mu):
+    assert np.abs(slide(mu, np.arctan(0.98 * mu))).max() < 5e-5
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("ratio", [1.02, 1.1, 1.5])
+def test_tilted_table_slides_as_the_closed_form(mu, ratio):
+    angle = np.arctan(ratio * mu)
+    expected = 0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle))  # after one second
+    assert slide(mu, angle) == pytest.approx(expected, rel=0.02)
+
+
+def test_free_cloth_keeps_momentum():
+    s = ClothSimulation(PATCH, MATERIAL, settings=FREE, table=False)
+    rng = np.random.default_rng(3)
+    x = s.positions + rng.normal(scale=2e-3, size=(len(PATCH.rest), 3))
+    v = rng.normal(scale=0.3, size=x.shape)
+    s.set_positions(x, v)
+    mass = 1.0 / s.inverse_mass[:, None]
+    before = (mass * v).sum(axis=0)
+    angular = (mass * np.cross(x, v)).sum(axis=0)
+    s.advance(30)
+    np.testing.assert_allclose((mass * s.velocities).sum(axis=0), before, atol=1e-9)
+    # the turn is kept up to the first order of the step
+    after = (mass * np.cross(s.positions, s.velocities)).sum(axis=0)
+    assert np.linalg.norm(after - angular) < 0.05 * (mass * np.linalg.norm(np.cross(x, v), axis=1)[:, None]).sum()
+
+
+def test_no_energy_from_nothing():
+    s = ClothSimulation(PATCH, MATERIAL, settings=FREE, table=False)
+    v = np.random.default_rng(5).normal(scale=0.5, size=(len(PATCH.rest), 3))
+    s.set_positions(s.positions, v)
+    mass = 1.0 / s.inverse_mass
+    kinetic = [0.5 * (mass * (v**2).sum(axis=1)).sum()]
+    for _ in range(20):
+        s.advance(3)
+        kinetic.append(0.5 * (mass * (s.velocities**2).sum(axis=1)).sum())
+    assert max(kinetic[1:]) < kinetic[0]
+    assert kinetic[-1] < 0.5 * kinetic[0]
+
+
+def test_flat_cloth_at_rest_stays_and_sleeps():
+    s = ClothSimulation(PATCH, MATERIAL)
+    start = s.positions
+    s.advance(60)
+    assert np.abs(s.positions - start).max() < 1e-5
+    assert s.asleep.all()
+
+
+def test_a_falling_sheet_falls_like_a_stone_and_lands_on_the_table():
+    settings = SolverSettings(drag=0.0)
+    s = ClothSimulation(PATCH, MATERIAL, PATCH.lay_flat(0.003) + np.array([0, 0, 1.0]), settings)
+    s.advance(24)
+    t, h = 0.4, 1.0 / 1200
+    assert s.positions[:, 2] == pytest.approx(1.0015 - 0.5 * GRAVITY * t * (t + h), abs=1e-6)
+    s.advance(90)
+    assert s.asleep.all()
+    assert s.positions[:, 2].min() > 0.0014 and s.positions[:, 2].max() < 0.004
+
+
+def test_a_sheet_dropped_on_a_sheet_does_not_pass():
+    """Two layers, not joined: the upper one comes to lie one thickness above the lower."""
+    two = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
+    n = len(two.rest)
+    both = ClothMesh(
+        np.vstack([two.rest, two.rest @ turn(0.4)[np.ix_([0, 2], [0, 2])]]), np.repeat([0, 1], n).astype(np.int32),
+        np.vstack([two.triangles, two.triangles + n]).astype(np.int32),
+        np.repeat([0, 1], len(two.triangles)).astype(np.int32), np.zeros((0, 2), np.int32),
+    )  # fmt: skip
+    x = both.lay_flat(0.003)
+    x[n:, 2] += 0.15
+    s = ClothSimulation(both, MATERIAL, x)
+    s.advance(90)
+    inner = np.abs(both.rest[n:]).max(axis=1) < 0.05
+    assert s.positions[n:][inner, 2] == pytest.approx(0.0045, abs=4e-4)
+    assert s.positions[:n, 2] == pytest.approx(0.0015, abs=2e-4)
+
+
+def run_of(seed):
+    s = ClothSimulation(PATCH, MATERIAL, PATCH.lay_flat(0.003) + np.array([0, 0, 0.05]))
+    v = np.random.default_rng(seed).normal(scale=1.0, size=(len(PATCH.rest), 3))
+    s.set_positions(s.positions, v)
+    s.advance(40)
+    return s
+
+
+def test_same_bits_again_in_another_thread_and_from_a_checkpoint():
+    reference = run_of(1).positions
+    with ThreadPoolExecutor(2) as pool:
+        others = list(pool.map(run_of, [1, 2, 1]))
+    assert others[0].positions.tobytes() == reference.tobytes() == others[2].positions.tobytes()
+    assert others[1].positions.tobytes() != reference.tobytes()
+    saved = others[0].checkpoint()
+    others[0].advance(20)
+    others[1].restore(saved)
+    others[1].advance(20)
+    assert others[1].positions.tobytes() == others[0].positions.tobytes()
+
+
+def test_frames_one_by_one_are_the_frames_at_once():
+    a, b = run_of(4), run_of(4)
+    a.advance(12)
+    for _ in range(12):
+        b.advance(1)
+    assert a.positions.tobytes() == b.positions.tobytes()
+
+
+def test_a_finger_pushes_the_cloth():
+    s = ClothSimulation(PATCH, MATERIAL)
+    s.advance(30)
+    assert s.asleep.all()
+    a, b = np.array([[-0.2, 0.0, 0.004]]), np.array([[-0.2, 0.0, 0.1]])
+    shift = np.array([0.15, 0.0, 0.0])
+    s.advance(45, capsules=CapsuleMotion(a, b, a + shift, b + shift, np.array([0.01])))
+    touched = (np.abs(PATCH.rest[:, 1]) < 0.02) & (PATCH.rest[:, 0] < -0.14)
+    assert (s.positions - PATCH.lay_flat(0.003))[touched, 0].max() > 0.05
+    assert np.isfinite(s.positions).all() and np.abs(s.velocities).max() < 4.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"areal_mass": 0.0},
+        {"stretch_fraction": -0.1},
+        {"thickness": 3.0},
+        {"friction_dynamic": 0.9},
+        {"bending_length": np.nan},
+    ],
+)
+def test_absurd_material_is_refused(change):
+    with pytest.raises(ConfigurationError):
+        ClothSimulation(PATCH, replace(MATERIAL, **change))

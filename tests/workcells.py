@@ -1,0 +1,51 @@
+"""A workcell around the fake ports: for tests of the runner and of single effects without a robot's model."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from cell.calibration_file import camera_calibration
+from cell.commands import CommandQueue
+from cell.config import load_settings
+from cell.execution import ExecutionLimits
+from cell.recorder import Recorder
+from cell.workcell import Workcell
+from skills.trajectory.library import Library
+from tests.fakes import FakeCell
+
+__all__ = ["fake_workcell"]
+
+
+def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **changes: Any) -> Workcell:
+    """The shipped settings, a silent view, and a robot that stands parked at its zero configuration."""
+    settings = changes.pop("settings", None) or load_settings()
+    fields: dict[str, Any] = {
+        "ports": cell.ports(),
+        "settings": settings,
+        "table": settings.table,
+        "calibration": camera_calibration(settings),
+        "robot": SimpleNamespace(q_park=np.zeros(14)),
+        "checker": SimpleNamespace(contact=lambda q: None),
+        "guard": None,
+        "limits": None,
+        "execution": ExecutionLimits(),
+        "garments": (),
+        "expected": None,
+        "grasp": settings.grasp.settings(),
+        "perception": settings.perception.settings(),
+        "inspection": settings.inspection.settings(settings.perception),
+        "library": Library,
+        "keep": lambda *_: None,
+        "recorder": Recorder.silent(),
+        "commands": CommandQueue(),
+        "workers": workers,
+        "attended": False,
+        "approve": False,
+        "tell": lambda text: None,
+        "rng": lambda: np.random.default_rng(1),
+    }
+    return Workcell(**{**fields, **changes})
