@@ -10,10 +10,12 @@ from collections.abc import Set
 from threading import Condition
 
 from cell.states import Event
+from robots.errors import Failure, FailureKind
 
-__all__ = ["OPERATOR_EVENTS", "CommandQueue"]
+__all__ = ["ABORTED", "OPERATOR_EVENTS", "CommandQueue"]
 
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
+ABORTED = Failure(FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run")
 
 
 class CommandQueue:

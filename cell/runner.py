@@ -12,8 +12,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from cell.commands import CommandQueue
+from cell.commands import ABORTED, CommandQueue
 from cell.context import Context, Result
+from cell.execution import stopped
 from cell.executive import Executive, Step
 from cell.journal import RunJournal
 from cell.states import TERMINAL, Effect, Event, State
@@ -95,7 +96,7 @@ class Runner:
         """The effect with its intent and result in the ledger; whatever it raises becomes an event."""
         pending = self._interruption(step)
         if pending:
-            return Result(pending, context, {"interrupted": True})
+            return Result(pending, self._with_cause(pending, context), {"interrupted": True})
         clock = self._cell.ports.clock
         payload = {"step": context.index, "attempt": len(context.adjustments)}
         intent = None
@@ -138,5 +139,11 @@ class Runner:
             return Event.STOP
         if step.effect in {Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT}:
             return None  # these take their commands themselves
-        command = self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
-        return command
+        return self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
+
+    def _with_cause(self, event: Event, context: Context) -> Context:
+        """What ends a run is the failure that it tells of, not one that was met and mended before."""
+        if event is Event.ABORT:
+            return context.with_failure(ABORTED)
+        halted = stopped(self._cell.ports)
+        return context.with_failure(halted) if halted else context

@@ -28,7 +28,12 @@ PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "us
 
 
 def fold_request(
-    folder: Path, settings: Mapping[str, Any] = PLAIN, *, garment: str = "small_towel", seed: int = 1, **changes: Any
+    folder: Path,
+    settings: Mapping[str, Any] = PLAIN,
+    *,
+    garment: str = "small_towel",
+    seed: int = 1,
+    **changes: Any,
 ) -> FoldRequest:
     """A run that keeps its ledger in `folder`/logs, without a recording and unscored unless it is asked for."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -58,7 +63,7 @@ class Onlooker:
     """Stands beside a run: knows every effect, event and set-point, and may act before and after an effect.
 
     `before` and `after` get (ports, commands, n) with n counting the effect's performances from 1. `at_set_point`
-    is called before each set-point.
+    is called after each set-point.
     """
 
     before: dict[Effect, Callable[[Ports, CommandQueue, int], object]] = field(default_factory=dict)
@@ -100,7 +105,11 @@ class Onlooker:
             n = self.count(effect) + 1
             if effect in self.before:
                 self.before[effect](cell.ports, cell.commands, n)
-            result = perform(cell, context)
+            try:
+                result = perform(cell, context)
+            except Exception:
+                self.performed.append((effect, Event.FAILED))
+                raise
             self.performed.append((effect, result.event))
             self.results.append(result)
             self.last_q = cell.ports.arms.state().q
@@ -116,9 +125,9 @@ class Onlooker:
         command = arms.command
 
         def heard(port: Any, q: Array, qd: Array) -> JointSetpoint:
-            self.at_set_point(ports, self.under_way, ports.clock.now())
             sent = command(port, q, qd)
             self.set_points.append(Sent(ports.clock.now(), self.under_way, np.array(q), np.array(qd), sent))
+            self.at_set_point(ports, self.under_way, ports.clock.now())
             return sent
 
         patch.setattr(arms, "command", heard)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cell.commands import ABORTED
 from cell.context import Context, Result
 from cell.execution import TICK_S, stopped, wait
 from cell.recovery import Adjustment, Recovery, choose_recovery
@@ -73,6 +74,7 @@ def _await_command(cell: Workcell, context: Context, wanted: set[Event]) -> Resu
             return Result(Event.FAILED, _waited(cell, context.with_failure(failure), start))
         command = cell.commands.wait(frozenset(wanted), TICK_S)
         if command is not None:
+            context = context.with_failure(ABORTED) if command is Event.ABORT else context
             return Result(command, _waited(cell, context, start), {"command": command.value})
         cell.ports.clock.sleep_until(cell.ports.clock.now() + TICK_S)
 

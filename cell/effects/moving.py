@@ -88,9 +88,7 @@ def make_safe(cell: Workcell, context: Context) -> Result:
         failure = _let_go_and_park(cell)
     except DriverError as e:
         failure = e.failure()
-    if failure is None:
-        return Result(Event.DONE, context)
-    return Result(Event.FAILED, context, {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint})
+    return _ended(context, failure)
 
 
 def hold_still(cell: Workcell, context: Context) -> Result:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from cell.context import Context, Result
+from cell.execution import stopped
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, frozen
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
@@ -20,9 +23,10 @@ from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import lookup, trajectory_from
 from skills.trajectory.objective import dissimilarity
-from skills.trajectory.optimise import optimise_fold
+from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import tool_paths
-from skills.vocabulary import FoldStep, GraspTrajectory, Outcome, PredictedShape, ToolPath
+from skills.trajectory.problem import Predictor
+from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 
@@ -82,13 +86,28 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
             step, mesh, vertices, garment.material, method,
             None if method == "initial" else settings.simulations,
             threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
+            predict=_until_stopped(cell),
         ),
     )  # fmt: skip
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure), dict(outcome.notes))
+    failure = stopped(cell.ports) or outcome.failure  # what a stop has cut short is no trajectory to keep
+    if failure:
+        return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
     cell.keep(trajectory, step, garment, outcome.notes)
     return Result(Event.DONE, replace(context, trajectory=trajectory), {**_described(trajectory), **outcome.notes})
+
+
+def _until_stopped(cell: Workcell) -> Predictor:
+    """The cloth simulation; none is begun after a stop, so that a search whose result is void ends soon."""
+    simulate = ClothPredictor()
+
+    def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /) -> Array:
+        failure = stopped(cell.ports)
+        if failure:
+            raise DriverError(failure.kind, failure.what, failure.hint)
+        return simulate(mesh, positions, material, paths)
+
+    return predict
 
 
 def plan_motion(cell: Workcell, context: Context) -> Result:

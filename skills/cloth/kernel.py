@@ -32,7 +32,7 @@ from skills.cloth.tree import Tree, search_pairs
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
-SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
+SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
 READY_RINGS = 3  # about what is awake: pairs there are searched in advance
 HORIZON = 2.0  # frames for which the search looks ahead
 SWEEPS = 2  # over the contacts a substep, there and back: one alone lets layers creep

@@ -126,6 +126,8 @@ def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
         assert result.record == {"command": answer.value}
         assert result.context.waited_s == pytest.approx(cell.now) and cell.now >= 0.3
         assert cell.commands == [], "it moved while it asked"
+        failure = result.context.failure
+        assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
 
 
 def test_what_was_not_asked_for_is_no_answer() -> None:

@@ -21,9 +21,9 @@ from tests.workcells import fake_workcell
 K = FailureKind
 PATIENCE = 0.3
 STRAIGHT = [
-    Effect.PREPARE, Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK, Effect.RECOGNISE, Effect.PLAN_FOLDS,
-    Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD,
-    Effect.RELEASE, Effect.RETREAT, Effect.LOOK, Effect.INSPECT,
+    Effect.PREPARE, Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK, Effect.RECOGNISE,
+    Effect.PLAN_FOLDS, Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP, Effect.LIFT,
+    Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.LOOK, Effect.INSPECT,
 ]  # fmt: skip
 
 
@@ -234,6 +234,7 @@ def test_a_stop_ends_the_run_before_the_next_effect(rig: Rig, effect: Effect) ->
         return
     assert end.state is State.STOPPED
     assert rig.performed[-2:] == [effect, Effect.HOLD]
+    assert end.context.failure.kind is K.STOPPED and "button" in end.context.failure.what
     assert rig.transitions()[-1] == ("stop", "stopped")
 
 
@@ -337,6 +338,14 @@ def test_stop_while_paused(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, lambda: rig.workcell.ports.stop.trigger("button"))
     assert rig.run().state is State.STOPPED
+
+
+def test_an_end_tells_of_its_own_cause_not_of_a_mended_one(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.after[Effect.RETREAT] = rig.say(Event.ABORT)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure.kind is K.ABORTED and end.context.failure.hint
 
 
 @pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.LIFT])
