@@ -33,6 +33,8 @@ class StepNote:
     """One fold as it was made, for the report. Shapes (k, 2) contours and (n, 3) meshes in the table frame."""
 
     name: str
+    accepted: bool
+    """Whether the inspection found nothing wrong."""
     source: str
     dissimilarity_m: float
     predicted_iou: float

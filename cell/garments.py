@@ -130,6 +130,7 @@ class _Step(_Strict):
     name: Name
     line: tuple[_Anchor, _Anchor]
     variants: Annotated[list[_Variant], Field(min_length=1)]
+    tension: tuple[Annotated[float, Field(ge=0, le=0.03)], Annotated[float, Field(ge=0, le=0.03)]] = (0.0, 0.0)
 
 
 class _MaterialFile(_Strict):
@@ -313,4 +314,4 @@ def _step(step: _Step) -> PlanStep:
         )
         for variant in step.variants
     )
-    return PlanStep(step.name, (_anchor(step.line[0]), _anchor(step.line[1])), variants)
+    return PlanStep(step.name, (_anchor(step.line[0]), _anchor(step.line[1])), variants, step.tension)

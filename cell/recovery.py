@@ -31,11 +31,17 @@ class Adjustment(StrEnum):
 
 @dataclass(frozen=True)
 class Recovery:
-    """The event that leads on from RECOVERING, what to change, how long to wait before [s of cell time]."""
+    """The event that leads on from RECOVERING, what to change, how long to wait before [s of cell time].
+
+    between_folds: not for the last fold, whose result is the run's. least_overlap: with the predicted shape,
+    below which it is not tried.
+    """
 
     event: Event
     adjust: Adjustment = Adjustment.NONE
     dwell_s: float = 0.0
+    between_folds: bool = False
+    least_overlap: float = 0.0
 
 
 K, A = FailureKind, Adjustment
@@ -49,7 +55,7 @@ _GRASP_AGAIN = (
 _MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
 _OTHER_WAY = (Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH), Recovery(Event.GRASP_AGAIN, A.INWARD))
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_FOLD_ANEW = (Recovery(Event.LOOK_AGAIN, A.OPTIMISE),)
+_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, A.FOLLOW_DRIFT, between_folds=True, least_overlap=0.85),)
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
@@ -73,24 +79,30 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.NO_CONTACT: _GRASP_AGAIN,
     K.MISSED_GRASP: _GRASP_AGAIN,
     K.SLIPPED: _HOLD_BETTER,
-    K.DROPPED_CORNER: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
     K.DRIFT: (Recovery(Event.CARRY_ON, A.FOLLOW_DRIFT),),
-    K.OFF_TARGET: _FOLD_ANEW,
-    K.PILING: _FOLD_ANEW,
-    K.SAG: _FOLD_ANEW,
-    K.MISSED_LAYER: _FOLD_ANEW,
+    K.OFF_TARGET: _GOOD_ENOUGH,
+    K.PILING: _GOOD_ENOUGH,
+    K.SAG: _GOOD_ENOUGH,
+    K.DROPPED_CORNER: _GOOD_ENOUGH,
+    K.MISSED_LAYER: _GOOD_ENOUGH,
 }
 
 
-def choose_recovery(kind: FailureKind, attempt: int, attended: bool) -> Recovery:
+def choose_recovery(
+    kind: FailureKind, attempt: int, attended: bool, last_fold: bool = False, overlap: float = 1.0
+) -> Recovery:
     """What to do after the `attempt`-th failure (from 1) of this kind in this step.
+
+    overlap: of the observed with the predicted shape, where an inspection failed.
 
     What stands in no row (a stop, a hardware fault, a garment that is not the one expected) is never
     retried by itself.
     """
     tries = RECOVERIES.get(kind, ())
     if attempt <= len(tries):
-        return tries[attempt - 1]
+        recovery = tries[attempt - 1]
+        if overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
+            return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

@@ -7,11 +7,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.context import StepNote
-from cell.figures import KeyFrame, fold_strip, outline
+from cell.figures import KeyFrame, fold_strip, join, outline
 from cell.observers import Remark
 from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.requests import FoldRequest, FoldResult
@@ -40,7 +41,7 @@ def report(
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
 ) -> Path:
-    """Write `report.html` into the run's folder. Raises StorageError when it cannot be written."""
+    """Write `report.html` and `fold.png` into the run's folder. Raises StorageError when the page cannot be."""
     context = end.context
     folds = _folds(frames)[-len(context.done) :] if context.done else []
     steps = []
@@ -74,7 +75,22 @@ def report(
         settings=request.settings.model_dump(mode="json", by_alias=True),
         recording="run.rrd",
     )
+    _write_strip(folder / "fold.png", steps)
     return write_report(folder / "report.html", record)
+
+
+def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
+    """The key frames that were drawn (predicted, and of the simulated cell) as one picture, a row each."""
+    rows = []
+    for step in steps:
+        drawn = [p for p in step.key_frames if not p.caption.startswith("camera")]
+        for at in range(0, len(drawn), KEY_FRAMES):
+            row = drawn[at : at + KEY_FRAMES]
+            rows.append(join([p.rgb for p in row], [p.caption for p in row]))
+    if rows:
+        width = max(row.shape[1] for row in rows)
+        same = [np.pad(r, ((0, 4), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
+        cv2.imwrite(str(path), np.vstack(same)[..., ::-1])
 
 
 def _step(
@@ -109,7 +125,7 @@ def _step(
         attempts=note.grasps,
         recoveries=tuple(figures["recoveries"]),
         duration_s=note.trajectory.duration,
-        accepted=True,
+        accepted=note.accepted,
         key_frames=tuple(pictures),
         key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),

@@ -26,7 +26,9 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     ):
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     else:
-        recovery = choose_recovery(kind, attempt, cell.attended)
+        last_fold = bool(context.steps) and context.index == len(context.steps) - 1
+        overlap = float(context.failure.values.get("iou_aligned", 1.0))
+        recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
         failure = wait(cell.ports, dwell)

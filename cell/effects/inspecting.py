@@ -114,6 +114,7 @@ def _noted(context: Context) -> Context:
         return context
     note = StepNote(
         name=context.step.name,
+        accepted=seen.diagnosis is None,
         source=trajectory.source,
         dissimilarity_m=context.dissimilarity_m,
         predicted_iou=seen.iou_aligned,

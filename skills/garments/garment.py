@@ -56,11 +56,15 @@ class PlanStep:
     """One fold. line: two anchors, as if drawn on the table under the flat garment.
 
     variants: in order of preference; they differ in what moves (the fold's direction) and in the grasps.
+    tension: how far past its mirror image in the line a grasp is released, and how far each of two hands is
+    drawn outwards along the line until then [m]. It takes up the slack that sagging between the hands and the
+    unpressed crease leave.
     """
 
     name: str
     line: tuple[Anchor, Anchor]
     variants: tuple[PlanVariant, ...]
+    tension: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)

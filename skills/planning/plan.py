@@ -163,10 +163,17 @@ def _fold_step(
         heading = _fold_angle(float(np.arctan2(line.direction[1], line.direction[0])) + plan.turn)
         height = layers * garment.material.thickness
         grasps[side] = Grasp(side, frozen(point), heading, layers, height)
-        landing = line.reflect(point)
+        landing = _landing(step, line, point, points)
         below = layers_at(earlier, outline, landing, garment.layers) * garment.material.thickness
         targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets)
+
+
+def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:
+    """(2,) where a grasp is released: its mirror image, moved on by the step's tension."""
+    past, apart = step.tension
+    along = float((point - np.mean(points, axis=0)) @ line.direction)
+    return line.reflect(point) - past * line.normal + apart * np.sign(round(along, 6)) * line.direction
 
 
 def _middle_of_moving(line: FoldLine, outline: Array) -> float:

@@ -154,7 +154,8 @@ def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
     """Approach and fold are one planned motion each: second differences of what was sent are its accelerations."""
     limits = load_model().limits("planning", 1.0)
     for effect in (Effect.APPROACH, Effect.FOLD):
-        t, q = (np.array([getattr(s, k) for s in seen.onlooker.set_points if s.effect is effect]) for k in ("t", "q"))
+        sent = [s for s in seen.onlooker.set_points if s.effect is effect]
+        t, q = np.array([s.t for s in sent]), np.array([s.q for s in sent])
         whole = np.flatnonzero(np.abs(np.diff(t, n=2)) < 1e-6)
         whole = whole[np.diff(t)[whole] < 0.011]
         assert len(whole) > 200
@@ -202,8 +203,8 @@ def test_the_recording_is_complete_and_tells_the_same_story(seen: Any) -> None:
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
     names = " ".join(rows)
     parts = (
-        "/camera/picture", "/camera/depth", "/camera/mask", "/joints/", "/grip/", "/opening/", "/perception/overlay",
-        "/perceived/keypoints", "/plan/fold_line", "/arcs/planned", "/predicted", "/observed", "/truth", "/log",
+        "/camera/picture", "/camera/depth", "/camera/mask", "/joints/", "/grip/", "/opening/",
+        "/perception/overlay", "/perceived/keypoints", "/plan/fold_line", "/arcs/planned", "/predicted", "/observed", "/truth", "/log",
     )  # fmt: skip
     for part in parts:
         assert part in names, f"nothing of '{part}' in {names}"
@@ -291,4 +292,3 @@ def _timeless(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _timeless(v) for k, v in value.items() if k != "wall"}
     return value
-

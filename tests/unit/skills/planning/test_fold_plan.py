@@ -35,7 +35,12 @@ def test_grasps_hold_cloth_and_land_where_the_fold_puts_them(name: str, pose: tu
             assert shapely.LineString(held).within(now)
             assert now.exterior.distance(shapely.Point(grasp.point)) < 0.031
             assert step.line.signed_distance(grasp.point) > 0.03
-            assert np.allclose(step.targets[side][:2], step.line.reflect(grasp.point), atol=1e-12)
+            past, apart = garment.plan[step.index].tension
+            moved = step.targets[side][:2] - step.line.reflect(grasp.point)
+            outwards = grasp.point - np.mean([g.point for g in step.grasps.values()], axis=0)
+            assert np.isclose(moved @ -step.line.normal, past)
+            expected = apart if len(step.grasps) == 2 else 0.0
+            assert np.isclose((moved @ step.line.direction) * np.sign(outwards @ step.line.direction), expected)
             across = np.cos(grasp.heading) * step.line.normal[0] + np.sin(grasp.heading) * step.line.normal[1]
             turn = max(abs(g.turn) for v in garment.plan[step.index].variants for g in v.grasps)
             assert abs(across) <= np.sin(turn) + 1e-9, "the held line is parallel to the fold line"

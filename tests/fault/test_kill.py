@@ -1,0 +1,129 @@
+"""`kill -9` in the middle of a run: the ledger tells what was under way, and the cell is free for the next run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cell.journal import Journal
+from cell.simulation import Fault, FaultKind, inject
+from robots.errors import StorageError
+from tests.runs import PLAIN, Onlooker, fold_request
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+LONGEST_S = 240.0
+
+
+def foldcell(*line: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "cell.cli", *line], capture_output=True, text=True, timeout=60)
+
+
+def under_way(logs: Path) -> str | None:
+    """The effect that the ledger's last run is in the middle of, read as another process would."""
+    with suppress(StorageError), Journal.open(logs / "ledger.db", readonly=True) as journal:
+        runs = journal.runs()
+        intent = journal.last_intent(runs[-1].id) if runs else None
+        return intent.begun.name if intent and intent.result is None else None
+    return None
+
+
+def children(pid: int) -> list[int]:
+    listed = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+    return [int(child) for child in listed]
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A run in a process of its own, killed as it grasps."""
+    folder = tmp_path_factory.mktemp("killed")
+    settings, logs = folder / "cell.yaml", folder / "logs"
+    settings.write_text(yaml.safe_dump(dict(PLAIN)), encoding="utf-8")
+    line = ["fold", "small_towel", "--seed", "1", "--cell", str(settings), "--logs", str(logs)]
+    with (folder / "output").open("w") as output:
+        process = subprocess.Popen([sys.executable, "-m", "cell.cli", *line], stdout=output, stderr=output)
+    try:
+        deadline = time.monotonic() + LONGEST_S
+        while under_way(logs) != "grasp":
+            assert process.poll() is None, f"it ended first: {(folder / 'output').read_text()}"
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        while_running = json.loads(foldcell("runs", "--json", "--logs", str(logs)).stdout)
+        process.send_signal(signal.SIGSTOP)  # nothing more happens until it is dead
+        at_the_kill, helpers = under_way(logs), children(process.pid)
+    finally:
+        process.kill()
+        process.wait()
+    return {"folder": folder, "logs": logs, "pid": process.pid, "helpers": helpers, "under_way": at_the_kill,
+            "while_running": while_running}  # fmt: skip
+
+
+def test_while_it_lived_it_was_running(killed: dict[str, Any]) -> None:
+    (run,) = killed["while_running"]["runs"]
+    assert (run["status"], run["pid"]) == ("running", killed["pid"])
+
+
+def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
+    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+        assert journal.check() == "ok"
+        (run,) = journal.runs()
+        assert (run.status, run.ended, run.result) == ("interrupted", None, None)
+        entries = journal.entries(run.id)
+    assert [e.sequence for e in entries] == list(range(1, len(entries) + 1))
+    assert {"prepare", "look", "recognise", "plan_motion", "approach"} <= {e.name for e in entries}
+
+
+def test_runs_tells_what_was_under_way(killed: dict[str, Any]) -> None:
+    answer = foldcell("runs", "--json", "--logs", str(killed["logs"]))
+    assert answer.returncode == 0
+    (run,) = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])["runs"]
+    assert run["status"] == "interrupted" and run["pid"] == killed["pid"]
+    intent = run["last_intent"]
+    if killed["under_way"] is not None:  # else the process was caught between two effects
+        assert (intent["name"], intent["finished"]) == (killed["under_way"], False)
+        assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"])).stdout
+
+
+def test_nothing_looks_finished_that_is_not(killed: dict[str, Any]) -> None:
+    (folder,) = [p for p in killed["logs"].iterdir() if p.is_dir()]
+    names = {p.name for p in folder.iterdir()}
+    assert "result.json" not in names and "report.html" not in names
+    assert "cell.yaml" in names
+
+
+def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
+    """The render process would else stay behind, one for every crash."""
+    assert killed["helpers"]
+    deadline = time.monotonic() + 10.0
+    while any(alive(pid) for pid in killed["helpers"]) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    left = [pid for pid in killed["helpers"] if alive(pid)]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert left == []
+
+
+def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
+    request = fold_request(killed["folder"])
+    assert request.logs == killed["logs"]
+    result = Onlooker().fold(request, lambda ports: inject(ports, Fault(FaultKind.NO_GARMENT)))
+    assert result.state == "not_folded"
+    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+        assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]

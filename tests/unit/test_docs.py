@@ -1,0 +1,157 @@
+"""What README.md and docs/ tell a reader to type, to open or to look up is there."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cell.cli import build_parser
+from cell.garments import list_garments
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+ROOMS = ("cell", "skills", "robots", "calibration", "tests", "docs", "benchmarks")
+
+
+def code(text: str) -> Iterator[str]:
+    """The lines of fenced blocks, without their comments, and the inline code of the rest."""
+    parts = re.split(r"^```.*$", text, flags=re.M)
+    for block in parts[1::2]:
+        for line in block.splitlines():
+            yield re.split(r"(?:^|\s)#", line)[0].strip().removeprefix("$ ")
+    for prose in parts[0::2]:
+        yield from (span.replace("\n", " ").strip() for span in re.findall(r"`([^`]+)`", prose))
+
+
+def found(pattern: str) -> list[tuple[str, str]]:
+    """(page, what the pattern's group matched) over all code of all pages."""
+    return [
+        (page.name, match)
+        for page in PAGES
+        for line in code(page.read_text(encoding="utf-8"))
+        for match in re.findall(pattern, line)
+    ]
+
+
+def commands() -> list[tuple[str, str]]:
+    return found(r"(?:^|[\s;&/])foldcell((?: +[^\s;&|]+)+)")
+
+
+def parser_of(words: list[str]) -> tuple[argparse.ArgumentParser, list[str]]:
+    """The parser of the (sub)command that `words` begin with, and the words after it."""
+    parser = build_parser()
+    while True:
+        nested = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+        if not nested:
+            return parser, words
+        if not words or words[0] not in nested[0].choices:
+            raise AssertionError(
+                f"there is no command '{' '.join(words)}'; there are {', '.join(nested[0].choices)}"
+            )
+        parser, words = nested[0].choices[words[0]], words[1:]
+
+
+def check(line: str) -> None:
+    """Raises AssertionError for a line that a reader could not type."""
+    words = shlex.split(line)
+    if words[0].startswith("-"):
+        assert words[0] in build_parser()._option_string_actions, f"no option {words[0]}"
+        return
+    parser, rest = parser_of(words)
+    for word in rest:
+        if word.startswith("--"):
+            assert word.split("=")[0] in parser._option_string_actions, f"{words[0]} has no option {word}"
+    if "..." not in line and "[" not in line:
+        wanted = ["1" if w == "N" else w for w in rest]
+        parser.parse_args(wanted)
+    if words[0] in {"fold", "supervise", "optimise"} and re.fullmatch(r"[a-z_]+", rest[0]):
+        assert rest[0] in (*list_garments(), "auto"), f"no garment {rest[0]}"
+
+
+def test_the_pages_are_there() -> None:
+    assert {p.name for p in PAGES} >= {"README.md", "architecture.md", "invariants.md"}
+    assert all(p.stat().st_size > 500 for p in PAGES)
+
+
+def test_the_main_commands_are_told() -> None:
+    told = " ".join(line for page, line in commands() if page == "README.md")
+    assert "fold medium_towel" in told
+    assert {"fold", "test"} <= {target for page, target in targets() if page == "README.md"}
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_every_command_can_be_typed(page: str, line: str) -> None:
+    try:
+        check(line)
+    except SystemExit:
+        raise AssertionError(f"{page}: 'foldcell {line}' is refused") from None
+
+
+@pytest.mark.parametrize("line", ["dance", "fold sock", "fold medium_towel --sed 3", "garment", "--verbose"])
+def test_the_check_refuses_what_does_not_exist(line: str) -> None:
+    with pytest.raises((AssertionError, SystemExit)):
+        check(line)
+
+
+def targets() -> list[tuple[str, str]]:
+    return found(r"(?:^|&& *|; *)make +([a-z][a-z_-]*)")
+
+
+def rules() -> set[str]:
+    return set(re.findall(r"^([a-z][a-z_-]*):(?!=)", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.M))
+
+
+def test_every_make_target_exists() -> None:
+    assert {target for _, target in targets()} - rules() == set()
+
+
+def test_make_promises_no_target_that_it_lacks() -> None:
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    promised = {name for line in re.findall(r"^\.PHONY:(.*)$", text, flags=re.M) for name in line.split()}
+    assert promised - rules() == set()
+
+
+def holders() -> list[tuple[str, str]]:
+    """(the rule's beginning, a path) for every test that docs/invariants.md says holds a rule."""
+    named = []
+    for line in (ROOT / "docs" / "invariants.md").read_text(encoding="utf-8").splitlines():
+        cells = [c.strip() for c in line.strip("|").split("|")]
+        if not line.startswith("|") or len(cells) != 3 or cells[2].strip("-") in {"", "held by"}:
+            continue
+        paths = re.findall(r"`([^`]+)`", cells[2])
+        assert paths, f"nothing holds '{cells[0][:40]}'"
+        folder = ""
+        for path in paths:  # a bare name stands beside the one before it
+            whole = path if "/" in path else f"{folder}/{path}"
+            folder = whole.rpartition("/")[0]
+            named.append((cells[0][:40], whole))
+    return named
+
+
+@pytest.mark.parametrize(("rule", "path"), holders())
+def test_what_holds_an_invariant_exists(rule: str, path: str) -> None:
+    place = ROOT / path
+    assert place.is_file() or (place.is_dir() and list(place.rglob("test_*.py"))), (
+        f"'{rule}...' is held by nothing"
+    )
+
+
+def test_every_file_that_is_named_exists() -> None:
+    rooms = "|".join(ROOMS)
+    named = {path for _, path in found(rf"(?:^|\s)((?:{rooms})/[\w./-]+\.(?:py|yaml|md|json|png|html))\b")}
+    assert len(named) > 5
+    assert {path for path in named if not (ROOT / path).exists()} == set()
+
+
+def test_every_link_leads_somewhere() -> None:
+    broken = set()
+    for page in PAGES:
+        for link in re.findall(r"\]\(([^)\s]+)", page.read_text(encoding="utf-8")):
+            if not re.match(r"[a-z]+:|#", link) and not (page.parent / link.split("#")[0]).exists():
+                broken.add(f"{page.name}: {link}")
+    assert broken == set()
