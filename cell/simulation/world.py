@@ -11,6 +11,7 @@ import io
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -200,8 +201,7 @@ class World:
         if self._steps % STEPS_A_FRAME == 0:
             self._frame(t)
         if self.witness is not None and self._steps % (STEP_RATE // WITNESS_RATE) == 0:
-            self._time = t
-            self.witness(self.truth())
+            self.witness(replace(self.truth(), stamp=t))
 
     def _arm_faults(self, t: float) -> None:
         if self.faults.empty:
