@@ -15,7 +15,9 @@ from robots.errors import Failure, FailureKind
 __all__ = ["ABORTED", "OPERATOR_EVENTS", "CommandQueue"]
 
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
-ABORTED = Failure(FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run")
+ABORTED = Failure(
+    FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
+)
 
 
 class CommandQueue:

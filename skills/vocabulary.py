@@ -112,7 +112,8 @@ class Material:
 
     def with_friction(self, mu: float) -> Material:
         """The same fabric on a table with static coefficient `mu`, dynamic in the same proportion."""
-        return replace(self, friction_static=mu, friction_dynamic=mu * self.friction_dynamic / self.friction_static)
+        ratio = self.friction_dynamic / self.friction_static
+        return replace(self, friction_static=mu, friction_dynamic=mu * ratio)
 
 
 @dataclass(frozen=True, eq=False)
