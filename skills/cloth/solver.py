@@ -85,6 +85,9 @@ class CapsuleMotion:
     radius: Array
 
 
+RELEASE_SPEED = 0.1  # [m/s]
+
+
 class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
@@ -183,7 +186,14 @@ class ClothSimulation:
         return found.report
 
     def release(self, hand: int) -> None:
-        """Open the pads of `hand`."""
+        """Open the pads of `hand`. What they held leaves at no more than RELEASE_SPEED.
+
+        Between pads that pull against contacts, nodal velocities stand high while nothing moves: let go with
+        them, a corner would be flung away.
+        """
+        held = np.unique(self._holds.vertex[self._holds.hand == hand])
+        speed = np.linalg.norm(self._state.v[held], axis=1, keepdims=True)
+        self._state.v[held] *= np.minimum(1.0, RELEASE_SPEED / np.maximum(speed, RELEASE_SPEED))
         self._holds.hand[self._holds.hand == hand] = -1
         self._holds.points[hand] = 0
         self._holds.force[hand] = 0.0
