@@ -164,7 +164,8 @@ def _fold_step(
         height = layers * garment.material.thickness
         grasps[side] = Grasp(side, frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
-        below = layers_at(earlier, outline, landing, garment.layers) * garment.material.thickness
+        # tension may take the hand just past the edge: it is the mirror image that lands on cloth
+        below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets)
 
