@@ -55,7 +55,7 @@ ROUGHNESS = 0.001
 """A gain in D below this is luck of the draw [m]: the plain arc is kept, which bears more."""
 
 PLAIN_H = 0.45
-"""Height of both inner points of the plain arc, in units of the fold's distance: of the heights from 1/3 to 0.5 the
+"""Height of both inner points of the plain arc, in units of the fold's distance: of heights from 1/3 to 0.5 the
 one whose two folds passed most often over drawn fabrics, sizes and grasp errors."""
 
 POOR_SHARE = 0.05
