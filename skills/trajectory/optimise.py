@@ -55,8 +55,8 @@ ROUGHNESS = 0.001
 """A gain in D below this is luck of the draw [m]: the plain arc is kept, which bears more."""
 
 PLAIN_H = 0.45
-"""Height of both inner points of the plain arc, in units of the fold's distance: of heights from 1/3 to 0.5 the
-one whose two folds passed most often over drawn fabrics, sizes and grasp errors."""
+"""Height of both inner points of the plain arc, in units of the fold's distance: a middle
+choice: in 8 to 10 drawn worlds a setting, heights from 0.33 to 0.5 could not be told apart."""
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
