@@ -110,6 +110,7 @@ def build_parser() -> argparse.ArgumentParser:
         _runs,
         _report,
         _replay,
+        _bench,
         _doctor,
     ):
         add(commands)
@@ -288,6 +289,14 @@ def _replay(commands: Commands) -> None:
     _run_name(parser)
     parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
     _logs_option(parser)
+    _json_option(parser)
+
+
+def _bench(commands: Commands) -> None:
+    parser = _add(commands, "bench", "bench", "measure a part of the program beside its peers")
+    parser.add_argument("name", choices=["motion"], metavar="NAME", help="%(choices)s")
+    parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
+    parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
     _json_option(parser)
 
 

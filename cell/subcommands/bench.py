@@ -1,0 +1,58 @@
+"""`foldcell bench NAME`: figures of one part, its peers' beside them, and the machine they were measured on."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+from cell.subcommands.output import print_json, print_table, progress_stream
+from robots.errors import ConfigurationError
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run benchmarks/NAME.py: measure(tell, *, peers, quick) -> flat figures, each with its unit in its name."""
+    try:
+        bench = importlib.import_module(f"benchmarks.{options.name}")
+    except ModuleNotFoundError as e:
+        if e.name not in ("benchmarks", f"benchmarks.{options.name}"):
+            raise
+        raise ConfigurationError(
+            "the benchmarks are not installed", hint="run this command in a clone of the repository"
+        ) from e
+    out = progress_stream(options.json)
+    figures: Mapping[str, Any] = bench.measure(
+        lambda line: print(line, file=out, flush=True), peers=options.peers, quick=options.quick
+    )
+    if options.json:
+        print_json({**figures, "quick": options.quick, "machine": _machine()})
+    else:
+        flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
+        print_table(("figure", "value"), flat)
+    return 0
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "cpu": _cpu_name(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _cpu_name() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor()
