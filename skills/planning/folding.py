@@ -22,6 +22,7 @@ __all__ = [
     "fold_points",
     "fold_xy",
     "layers_at",
+    "layers_under",
     "outline_of",
     "silhouette",
     "target_vertices",
@@ -92,6 +93,19 @@ def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int 
     """How many layers of cloth lie at the place xy (2,) after the folds; outline (k, 2): of the flat garment."""
     pieces = _pieces(lines, _polygon(outline))
     return sheets * sum(bool(shapely.intersects_xy(region, *xy)) for region in pieces.values())
+
+
+def layers_under(
+    lines: Sequence[FoldLine], outline: Array, footprint: Array, sheets: int = 1, share: float = 0.25
+) -> int:
+    """How many layers lie under at least a `share` of a footprint (4, 2), the pads' before they close.
+
+    Near an edge that is known to some millimetres only, a single point would tell less.
+    """
+    pads = shapely.Polygon(footprint)
+    pieces = _pieces(lines, _polygon(outline))
+    under = [shapely.intersection(region, pads).area for region in pieces.values()]
+    return sheets * sum(area >= share * pads.area for area in under)
 
 
 def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:

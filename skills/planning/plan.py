@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from skills.cloth.pinch import PadGeometry
 from skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
-from skills.planning.folding import fold_xy, layers_at, silhouette
+from skills.planning.folding import fold_xy, layers_at, layers_under, silhouette
 from skills.vocabulary import (
     Array,
     Failure,
@@ -159,8 +160,8 @@ def _fold_step(
     grasps: dict[Side, Grasp] = {}
     targets: dict[Side, Array] = {}
     for plan, point, side in sorted(zip(variant.grasps, points, sides, strict=True), key=lambda t: t[2].value):
-        layers = max(layers_at(earlier, outline, point, garment.layers), garment.layers)
         heading = _fold_angle(float(np.arctan2(line.direction[1], line.direction[0])) + plan.turn)
+        layers = max(layers_under(earlier, outline, _footprint(point, heading), garment.layers), garment.layers)
         height = layers * garment.material.thickness
         grasps[side] = Grasp(side, frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
@@ -168,6 +169,14 @@ def _fold_step(
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets)
+
+
+def _footprint(point: Array, heading: float) -> Array:
+    """(4, 2) what the pads close over: their width along the held line, their stroke across it."""
+    pads = PadGeometry()
+    along = 0.5 * pads.width * np.array([np.cos(heading), np.sin(heading)])
+    across = 0.5 * pads.stroke * np.array([-np.sin(heading), np.cos(heading)])
+    return point + np.array([along + across, along - across, -along - across, across - along])
 
 
 def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:

@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from skills.planning import folding
-from skills.planning.folding import fold_points, fold_xy, layers_at, outline_of, silhouette, target_vertices
+from skills.planning.folding import (
+    fold_points,
+    fold_xy,
+    layers_at,
+    layers_under,
+    outline_of,
+    silhouette,
+    target_vertices,
+)
 from skills.vocabulary import FoldLine, Material
 
 RECT = np.array([[-0.2, -0.3], [0.2, -0.3], [0.2, 0.3], [-0.2, 0.3]])
@@ -70,7 +78,7 @@ def test_layers_at_one_place_are_all_different(folds: list[FoldLine], seed: int)
         preimages = [q for p in preimages for q in (p, fold.reflect(p))]
     inside = [p for p in preimages if (np.abs(p) < (0.1999, 0.2999)).all()]
     unique = [p for i, p in enumerate(inside) if all(np.linalg.norm(p - q) > 1e-9 for q in inside[:i])]
-    sheet = [p for p in unique if np.allclose(fold_xy(folds, p), place, atol=1e-9)]
+    sheet = [p for p in unique if np.allclose(fold_xy(folds, p), place, rtol=0.0, atol=1e-9)]
     on_the_way = [(f, fold_xy(folds[:i], p)) for p in sheet for i, f in enumerate(folds)]
     near_crease = any(abs(f.signed_distance(p)) < 1e-4 for f, p in on_the_way)
     near_edge = any((np.abs(np.abs(p) - (0.2, 0.3)) < 1e-3).any() for p in preimages)
@@ -138,3 +146,15 @@ def test_outline_of_a_mesh_is_its_border_also_with_two_sheets() -> None:
     assert shapely.Polygon(outline_of(mesh)).equals_exact(shapely.Polygon(RECT).normalize(), 1e-9) or (
         shapely.Polygon(outline_of(mesh)).symmetric_difference(shapely.Polygon(RECT)).area < 1e-12
     )
+
+
+@pytest.mark.parametrize("short", [0.0, 0.005, 0.012])
+def test_pads_near_an_edge_take_both_layers_though_one_ends_short_of_their_middle(short: float) -> None:
+    outline = np.array([[0.0, 0.0], [0.4 - short, 0.0], [0.4 - short, 0.2], [0.0, 0.2]])
+    fold = FoldLine(np.array([0.2, 0.0]), np.array([0.0, 1.0]))  # the left half onto the right, to x = 0.4
+    middle = 0.390
+    corners = np.array([[-0.015, -0.01], [0.015, -0.01], [0.015, 0.01], [-0.015, 0.01]])
+    pads = corners + np.array([middle, 0.1])
+    assert layers_under([fold], outline, pads) == 2
+    assert layers_at([fold], outline, np.array([middle, 0.1])) == (2 if short < 0.010 else 1)
+    assert layers_under([fold], outline, pads + np.array([0.030, 0.0])) == 0
