@@ -23,6 +23,7 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
+PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
@@ -63,16 +64,18 @@ def _point_segment2(px, py, pz, x, i, j):
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_vertex_triangle(
-    count, pair, side, wait, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count, pair, side, due, now, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
 ):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
-        if wait[c] > 0:
-            wait[c] -= 1
+        if due[c] > now:
             continue
         i, t = pair[c, 0], pair[c, 1]
         p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+        if w[i] + w[p] + w[q] + w[r] == 0.0:
+            due[c] = PARKED
+            continue
         ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
         vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -87,7 +90,7 @@ def narrow_vertex_triangle(
         reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if abs(d) > release + reach:
             side[c] = 0
-            wait[c] = min((abs(d) - release - reach) / reach, MAX_WAIT)
+            due[c] = now + 1 + int(min((abs(d) - release - reach) / reach, MAX_WAIT))
             continue
         # barycentric coordinates of the projection
         b1 = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / nn
@@ -130,16 +133,18 @@ def narrow_vertex_triangle(
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_edge_edge(
-    count, pair, near, normal, wait, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count, pair, near, normal, due, now, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
 ):
     """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
-        if wait[c] > 0:
-            wait[c] -= 1
+        if due[c] > now:
             continue
         i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
         k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
+        if w[i] + w[j] + w[k] + w[m] == 0.0:
+            due[c] = PARKED
+            continue
         s, t, dx, dy, dz = closest_on_segments(x, i, j, k, m)
         d2 = dx * dx + dy * dy + dz * dz
         sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
@@ -148,7 +153,7 @@ def narrow_edge_edge(
         reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if d2 > (release + reach) ** 2:
             near[c] = False
-            wait[c] = min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)
+            due[c] = now + 1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT))
             continue
         ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
         bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]

@@ -150,16 +150,14 @@ class ClothSimulation:
         if x.shape != self._state.x.shape or not np.isfinite(x).all():
             raise InternalError("positions must be finite and (n, 3)", shape=tuple(x.shape), n=len(self._state.x))
         s = self._state
-        s.x[:], s.xp[:], s.ref[:], s.last[:], s.built[:] = x, x, x, x, x
+        s.x[:], s.xp[:], s.ref[:], s.last[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
-        s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.u[:], s.wc[:] = x, self._body.w
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
         s.counts[kernel.AWAKE] = len(free)
-        self._pairs.side[:] = 0
-        self._pairs.near[:] = False
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
         self._holds.force[:] = 0.0
@@ -262,11 +260,12 @@ class ClothSimulation:
         self._pairs = kernel.Pairs(**part("pairs"))
         self._holds = kernel.Holds(**part("holds"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
+        self._state.counts[kernel.FITTED] = 0  # the tree is not part of it
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
         old = self._pairs
-        new = _new_pairs(2 * old.vt.shape[1], 2 * old.ee.shape[1])
+        new = _new_pairs(2 * len(old.vt), 2 * len(old.ee))
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
@@ -360,13 +359,16 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         u=f(n, 3),
         ref=f(n, 3),
         last=f(n, 3),
-        built=f(n, 3),
+        base=f(n, 3),
         course=f(n, 3),
+        slack=f(n),
+        born=np.zeros(n, np.int32),
+        stale=np.ones(n, np.bool_),
         wa=f(n),
         wc=f(n),
         quiet=np.zeros(n, np.int32),
         awake=np.ones(n, np.bool_),
-        ready=np.ones(n, np.bool_),
+        woken=np.zeros(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
@@ -385,16 +387,19 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
 def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return kernel.Pairs(
-        np.zeros((2, vt, 2), np.int32),
-        np.zeros((2, vt), np.int8),
-        np.zeros((2, ee, 2), np.int32),
-        np.zeros((2, ee), np.bool_),
-        np.zeros((2, ee, 3)),
-        np.zeros(vt, np.int16),
-        np.zeros(ee, np.int16),
+        np.zeros((vt, 2), np.int32),
+        np.zeros(vt, np.int8),
+        np.zeros(vt, np.int32),
+        np.zeros((ee, 2), np.int32),
+        np.zeros(ee, np.bool_),
+        np.zeros((ee, 3)),
+        np.zeros(ee, np.int32),
+        np.zeros((vt, 2), np.int32),
+        np.zeros((ee, 2), np.int32),
         np.zeros((4 * vt, 2), np.int32),
         np.zeros(table, np.int64),
         np.zeros(table, np.int32),
+        np.zeros((ee, 3)),
         np.zeros((m, 4), np.int32),
         np.zeros((m, 4)),
         np.zeros((m, 3)),
