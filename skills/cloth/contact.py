@@ -23,6 +23,7 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
+STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
@@ -87,7 +88,7 @@ def narrow_vertex_triangle(
         d = (nx * dx + ny * dy + nz * dz) * scale
         # the gap cannot close within the span: the pair is apart, whichever side
         sx, sy, sz = v[i, 0] - v[p, 0], v[i, 1] - v[p, 1], v[i, 2] - v[p, 2]
-        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if abs(d) > release + reach:
             side[c] = 0
             due[c] = now + 1 + int(min((abs(d) - release - reach) / reach, MAX_WAIT))
@@ -97,7 +98,14 @@ def narrow_vertex_triangle(
         b2 = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / nn
         b0 = 1.0 - b1 - b2
         if min(b0, min(b1, b2)) < -TOLERANCE:
-            if side[c] != 0:
+            if side[c] == 0:
+                # how far it is beside the prism: a share of the triangle's height over that edge
+                away = max(
+                    -b0 / np.sqrt((vx - ux) ** 2 + (vy - uy) ** 2 + (vz - uz) ** 2),
+                    max(-b1 / np.sqrt(vx * vx + vy * vy + vz * vz), -b2 / np.sqrt(ux * ux + uy * uy + uz * uz)),
+                ) * np.sqrt(nn) - TOLERANCE / scale / np.sqrt(max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz))
+                due[c] = now + 1 + int(min(max(away - reach, 0.0) / reach, MAX_WAIT))
+            else:
                 d2 = min(
                     _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, p, q),
                     min(
@@ -150,7 +158,7 @@ def narrow_edge_edge(
         sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
         sy = (1 - s) * v[i, 1] + s * v[j, 1] - (1 - t) * v[k, 1] - t * v[m, 1]
         sz = (1 - s) * v[i, 2] + s * v[j, 2] - (1 - t) * v[k, 2] - t * v[m, 2]
-        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if d2 > (release + reach) ** 2:
             near[c] = False
             due[c] = now + 1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT))

@@ -33,12 +33,11 @@ from skills.cloth.tree import Tree, fit_tree, search_pairs
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
-SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
+SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
 STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
-HORIZON = 10  # narrow phases for which the search looks ahead
+HORIZON = 12  # narrow phases for which the search looks ahead
 CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
-SWEEPS = 2  # over the contacts a substep, there and back: one alone lets layers creep
 STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
 STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
@@ -296,7 +295,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         count[PACKED] = 0
     if woke:
         tree = body.tree
-        _mark_woken(tree.leaf, body.tri, state.woken, tree.stale)  # which the search marks anew
+        _mark_woken(tree.of_tri, body.tri, state.woken, tree.stale)  # which the search marks anew
         _unpark(tree.of_vertex, tree.of_tri, tree.stale, count[NOW], count[VT], pairs.vt, pairs.vt_due)
         _unpark(tree.of_edge, tree.of_edge, tree.stale, count[NOW], count[EE], pairs.ee, pairs.ee_due)
 
@@ -344,17 +343,18 @@ def _pack(body, rules, state):
 
 @njit(nogil=True)
 def _unpark(of_first, of_second, marked, now, n, pair, due):
-    """Pairs that slept are looked at again when a leaf that they belong to wakes."""
+    """Pairs that slept are looked at again when a patch that they belong to wakes."""
     for c in range(n):
         if due[c] == PARKED and (marked[of_first[pair[c, 0]]] or marked[of_second[pair[c, 1]]]):
             due[c] = now
 
 
 @njit(nogil=True)
-def _mark_woken(leaf, tri, woken, marked):
-    for k in range(len(leaf)):
-        t = leaf[k]
-        marked[k] = woken[tri[t, 0]] or woken[tri[t, 1]] or woken[tri[t, 2]]
+def _mark_woken(of_tri, tri, woken, marked):
+    marked[:] = False
+    for t in range(len(tri)):
+        if woken[tri[t, 0]] or woken[tri[t, 1]] or woken[tri[t, 2]]:
+            marked[of_tri[t]] = True
 
 
 @njit(nogil=True)
@@ -872,21 +872,20 @@ def _compile(sources: str) -> Callable[..., int]:
                     _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
-                    for sweep in range(SWEEPS):
-                        solve_contacts(
-                            count[ACTIVE],
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            state.wc,
-                            state.x,
-                            state.xp,
-                            rules.mu_layers,
-                            h,
-                            sweep,
-                        )
+                    solve_contacts(
+                        count[ACTIVE],
+                        pairs.act_i,
+                        pairs.act_b,
+                        pairs.act_n,
+                        pairs.act_d,
+                        pairs.act_w,
+                        state.wc,
+                        state.x,
+                        state.xp,
+                        rules.mu_layers,
+                        h,
+                        s,  # there in one substep and back in the next
+                    )
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
                     _table_and_speed(rules, state)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
-from skills.cloth.elastic import build_elastic
+from skills.cloth.elastic import build_elastic, stretch_excess
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.cloth.tree import build_tree
@@ -29,7 +29,9 @@ MAX_HELD = 128
 class SolverSettings:
     """How the cloth is solved, and what of a fabric a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. gravity [m/s2]: tilt it for a tilted table (the table stays
+    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
+    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would be
+    needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet. gravity [m/s2]: tilt it for a tilted table (the table stays
     z = 0). reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6
     where the garment's own is not given). stretch_damping, bend_damping: Rayleigh times [s], force of
     damping = time x stiffness x rate. drag [1/s] of the air. max_speed [m/s] caps every vertex.
@@ -39,7 +41,8 @@ class SolverSettings:
     """
 
     frame_rate: int = 60
-    substeps: int = 20
+    substeps: int | None = None
+    stretch_tolerance: float | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference_drop: float = 0.6
     stretch_damping: float = 0.002
@@ -86,13 +89,17 @@ class CapsuleMotion:
 
 
 RELEASE_SPEED = 0.1  # [m/s]
+STRETCH_TOLERANCE = 1e-3  # of the length
+ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
 
 
 class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
     positions: (n, 3) to start from, at rest (default: laid flat). fixed: (n,) vertices that never move (a hung
-    cloth's upper hem). Not safe to be used by two threads at once;
+    cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang longer
+    than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads at once;
     two simulations in two threads are.
     """
 
@@ -112,10 +119,11 @@ class ClothSimulation:
         self.pads = pads or PadGeometry()
         self.time = 0.0
         _check(material, self.settings, mesh)
-        self._body = _body(mesh, material, self.settings)
+        self.substeps, self.stretch_error = _choose_substeps(mesh, material, self.settings)
+        self._body = _body(mesh, material, self.settings, self.substeps)
         if fixed is not None:
             self._body.w[fixed] = 0.0
-        self._rules = _rules(material, self.settings, self.pads, table)
+        self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
         self._pairs = _new_pairs(16 * n, 12 * n)
@@ -285,9 +293,10 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
         value = getattr(material, name)
         if not low <= value <= high:
             raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
-    if settings.substeps % kernel.PHASE or settings.substeps <= 0 or settings.frame_rate <= 0:
+    n = settings.substeps
+    if settings.frame_rate <= 0 or (n is not None and (n % kernel.PHASE or n <= 0)):
         raise ConfigurationError(
-            f"substeps must be a positive multiple of {kernel.PHASE}", "", substeps=settings.substeps
+            f"substeps must be a positive multiple of {kernel.PHASE}", "", substeps=n, frame_rate=settings.frame_rate
         )
     if mesh.area.min() <= 0.0:
         raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))
@@ -300,8 +309,39 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
         )
 
 
-def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kernel.Body:
-    h = settings.frame / settings.substeps
+def _choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
+    """Substeps of a frame and the error that they leave in the stretch (see SolverSettings)."""
+
+    def error(n: int) -> float:
+        step = settings.frame / n
+        return stretch_excess(
+            mesh, material, step, settings.reference_drop, settings.anisotropy, settings.seam_factor
+        )
+
+    tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
+    if not tolerance > 0.0:
+        raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
+    n = settings.substeps
+    if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
+        return n, error(n)
+    needed = LEAST_SUBSTEPS
+    while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
+        needed += kernel.PHASE
+    if n is None and needed <= MOST_SUBSTEPS:
+        return needed, error(needed)
+    raise ConfigurationError(
+        f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
+        f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",
+        stretch_fraction=material.stretch_fraction,
+        stretch_tolerance=tolerance,
+        stretch_error=error(n or MOST_SUBSTEPS),
+        needed_substeps=needed,
+        edge_length=float(np.median(mesh.edge_length)),
+    )
+
+
+def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> kernel.Body:
+    h = settings.frame / substeps
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * kernel.PHASE * h * w[e.edge].sum(axis=1))
@@ -324,13 +364,15 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kern
     )
 
 
-def _rules(material: Material, settings: SolverSettings, pads: PadGeometry, table: bool) -> kernel.Rules:
-    h = settings.frame / settings.substeps
+def _rules(
+    material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
+) -> kernel.Rules:
+    h = settings.frame / substeps
     gamma = settings.bend_damping / h
     gx, gy, gz = settings.gravity
     return kernel.Rules(
         h=h,
-        substeps=settings.substeps,
+        substeps=substeps,
         gx=gx,
         gy=gy,
         gz=gz,
