@@ -103,7 +103,9 @@ def narrow_vertex_triangle(
                 away = max(
                     -b0 / np.sqrt((vx - ux) ** 2 + (vy - uy) ** 2 + (vz - uz) ** 2),
                     max(-b1 / np.sqrt(vx * vx + vy * vy + vz * vz), -b2 / np.sqrt(ux * ux + uy * uy + uz * uz)),
-                ) * np.sqrt(nn) - TOLERANCE / scale / np.sqrt(max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz))
+                ) * np.sqrt(nn) - TOLERANCE / scale / np.sqrt(
+                    max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+                )
                 due[c] = now + 1 + int(min(max(away - reach, 0.0) / reach, MAX_WAIT))
             else:
                 d2 = min(

@@ -88,8 +88,9 @@ def stretch_excess(
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
 ) -> float:
-    """By how much the cloth would hang longer than asked, as a fraction of its length, with a substep of `step` [s]:
-    edges stiffer than one sweep can be are as soft as the sweep. Agrees with the hang test within a third."""
+    """By how much the cloth would hang longer than asked, as a fraction of its length, with a substep
+    of `step` [s]: edges stiffer than one sweep can be are as soft as the sweep. Agrees with the hang test
+    within a third."""
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
     inverse_mass = 1.0 / (material.areal_mass * mesh.vertex_area)
     sweep = step**2 * inverse_mass[mesh.edges].sum(axis=1)

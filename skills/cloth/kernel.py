@@ -125,7 +125,8 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: narrow phase at which a pair is to be looked at; new_vt, new_ee, met, key, row, kept: scratch."""
+    vt_due, ee_due: narrow phase at which a pair is to be looked at; new_vt, new_ee, met, key, row, kept:
+    scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -359,7 +360,8 @@ def _mark_woken(of_tri, tri, woken, marked):
 
 @njit(nogil=True)
 def _search(body, rules, state, pairs):
-    """Pairs of stale patches anew; near ones keep their side. False, and nothing changed, when a list is too small."""
+    """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
+    small."""
     count, tree = state.counts, body.tree
     now, span = count[NOW], PHASE * rules.h
     for i in range(len(state.stale)):
@@ -372,7 +374,17 @@ def _search(body, rules, state, pairs):
                 state.course[i, m] = 0.0 if calm else state.v[i, m]
     tri, edge = body.tri, body.edge
     fit_tree(
-        tree, tri, edge, state.base, state.course, state.slack, state.born, now, span, state.stale, count[FITTED] == 0
+        tree,
+        tri,
+        edge,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        now,
+        span,
+        state.stale,
+        count[FITTED] == 0,
     )
     n_vt, n_ee = search_pairs(
         tree, pairs.met, tri, edge, state.course, rules.thickness, HORIZON * span, pairs.new_vt, pairs.new_ee

@@ -29,15 +29,16 @@ MAX_HELD = 128
 class SolverSettings:
     """How the cloth is solved, and what of a fabric a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
-    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would be
-    needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet. gravity [m/s2]: tilt it for a tilted table (the table stays
-    z = 0). reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6
-    where the garment's own is not given). stretch_damping, bend_damping: Rayleigh times [s], force of
-    damping = time x stiffness x rate. drag [1/s] of the air. max_speed [m/s] caps every vertex.
-    sleep_distance, sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest
-    and costs nothing until something moves near it (0 frames: nothing ever sleeps). anisotropy: stiffness
-    along material y over that along x. seam_factor: stretch stiffness of the outline over the cloth's.
+    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to
+    within stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too
+    many would be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do
+    not meet. gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging
+    length at which the material's stretch_fraction was measured (0.6 where the garment's own is not given).
+    stretch_damping, bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate. drag [1/s] of
+    the air. max_speed [m/s] caps every vertex. sleep_distance, sleep_frames: a vertex that stays so near for so
+    long, and does not gather speed, is at rest and costs nothing until something moves near it (0 frames: nothing
+    ever sleeps). anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the
+    outline over the cloth's.
     """
 
     frame_rate: int = 60
@@ -98,9 +99,9 @@ class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
     positions: (n, 3) to start from, at rest (default: laid flat). fixed: (n,) vertices that never move (a hung
-    cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang longer
-    than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads at once;
-    two simulations in two threads are.
+    cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang
+    longer than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads
+    at once; two simulations in two threads are.
     """
 
     def __init__(
@@ -296,7 +297,10 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
     n = settings.substeps
     if settings.frame_rate <= 0 or (n is not None and (n % kernel.PHASE or n <= 0)):
         raise ConfigurationError(
-            f"substeps must be a positive multiple of {kernel.PHASE}", "", substeps=n, frame_rate=settings.frame_rate
+            f"substeps must be a positive multiple of {kernel.PHASE}",
+            "",
+            substeps=n,
+            frame_rate=settings.frame_rate,
         )
     if mesh.area.min() <= 0.0:
         raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))

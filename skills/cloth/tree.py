@@ -1,10 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """The search for pairs that may touch: a tree of boxes over the mesh, with bounds on the normals.
 
-The tree follows the mesh (it is built once, on the flat garment); its leaves are patches of a few triangles. Each vertex has a foreseen course, a straight line from where it was when it was last looked at; boxes are fitted
-to the foreseen places, and two boxes are compared in the frame that moves with one of them, so that layers that
-travel together do not look as if they would meet everything on their way. Only patches with a vertex that left
-its course (or whose course has run out) are searched again: cloth at rest costs nothing.
+The tree follows the mesh (it is built once, on the flat garment); its leaves are patches of a few triangles.
+Each vertex has a foreseen course, a straight line from where it was when it was last looked at; boxes are
+fitted to the foreseen places, and two boxes are compared in the frame that moves with one of them, so that
+layers that travel together do not look as if they would meet everything on their way. Only patches with a
+vertex that left its course (or whose course has run out) are searched again: cloth at rest costs nothing.
 
 A smooth stretch of cloth cannot touch itself: a region all of whose normals lie in one half space is not searched
 against itself or its neighbours (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
@@ -34,13 +35,13 @@ STACK = 4096
 class Tree(NamedTuple):
     """Nodes 0..m-1 are the patches, then each inner node after its children; the root is last.
 
-    child: (nodes, 2), -1 for patches; layer: -1 where both; flat: (nodes, 4) box in material coordinates, grown by
-    half an edge; size: triangles below. tri, vertex, edge: numbers of the primitives, patch after patch (each once:
-    a pair of primitives is met once), with their starts (m + 1,); ring: triangles in and beside each patch; beside:
-    patches of its layer with a common vertex, ascending. of_vertex, of_tri, of_edge: the patch that has each.
-    box: (nodes, 6); normal: (nodes, 6); speed: (nodes, 7) bounds, the last of the slack; stale: (nodes,) to be
-    searched. place: (n, 3) foreseen; vertex_at (3, n), tri_box (6, t), edge_box (6, e): in the order of the patches.
-    stack, few, some: scratch."""
+    child: (nodes, 2), -1 for patches; layer: -1 where both; flat: (nodes, 4) box in material coordinates, grown
+    by half an edge; size: triangles below. tri, vertex, edge: numbers of the primitives, patch after patch
+    (each once: a pair of primitives is met once), with their starts (m + 1,); ring: triangles in and beside
+    each patch; beside: patches of its layer with a common vertex, ascending. of_vertex, of_tri, of_edge: the
+    patch that has each. box: (nodes, 6); normal: (nodes, 6); speed: (nodes, 7) bounds, the last of the slack;
+    stale: (nodes,) to be searched. place: (n, 3) foreseen; vertex_at (3, n), tri_box (6, t), edge_box (6, e):
+    in the order of the patches. stack, few, some: scratch."""
 
     child: NDArray[np.int32]
     layer: NDArray[np.int32]
@@ -270,8 +271,8 @@ def fit_tree(tree, tri, edge, base, course, slack, born, now, span, stale, every
         if not moves:
             continue
         _fit_patch(
-            k, tri_start[k], tri_start[k + 1], ring_start[k], ring_start[k + 1], triangle, ring, tri, place, course, slack,
-            box, speed, normal
+            k, tri_start[k], tri_start[k + 1], ring_start[k], ring_start[k + 1], triangle, ring, tri, place,
+            course, slack, box, speed, normal
         )  # fmt: skip
         _fit_boxes(tri_start[k], tri_start[k + 1], tri, triangle, place, tri_box)
         _fit_boxes(edge_start[k], edge_start[k + 1], edge, side, place, edge_box)
@@ -282,7 +283,10 @@ def fit_tree(tree, tri, edge, base, course, slack, born, now, span, stale, every
         a, b = child[k, 0], child[k, 1]
         for c in range(3):
             box[k, c], box[k, c + 3] = min(box[a, c], box[b, c]), max(box[a, c + 3], box[b, c + 3])
-            normal[k, c], normal[k, c + 3] = min(normal[a, c], normal[b, c]), max(normal[a, c + 3], normal[b, c + 3])
+            normal[k, c], normal[k, c + 3] = (
+                min(normal[a, c], normal[b, c]),
+                max(normal[a, c + 3], normal[b, c + 3]),
+            )
             speed[k, c], speed[k, c + 3] = min(speed[a, c], speed[b, c]), max(speed[a, c + 3], speed[b, c + 3])
         speed[k, 6] = max(speed[a, 6], speed[b, 6])
         marked[k] = marked[a] or marked[b]
@@ -307,10 +311,10 @@ def _neighbours(m, layer, f, beside, beside_start, a, b):
     if layer[a] != layer[b] or layer[a] < 0:
         return False
     if a < m and b < m:
+        found = False
         for k in range(beside_start[a], beside_start[a + 1]):
-            if beside[k] == b:
-                return True
-        return False
+            found = found or beside[k] == b
+        return found
     w = min(f[a, 2], f[b, 2]) - max(f[a, 0], f[b, 0])
     h = min(f[a, 3], f[b, 3]) - max(f[a, 1], f[b, 1])
     if w < 0.0 or h < 0.0:
@@ -348,8 +352,8 @@ def search_pairs(tree, met, tri, edge, course, thick, horizon, vt, ee):
         return -1, -1
     last = len(met) - n
     n_cand = _boxes_meet(
-        met, last, box, speed, tree.vertex, tree.vertex_start, tree.vertex_at, tree.vertex_at, tree.tri, tree.tri_start,
-        tree.tri_box, tree.few, tree.some, near, horizon, True
+        met, last, box, speed, tree.vertex, tree.vertex_start, tree.vertex_at, tree.vertex_at, tree.tri,
+        tree.tri_start, tree.tri_box, tree.few, tree.some, near, horizon, True
     )  # fmt: skip
     if n_cand < 0:
         return -1, -1
@@ -363,8 +367,8 @@ def search_pairs(tree, met, tri, edge, course, thick, horizon, vt, ee):
             n_vt += 1
     near *= EDGE_SHARE
     n_cand = _boxes_meet(
-        met, last, box, speed, tree.edge, tree.edge_start, tree.edge_box[:3], tree.edge_box[3:], tree.edge, tree.edge_start,
-        tree.edge_box, tree.few, tree.some, near, horizon, False
+        met, last, box, speed, tree.edge, tree.edge_start, tree.edge_box[:3], tree.edge_box[3:], tree.edge,
+        tree.edge_start, tree.edge_box, tree.few, tree.some, near, horizon, False
     )  # fmt: skip
     if n_cand < 0:
         return -1, -1
@@ -383,8 +387,8 @@ def search_pairs(tree, met, tri, edge, course, thick, horizon, vt, ee):
 def _meeting_patches(
     child, layer, size, flat, box, speed, normal, stale, stack, beside, beside_start, m, horizon, near, met
 ):
-    """Pairs of patches whose boxes meet and that are not parts of one smooth region, from the end of `met`; -> their
-    number."""
+    """Pairs of patches whose boxes meet and that are not parts of one smooth region, from the end of `met`; ->
+    their number."""
     top, n = 1, 0
     stack[0, 0] = stack[0, 1] = len(child) - 1
     while top > 0:
@@ -424,11 +428,12 @@ def _meeting_patches(
 
 @njit(nogil=True)
 def _boxes_meet(
-    met, last, box, speed, first, first_start, low, high, second, second_start, second_box, few, some, near, horizon, both
+    met, last, box, speed, first, first_start, low, high, second, second_start, second_box, few, some, near,
+    horizon, both
 ):  # fmt: skip
-    """Primitives whose boxes meet, out of the patches from row `last` of `met` on, into the rows before; -> how many,
-    or -1 when they are too many. both: each patch's first ones against the other's second ones (of another kind);
-    else the two kinds are one."""
+    """Primitives whose boxes meet, out of the patches from row `last` of `met` on, into the rows before; -> how
+    many, or -1 when they are too many. both: each patch's first ones against the other's second ones (of another
+    kind); else the two kinds are one."""
     n = 0
     for turn in range(2 * (len(met) - last)):
         row = last + (turn >> 1)
@@ -454,7 +459,14 @@ def _boxes_meet(
             count += (bx0 <= x1) & (bx1 >= x0) & (by0 <= y1) & (by1 >= y0) & (bz0 <= z1) & (bz1 >= z0)
         if count == 0:
             continue
-        x0, y0, z0, x1, y1, z1 = box[b, 0] + lx, box[b, 1] + ly, box[b, 2] + lz, box[b, 3] + hx, box[b, 4] + hy, box[b, 5] + hz
+        x0, y0, z0, x1, y1, z1 = (
+            box[b, 0] + lx,
+            box[b, 1] + ly,
+            box[b, 2] + lz,
+            box[b, 3] + hx,
+            box[b, 4] + hy,
+            box[b, 5] + hz,
+        )
         for k in range(first_start[a], first_start[a + 1]):
             ax0, ay0, az0 = low[0, k], low[1, k], low[2, k]
             ax1, ay1, az1 = high[0, k], high[1, k], high[2, k]
