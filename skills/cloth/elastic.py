@@ -3,9 +3,11 @@
 
 Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, Y the
 membrane's Young modulus [N/m]; on equilateral triangles that is the exact isotropic membrane with Poisson
-ratio 1/3 (Seung & Nelson 1988). Bending: the isometric quadratic energy of Bergou et al. 2006,
-1/2 * 3 B / (A0 + A1) * |K x|^2 a hinge, B the flexural rigidity [Nm], K from cotangents; it is linear, so that
-a hinge is three independent linear constraints.
+ratio 1/3 (Seung & Nelson 1988). Bending: quadratic hinges with the stencil K of Bergou et al. 2006, each on
+its own: 1/2 * B / (A0 + A1) * |K x|^2, B the flexural rigidity [Nm], K from cotangents; it is linear, so that
+a hinge is three independent linear constraints. Summed over hinges |K x|^2 / (A0 + A1) is the squared
+curvature of a cylinder once; the factor 3 of the paper belongs to elements whose edges are assembled into one
+operator.
 
 One sweep of XPBD a substep adds a compliance of its own, about h^2 sum(w |grad C|^2) a constraint: it is
 taken off the asked one beforehand, so that a material means the same on any mesh and with any substep.
@@ -34,7 +36,7 @@ class Elastic(NamedTuple):
     """Constraints of one mesh and material, in the order in which they are solved.
 
     edge: (e, 2); length: (e,) [m]; compliance: (e,) [m/N], corrected for the sweep; stiffness: (e,) [N/m].
-    hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance (A0 + A1) / (3 B) [1/(N m)].
+    hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance (A0 + A1) / B [1/(N m)].
     """
 
     edge: NDArray[np.int32]
@@ -73,7 +75,7 @@ def build_elastic(
     sweep = step**2 * inverse_mass[edge].sum(axis=1)
     compliance = np.maximum(1.0 / stiffness - SWEEP * sweep, FLOOR * sweep)
     weight, areas = _stencils(mesh)
-    bend = areas / (3.0 * flexural_rigidity(material))
+    bend = areas / flexural_rigidity(material)
     e, h = _shuffle(len(edge)), _shuffle(len(mesh.hinges))
     return Elastic(
         edge[e].copy(), length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(), weight[h], bend[h]
