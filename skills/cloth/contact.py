@@ -23,6 +23,8 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
+STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
+PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
@@ -63,16 +65,18 @@ def _point_segment2(px, py, pz, x, i, j):
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_vertex_triangle(
-    count, pair, side, wait, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count, pair, side, due, now, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
 ):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
-        if wait[c] > 0:
-            wait[c] -= 1
+        if due[c] > now:
             continue
         i, t = pair[c, 0], pair[c, 1]
         p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+        if w[i] + w[p] + w[q] + w[r] == 0.0:
+            due[c] = PARKED
+            continue
         ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
         vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -84,17 +88,26 @@ def narrow_vertex_triangle(
         d = (nx * dx + ny * dy + nz * dz) * scale
         # the gap cannot close within the span: the pair is apart, whichever side
         sx, sy, sz = v[i, 0] - v[p, 0], v[i, 1] - v[p, 1], v[i, 2] - v[p, 2]
-        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if abs(d) > release + reach:
             side[c] = 0
-            wait[c] = min((abs(d) - release - reach) / reach, MAX_WAIT)
+            due[c] = now + 1 + int(min((abs(d) - release - reach) / reach, MAX_WAIT))
             continue
         # barycentric coordinates of the projection
         b1 = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / nn
         b2 = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / nn
         b0 = 1.0 - b1 - b2
         if min(b0, min(b1, b2)) < -TOLERANCE:
-            if side[c] != 0:
+            if side[c] == 0:
+                # how far it is beside the prism: a share of the triangle's height over that edge
+                away = max(
+                    -b0 / np.sqrt((vx - ux) ** 2 + (vy - uy) ** 2 + (vz - uz) ** 2),
+                    max(-b1 / np.sqrt(vx * vx + vy * vy + vz * vz), -b2 / np.sqrt(ux * ux + uy * uy + uz * uz)),
+                ) * np.sqrt(nn) - TOLERANCE / scale / np.sqrt(
+                    max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+                )
+                due[c] = now + 1 + int(min(max(away - reach, 0.0) / reach, MAX_WAIT))
+            else:
                 d2 = min(
                     _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, p, q),
                     min(
@@ -130,25 +143,27 @@ def narrow_vertex_triangle(
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_edge_edge(
-    count, pair, near, normal, wait, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count, pair, near, normal, due, now, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
 ):
     """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
-        if wait[c] > 0:
-            wait[c] -= 1
+        if due[c] > now:
             continue
         i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
         k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
+        if w[i] + w[j] + w[k] + w[m] == 0.0:
+            due[c] = PARKED
+            continue
         s, t, dx, dy, dz = closest_on_segments(x, i, j, k, m)
         d2 = dx * dx + dy * dy + dz * dz
         sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
         sy = (1 - s) * v[i, 1] + s * v[j, 1] - (1 - t) * v[k, 1] - t * v[m, 1]
         sz = (1 - s) * v[i, 2] + s * v[j, 2] - (1 - t) * v[k, 2] - t * v[m, 2]
-        reach = 5e-4 + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
+        reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if d2 > (release + reach) ** 2:
             near[c] = False
-            wait[c] = min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)
+            due[c] = now + 1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT))
             continue
         ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
         bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]

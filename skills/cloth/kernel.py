@@ -22,20 +22,22 @@ from skills.cloth.contact import (
     EDGE_SHARE,
     OVERLAP_SHARE,
     OVERLAP_SPEED,
+    PARKED,
     narrow_edge_edge,
     narrow_vertex_triangle,
     solve_contacts,
 )
 from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
-from skills.cloth.tree import Tree, search_pairs
+from skills.cloth.tree import Tree, fit_tree, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
 SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
-READY_RINGS = 3  # about what is awake: pairs there are searched in advance
-HORIZON = 2.0  # frames for which the search looks ahead
-SWEEPS = 2  # over the contacts a substep, there and back: one alone lets layers creep
+CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
+STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
+HORIZON = 12  # narrow phases for which the search looks ahead
+CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
 STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
 STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
@@ -43,8 +45,8 @@ PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 # places in State.counts
-VT, EE, VT_ALL, EE_ALL, HALF, ACTIVE, EDGES, HINGES, AWAKE = range(9)  # lengths of the lists
-SEARCHED, PACKED, FRAME, SUBSTEP, AGE, SEARCHES = range(9, 15)  # what is up to date, where the loop stands
+VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES = range(6, 13)  # what is up to date, where the loop stands
 
 
 class Body(NamedTuple):
@@ -86,7 +88,9 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep; wc: the same for contacts."""
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep; wc: the same for contacts.
+    base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
+    elsewhere; woken: in this frame."""
 
     x: Array
     xp: Array
@@ -94,13 +98,16 @@ class State(NamedTuple):
     u: Array
     ref: Array
     last: Array
-    built: Array
+    base: Array
     course: Array
+    slack: Array
+    born: NDArray[np.int32]
+    stale: NDArray[np.bool_]
     wa: Array
     wc: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
-    ready: NDArray[np.bool_]
+    woken: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
     near: NDArray[np.bool_]
     awake_list: NDArray[np.int32]
@@ -118,18 +125,22 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt, side, ee, near, normal: twice, for the present search and the next; met, key, row: scratch."""
+    vt_due, ee_due: narrow phase at which a pair is to be looked at; new_vt, new_ee, met, key, row, kept:
+    scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
+    vt_due: NDArray[np.int32]
     ee: NDArray[np.int32]
     near: NDArray[np.bool_]
     normal: Array
-    vt_wait: NDArray[np.int16]
-    ee_wait: NDArray[np.int16]
+    ee_due: NDArray[np.int32]
+    new_vt: NDArray[np.int32]
+    new_ee: NDArray[np.int32]
     met: NDArray[np.int32]
     key: NDArray[np.int64]
     row: NDArray[np.int32]
+    kept: Array
     act_i: NDArray[np.int32]
     act_b: Array
     act_n: Array
@@ -212,28 +223,29 @@ def _stir_by_contact(n, act_i, stirred, near):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, ready, x, xp, u, v, ref, last, built, course, quiet, awake, wa, wc, w):
+def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, wc, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
-    changed, and whether something woke for which no pairs were searched."""
-    changed = unsearched = False
+    changed, and whether something woke."""
+    changed = woke = False
     for i in range(len(x)):
+        woken[i] = False
         if near[i]:
             quiet[i] = 0
             if awake[i] or w[i] == 0.0:
                 continue
-            awake[i], wa[i] = True, w[i]
-            changed = True
-            unsearched = unsearched or not ready[i]
+            awake[i], wa[i], woken[i] = True, w[i], True
+            changed = woke = True
             for m in range(3):
-                ref[i, m] = last[i, m] = built[i, m] = xp[i, m] = x[i, m]
-                v[i, m] = course[i, m] = 0.0
+                ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
+                v[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
             awake[i], wa[i], wc[i] = False, 0.0, 0.0
             changed = True
             for m in range(3):
+                stale[i] = stale[i] or course[i, m] != 0.0
                 xp[i, m] = u[i, m] = x[i, m]
                 v[i, m] = 0.0
-    return changed, unsearched
+    return changed, woke
 
 
 @njit(nogil=True)
@@ -262,18 +274,18 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         if hand[k] >= 0:
             for m in range(3):
                 near[vertex[k, m]] = True
-    changed, unsearched = _settle(
+    changed, woke = _settle(
         rules.sleep_frames,
         near,
-        state.ready,
+        state.woken,
         state.x,
         state.xp,
         state.u,
         state.v,
         state.ref,
         state.last,
-        state.built,
         state.course,
+        state.stale,
         state.quiet,
         state.awake,
         state.wa,
@@ -282,8 +294,11 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     )
     if changed:
         count[PACKED] = 0
-    if unsearched:
-        count[SEARCHED] = 0
+    if woke:
+        tree = body.tree
+        _mark_woken(tree.of_tri, body.tri, state.woken, tree.stale)  # which the search marks anew
+        _unpark(tree.of_vertex, tree.of_tri, tree.stale, count[NOW], count[VT], pairs.vt, pairs.vt_due)
+        _unpark(tree.of_edge, tree.of_edge, tree.stale, count[NOW], count[EE], pairs.ee, pairs.ee_due)
 
 
 @njit(nogil=True)
@@ -328,80 +343,132 @@ def _pack(body, rules, state):
 
 
 @njit(nogil=True)
+def _unpark(of_first, of_second, marked, now, n, pair, due):
+    """Pairs that slept are looked at again when a patch that they belong to wakes."""
+    for c in range(n):
+        if due[c] == PARKED and (marked[of_first[pair[c, 0]]] or marked[of_second[pair[c, 1]]]):
+            due[c] = now
+
+
+@njit(nogil=True)
+def _mark_woken(of_tri, tri, woken, marked):
+    marked[:] = False
+    for t in range(len(tri)):
+        if woken[tri[t, 0]] or woken[tri[t, 1]] or woken[tri[t, 2]]:
+            marked[of_tri[t]] = True
+
+
+@njit(nogil=True)
 def _search(body, rules, state, pairs):
-    """New candidate pairs into the other half of the lists; near ones keep their side, also those that sleep
-    (behind the others, not looked at). False when a list is too small. Allocates nothing."""
-    count = state.counts
-    horizon = HORIZON * rules.h * rules.substeps
-    old = count[HALF]
-    new = 1 - old
-    vt, ee, side, near, normal = pairs.vt[new], pairs.ee[new], pairs.side[new], pairs.near[new], pairs.normal[new]
-    was_vt, was_ee, was_side = pairs.vt[old], pairs.ee[old], pairs.side[old]
-    was_near, was_normal = pairs.near[old], pairs.normal[old]
-    tri, edge, ready = body.tri, body.edge, state.ready
-    ready[:] = state.awake
-    _grow(body.ring_start, body.ring, ready, READY_RINGS)
-    n_vt, n_ee = search_pairs(
-        body.tree, pairs.met, tri, edge, state.x, state.v, ready, rules.thickness, horizon, SLACK, vt, ee
+    """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
+    small."""
+    count, tree = state.counts, body.tree
+    now, span = count[NOW], PHASE * rules.h
+    for i in range(len(state.stale)):
+        if state.stale[i]:
+            state.born[i] = now
+            calm = state.quiet[i] >= CALM or not state.awake[i]
+            state.slack[i] = min(SLACK, CALM_SLACK * rules.thickness) if calm else SLACK
+            for m in range(3):
+                state.base[i, m] = state.x[i, m]
+                state.course[i, m] = 0.0 if calm else state.v[i, m]
+    tri, edge = body.tri, body.edge
+    fit_tree(
+        tree,
+        tri,
+        edge,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        now,
+        span,
+        state.stale,
+        count[FITTED] == 0,
     )
-    if n_vt < 0 or n_vt > len(vt) or n_ee > len(ee):
+    n_vt, n_ee = search_pairs(
+        tree, pairs.met, tri, edge, state.course, rules.thickness, HORIZON * span, pairs.new_vt, pairs.new_ee
+    )
+    if n_vt < 0 or n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
         return False
-    # the near pairs' memory: an open-addressed table from key to row
-    kept = 0
-    for c in range(count[VT_ALL]):
-        kept += was_side[c] != 0
-    for c in range(count[EE_ALL]):
-        kept += was_near[c]
+    _renew_vertex_triangle(tree, np.int64(len(tri)), pairs, count, n_vt)
+    _renew_edge_edge(tree, np.int64(len(edge)), pairs, count, n_ee)
+    state.stale[:] = False
+    count[SEARCHED] = count[FITTED] = 1
+    count[SEARCHES] += 1
+    return True
+
+
+@njit(nogil=True)
+def _empty_table(key, kept):
     size = 64
     while size < 2 * kept:
         size *= 2
+    key[:size] = -1
+    return size
+
+
+@njit(nogil=True)
+def _renew_vertex_triangle(tree, width, pairs, count, n_new):
+    """Pairs of stale patches out, the new ones in, with the side of those that were there."""
+    vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    stale, of_vertex, of_tri = tree.stale, tree.of_vertex, tree.of_tri
+    kept = n = 0
+    for c in range(count[VT]):
+        if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
+            if side[c] != 0:
+                scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
+                kept += 1
+        else:
+            if n < c:
+                vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
+            n += 1
+    size = _empty_table(pairs.key, kept)
     key, row = pairs.key[:size], pairs.row[:size]
-    key[:] = -1
-    n_tri, n_edge = np.int64(len(tri)), np.int64(len(edge))
-    offset = np.int64(len(body.w)) * n_tri
-    for c in range(count[VT_ALL]):
-        if was_side[c] != 0:
-            _put(key, row, was_vt[c, 0] * n_tri + was_vt[c, 1], c)
-    for c in range(count[EE_ALL]):
-        if was_near[c]:
-            _put(key, row, offset + was_ee[c, 0] * n_edge + was_ee[c, 1], c)
-    for c in range(n_vt):
-        r = _get(key, row, vt[c, 0] * n_tri + vt[c, 1])
-        side[c] = was_side[r] if r >= 0 else 0
-        pairs.vt_wait[c] = 0
-    for c in range(n_ee):
-        r = _get(key, row, offset + ee[c, 0] * n_edge + ee[c, 1])
-        near[c] = r >= 0
-        pairs.ee_wait[c] = 0
+    for c in range(kept):
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], scratch[c, 2])
+    for c in range(n_new):
+        vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
+        side[n] = _get(key, row, vt[n, 0] * width + vt[n, 1], 0)
+        due[n] = count[NOW]
+        n += 1
+    count[VT] = n
+
+
+@njit(nogil=True)
+def _renew_edge_edge(tree, width, pairs, count, n_new):
+    """The same for edges, with the normals of those that were near."""
+    ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
+    stale, of_edge, scratch, memory = tree.stale, tree.of_edge, pairs.act_i, pairs.kept
+    kept = n = 0
+    for c in range(count[EE]):
+        if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
+            if near[c]:
+                scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
+                for m in range(3):
+                    memory[kept, m] = normal[c, m]
+                kept += 1
+        else:
+            if n < c:
+                ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
+                if near[c]:
+                    for m in range(3):
+                        normal[n, m] = normal[c, m]
+            n += 1
+    size = _empty_table(pairs.key, kept)
+    key, row = pairs.key[:size], pairs.row[:size]
+    for c in range(kept):
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
+    for c in range(n_new):
+        ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
+        r = _get(key, row, ee[n, 0] * width + ee[n, 1], -1)
+        near[n] = r >= 0
         if r >= 0:
             for m in range(3):
-                normal[c, m] = was_normal[r, m]
-    all_vt, all_ee = n_vt, n_ee
-    for c in range(count[VT_ALL]):
-        i, t = was_vt[c, 0], was_vt[c, 1]
-        if was_side[c] != 0 and not (ready[i] or ready[tri[t, 0]] or ready[tri[t, 1]] or ready[tri[t, 2]]):
-            if all_vt == len(vt):
-                return False
-            vt[all_vt, 0], vt[all_vt, 1], side[all_vt] = i, t, was_side[c]
-            all_vt += 1
-    for c in range(count[EE_ALL]):
-        e, f = was_ee[c, 0], was_ee[c, 1]
-        if was_near[c] and not (ready[edge[e, 0]] or ready[edge[e, 1]] or ready[edge[f, 0]] or ready[edge[f, 1]]):
-            if all_ee == len(ee):
-                return False
-            ee[all_ee, 0], ee[all_ee, 1], near[all_ee] = e, f, True
-            for m in range(3):
-                normal[all_ee, m] = was_normal[c, m]
-            all_ee += 1
-    count[VT], count[EE], count[VT_ALL], count[EE_ALL], count[HALF] = n_vt, n_ee, all_vt, all_ee, new
-    count[SEARCHED], count[AGE] = 1, 0
-    count[SEARCHES] += 1
-    for c in range(count[AWAKE]):
-        i = state.awake_list[c]
-        for m in range(3):
-            state.built[i, m] = state.x[i, m]
-            state.course[i, m] = state.v[i, m]
-    return True
+                normal[n, m] = memory[r, m]
+        due[n] = count[NOW]
+        n += 1
+    count[EE] = n
 
 
 @njit(nogil=True)
@@ -415,14 +482,14 @@ def _put(key, row, k, r):
 
 
 @njit(nogil=True)
-def _get(key, row, k):
+def _get(key, row, k, none):
     mask = len(key) - 1
     at = np.int64((k * 2654435761) & mask)
     while key[at] >= 0:
         if key[at] == k:
             return row[at]
         at = (at + 1) & mask
-    return -1
+    return none
 
 
 @njit(nogil=True)
@@ -436,16 +503,30 @@ def _weigh(index, n_awake, x, wa, wc, table):
 
 @njit(nogil=True, fastmath={"contract"})
 def _needs_search(rules, state):
-    """Whether a vertex strayed from the course that the last search foresaw (or could before the next look)."""
-    t = rules.h * min(state.counts[AGE], HORIZON * rules.substeps)
-    for c in range(state.counts[AWAKE]):
-        i = state.awake_list[c]
-        d2 = 0.0
-        for m in range(3):
-            d2 += (state.x[i, m] - state.built[i, m] - t * state.course[i, m]) ** 2
-        if d2 > SLACK * SLACK:
-            return True
-    return False
+    """Whether a vertex left the course that was foreseen for it, or its course has run out. Then those that are
+    about to are stale with it."""
+    count = state.counts
+    span = rules.h * PHASE
+    must = count[SEARCHED] == 0
+    for look in range(2):
+        share = 1.0 if look == 0 else STALE_SHARE
+        oldest = HORIZON if look == 0 else HORIZON // 2
+        for c in range(count[AWAKE]):
+            i = state.awake_list[c]
+            age = count[NOW] - state.born[i]
+            limit = share * state.slack[i]
+            d2, s2 = 0.0, 0.0
+            for m in range(3):
+                d2 += (state.x[i, m] - state.base[i, m] - age * span * state.course[i, m]) ** 2
+                s2 += state.course[i, m] ** 2
+            if d2 > limit * limit or (age >= oldest and s2 > 0.0):
+                must = True
+                if look == 0:
+                    break
+                state.stale[i] = True
+        if not must:
+            return False
+    return True
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -751,18 +832,18 @@ def _compile(sources: str) -> Callable[..., int]:
             if count[AWAKE] > 0:
                 for s in range(count[SUBSTEP], rules.substeps):
                     if s % PHASE == 0:
-                        if count[SEARCHED] == 0 or _needs_search(rules, state):
+                        if _needs_search(rules, state):
                             count[SEARCHED] = 0
                             if not _search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
-                        half = count[HALF]
                         _weigh(state.awake_list, count[AWAKE], state.x, state.wa, state.wc, rules.table)
                         n = narrow_vertex_triangle(
                             count[VT],
-                            pairs.vt[half],
-                            pairs.side[half],
-                            pairs.vt_wait,
+                            pairs.vt,
+                            pairs.side,
+                            pairs.vt_due,
+                            count[NOW],
                             body.tri,
                             state.x,
                             state.v,
@@ -778,10 +859,11 @@ def _compile(sources: str) -> Callable[..., int]:
                         )
                         count[ACTIVE] = narrow_edge_edge(
                             count[EE],
-                            pairs.ee[half],
-                            pairs.near[half],
-                            pairs.normal[half],
-                            pairs.ee_wait,
+                            pairs.ee,
+                            pairs.near,
+                            pairs.normal,
+                            pairs.ee_due,
+                            count[NOW],
                             body.edge,
                             state.x,
                             state.v,
@@ -795,28 +877,27 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_w,
                             n,
                         )
-                        count[AGE] += PHASE
+                        count[NOW] += 1
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     _integrate(rules, state)
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
                     _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
-                    for sweep in range(SWEEPS):
-                        solve_contacts(
-                            count[ACTIVE],
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            state.wc,
-                            state.x,
-                            state.xp,
-                            rules.mu_layers,
-                            h,
-                            sweep,
-                        )
+                    solve_contacts(
+                        count[ACTIVE],
+                        pairs.act_i,
+                        pairs.act_b,
+                        pairs.act_n,
+                        pairs.act_d,
+                        pairs.act_w,
+                        state.wc,
+                        state.x,
+                        state.xp,
+                        rules.mu_layers,
+                        h,
+                        s,  # there in one substep and back in the next
+                    )
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
                     _table_and_speed(rules, state)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
-from skills.cloth.elastic import build_elastic
+from skills.cloth.elastic import build_elastic, stretch_excess
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.cloth.tree import build_tree
@@ -29,17 +29,21 @@ MAX_HELD = 128
 class SolverSettings:
     """How the cloth is solved, and what of a fabric a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. gravity [m/s2]: tilt it for a tilted table (the table stays
-    z = 0). reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6
-    where the garment's own is not given). stretch_damping, bend_damping: Rayleigh times [s], force of
-    damping = time x stiffness x rate. drag [1/s] of the air. max_speed [m/s] caps every vertex.
-    sleep_distance, sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest
-    and costs nothing until something moves near it (0 frames: nothing ever sleeps). anisotropy: stiffness
-    along material y over that along x. seam_factor: stretch stiffness of the outline over the cloth's.
+    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to
+    within stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too
+    many would be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do
+    not meet. gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging
+    length at which the material's stretch_fraction was measured (0.6 where the garment's own is not given).
+    stretch_damping, bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate. drag [1/s] of
+    the air. max_speed [m/s] caps every vertex. sleep_distance, sleep_frames: a vertex that stays so near for so
+    long, and does not gather speed, is at rest and costs nothing until something moves near it (0 frames: nothing
+    ever sleeps). anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the
+    outline over the cloth's.
     """
 
     frame_rate: int = 60
-    substeps: int = 20
+    substeps: int | None = None
+    stretch_tolerance: float | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference_drop: float = 0.6
     stretch_damping: float = 0.002
@@ -86,14 +90,18 @@ class CapsuleMotion:
 
 
 RELEASE_SPEED = 0.1  # [m/s]
+STRETCH_TOLERANCE = 1e-3  # of the length
+ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
 
 
 class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
     positions: (n, 3) to start from, at rest (default: laid flat). fixed: (n,) vertices that never move (a hung
-    cloth's upper hem). Not safe to be used by two threads at once;
-    two simulations in two threads are.
+    cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang
+    longer than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads
+    at once; two simulations in two threads are.
     """
 
     def __init__(
@@ -112,10 +120,11 @@ class ClothSimulation:
         self.pads = pads or PadGeometry()
         self.time = 0.0
         _check(material, self.settings, mesh)
-        self._body = _body(mesh, material, self.settings)
+        self.substeps, self.stretch_error = _choose_substeps(mesh, material, self.settings)
+        self._body = _body(mesh, material, self.settings, self.substeps)
         if fixed is not None:
             self._body.w[fixed] = 0.0
-        self._rules = _rules(material, self.settings, self.pads, table)
+        self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
         self._pairs = _new_pairs(16 * n, 12 * n)
@@ -150,16 +159,14 @@ class ClothSimulation:
         if x.shape != self._state.x.shape or not np.isfinite(x).all():
             raise InternalError("positions must be finite and (n, 3)", shape=tuple(x.shape), n=len(self._state.x))
         s = self._state
-        s.x[:], s.xp[:], s.ref[:], s.last[:], s.built[:] = x, x, x, x, x
+        s.x[:], s.xp[:], s.ref[:], s.last[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
-        s.quiet[:], s.awake[:], s.ready[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.u[:], s.wc[:] = x, self._body.w
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
         s.counts[kernel.AWAKE] = len(free)
-        self._pairs.side[:] = 0
-        self._pairs.near[:] = False
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
         self._holds.force[:] = 0.0
@@ -262,11 +269,12 @@ class ClothSimulation:
         self._pairs = kernel.Pairs(**part("pairs"))
         self._holds = kernel.Holds(**part("holds"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
+        self._state.counts[kernel.FITTED] = 0  # the tree is not part of it
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
         old = self._pairs
-        new = _new_pairs(2 * old.vt.shape[1], 2 * old.ee.shape[1])
+        new = _new_pairs(2 * len(old.vt), 2 * len(old.ee))
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
@@ -286,9 +294,13 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
         value = getattr(material, name)
         if not low <= value <= high:
             raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
-    if settings.substeps % kernel.PHASE or settings.substeps <= 0 or settings.frame_rate <= 0:
+    n = settings.substeps
+    if settings.frame_rate <= 0 or (n is not None and (n % kernel.PHASE or n <= 0)):
         raise ConfigurationError(
-            f"substeps must be a positive multiple of {kernel.PHASE}", "", substeps=settings.substeps
+            f"substeps must be a positive multiple of {kernel.PHASE}",
+            "",
+            substeps=n,
+            frame_rate=settings.frame_rate,
         )
     if mesh.area.min() <= 0.0:
         raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))
@@ -301,8 +313,39 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
         )
 
 
-def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kernel.Body:
-    h = settings.frame / settings.substeps
+def _choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
+    """Substeps of a frame and the error that they leave in the stretch (see SolverSettings)."""
+
+    def error(n: int) -> float:
+        step = settings.frame / n
+        return stretch_excess(
+            mesh, material, step, settings.reference_drop, settings.anisotropy, settings.seam_factor
+        )
+
+    tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
+    if not tolerance > 0.0:
+        raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
+    n = settings.substeps
+    if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
+        return n, error(n)
+    needed = LEAST_SUBSTEPS
+    while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
+        needed += kernel.PHASE
+    if n is None and needed <= MOST_SUBSTEPS:
+        return needed, error(needed)
+    raise ConfigurationError(
+        f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
+        f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",
+        stretch_fraction=material.stretch_fraction,
+        stretch_tolerance=tolerance,
+        stretch_error=error(n or MOST_SUBSTEPS),
+        needed_substeps=needed,
+        edge_length=float(np.median(mesh.edge_length)),
+    )
+
+
+def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> kernel.Body:
+    h = settings.frame / substeps
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * kernel.PHASE * h * w[e.edge].sum(axis=1))
@@ -325,13 +368,15 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings) -> kern
     )
 
 
-def _rules(material: Material, settings: SolverSettings, pads: PadGeometry, table: bool) -> kernel.Rules:
-    h = settings.frame / settings.substeps
+def _rules(
+    material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
+) -> kernel.Rules:
+    h = settings.frame / substeps
     gamma = settings.bend_damping / h
     gx, gy, gz = settings.gravity
     return kernel.Rules(
         h=h,
-        substeps=settings.substeps,
+        substeps=substeps,
         gx=gx,
         gy=gy,
         gz=gz,
@@ -360,13 +405,16 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         u=f(n, 3),
         ref=f(n, 3),
         last=f(n, 3),
-        built=f(n, 3),
+        base=f(n, 3),
         course=f(n, 3),
+        slack=f(n),
+        born=np.zeros(n, np.int32),
+        stale=np.ones(n, np.bool_),
         wa=f(n),
         wc=f(n),
         quiet=np.zeros(n, np.int32),
         awake=np.ones(n, np.bool_),
-        ready=np.ones(n, np.bool_),
+        woken=np.zeros(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
@@ -385,16 +433,19 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
 def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return kernel.Pairs(
-        np.zeros((2, vt, 2), np.int32),
-        np.zeros((2, vt), np.int8),
-        np.zeros((2, ee, 2), np.int32),
-        np.zeros((2, ee), np.bool_),
-        np.zeros((2, ee, 3)),
-        np.zeros(vt, np.int16),
-        np.zeros(ee, np.int16),
+        np.zeros((vt, 2), np.int32),
+        np.zeros(vt, np.int8),
+        np.zeros(vt, np.int32),
+        np.zeros((ee, 2), np.int32),
+        np.zeros(ee, np.bool_),
+        np.zeros((ee, 3)),
+        np.zeros(ee, np.int32),
+        np.zeros((vt, 2), np.int32),
+        np.zeros((ee, 2), np.int32),
         np.zeros((4 * vt, 2), np.int32),
         np.zeros(table, np.int64),
         np.zeros(table, np.int32),
+        np.zeros((ee, 3)),
         np.zeros((m, 4), np.int32),
         np.zeros((m, 4)),
         np.zeros((m, 3)),

@@ -1,0 +1,131 @@
+"""Material and friction by the lab's own tests: cantilever, layers on a tilted table, stretch that can be had."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+from robots.errors import ConfigurationError
+from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.vocabulary import Material
+
+MATERIAL = Material(
+    areal_mass=0.4, stretch_fraction=0.02, bending_length=0.02, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+
+
+def sag(bending_length, overhang):
+    """Angle of the chord below the level [rad] of a heavy elastica that is clamped level:
+    c^3 theta'' = -(l - s) cos(theta)."""
+    s = np.linspace(0.0, overhang, 60)
+
+    def rate(s, y):
+        return np.vstack([y[1], -(overhang - s) * np.cos(y[0]) / bending_length**3])
+
+    # from the straight solution of small loads
+    guess = np.vstack([np.full(60, 0.3), np.zeros(60)])
+    found = solve_bvp(rate, lambda a, b: np.array([a[0], b[1]]), s, guess)
+    assert found.success
+    theta = found.sol(np.linspace(0.0, overhang, 400))[0]
+    return float(np.arctan2(np.sin(theta).sum(), np.cos(theta).sum()))
+
+
+def strip(overhang, edge, width=0.12):
+    """A strip and its mirror image behind x = 0: there is a row of vertices where the clamp ends."""
+    half = mesh_from_contour(np.array([[0, 0], [overhang, 0], [overhang, width], [0, width]]), edge)
+    free = half.rest[:, 0] > 1e-9
+    mirror = np.where(free, len(half.rest) + np.cumsum(free) - 1, np.arange(len(half.rest))).astype(np.int32)
+    rest = np.vstack([half.rest, half.rest[free] * [-1.0, 1.0]])
+    tri = np.vstack([half.triangles, mirror[half.triangles][:, ::-1]]).astype(np.int32)
+    zero = np.zeros(len(rest), np.int32)
+    return ClothMesh(rest, zero, tri, np.zeros(len(tri), np.int32), np.zeros((0, 2), np.int32))
+
+
+@pytest.mark.parametrize(("edge", "bending_length"), [(0.015, 0.03), (0.022, 0.03), (0.022, 0.045), (0.03, 0.06)])
+def test_cantilever_has_the_bending_length_that_was_asked_for(edge, bending_length):
+    """Peirce's test: the overhang whose chord falls by about 41.5 degrees is twice the bending length."""
+    overhang = 2.0 * bending_length
+    mesh = strip(overhang, edge)
+    x = np.column_stack([mesh.rest, np.zeros(len(mesh.rest))])
+    s = ClothSimulation(
+        mesh, replace(MATERIAL, bending_length=bending_length), x, SolverSettings(drag=4.0, sleep_frames=0),
+        table=False, fixed=mesh.rest[:, 0] < 1e-9,
+    )  # fmt: skip
+    s.advance(150)
+    tip = s.positions[mesh.rest[:, 0] > overhang - 1e-9].mean(axis=0)
+    # the hinges on the clamp's line bend over both their triangles: the free length starts half a height behind it
+    behind = np.sqrt(3.0) / 4.0 * edge
+    angle = np.arctan2(-tip[2], tip[0] + behind)
+    measured = brentq(
+        lambda c: sag(c, overhang + behind) - angle, 0.7 * bending_length, 1.4 * bending_length, xtol=1e-5
+    )
+    assert measured == pytest.approx(bending_length, rel=0.05)
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.5, np.pi / 2])
+def test_hinges_hold_the_energy_of_a_cylinder(direction):
+    """1/2 B kappa^2 a unit of area, whichever way the cylinder lies on the mesh."""
+    mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.02)
+    e = build_elastic(mesh, MATERIAL, np.ones(len(mesh.rest)), 1e-3, 0.6)
+    z = 0.5 * (mesh.rest @ [np.cos(direction), np.sin(direction)]) ** 2  # curvature 1
+    bent = 0.5 * (e.weight * z[e.hinge]).sum(axis=1) ** 2 / e.bend
+    inner = (np.abs(mesh.rest[e.hinge[:, :2]].mean(axis=1)) < [0.25, 0.15]).all(axis=1)
+    assert bent[inner].sum() == pytest.approx(0.5 * flexural_rigidity(MATERIAL) * 0.5 * 0.3, rel=0.02)
+
+
+def sheet_on_a_sheet():
+    lower = mesh_from_contour(np.array([[-0.2, -0.15], [0.5, -0.15], [0.5, 0.15], [-0.2, 0.15]]), 0.026)
+    upper = mesh_from_contour(
+        np.array([[-0.1, -0.07], [0.1, -0.07], [0.1, 0.07], [-0.1, 0.07]]), 0.026, rotate=0.3
+    )
+    n, m = len(lower.rest), len(upper.rest)
+    return n, ClothMesh(
+        np.vstack([lower.rest, upper.rest]), np.repeat([0, 1], [n, m]).astype(np.int32),
+        np.vstack([lower.triangles, upper.triangles + n]).astype(np.int32),
+        np.repeat([0, 1], [len(lower.triangles), len(upper.triangles)]).astype(np.int32),
+        np.zeros((0, 2), np.int32),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.6, 0.9])
+def test_a_layer_slides_on_a_layer_as_coulomb_says(mu):
+    """The lower sheet is held by the table; the upper one is watched once it lies."""
+    n, mesh = sheet_on_a_sheet()
+    a = np.arctan(1.1 * mu)
+    settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
+    material = replace(MATERIAL, friction_static=5.0, friction_dynamic=5.0, friction_layers=mu)
+    s = ClothSimulation(mesh, material, settings=settings)
+    s.advance(12)
+    x0, v0 = s.positions[n:, 0].mean(), s.velocities[n:, 0].mean()
+    s.advance(24)
+    t = 24 / 60
+    expected = 0.5 * GRAVITY * (np.sin(a) - mu * np.cos(a)) * t * t
+    assert s.positions[n:, 0].mean() - x0 - v0 * t == pytest.approx(expected, rel=0.02)
+
+
+def test_substeps_are_chosen_for_the_stretch_and_reported():
+    coarse = mesh_from_contour(np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), 0.026)
+    fine = mesh_from_contour(np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), 0.015)
+
+    def chosen(mesh, stretch, **kw):
+        return ClothSimulation(mesh, replace(MATERIAL, stretch_fraction=stretch), settings=SolverSettings(**kw))
+
+    soft, stiff = chosen(fine, 0.03), chosen(fine, 0.01)
+    assert stiff.substeps > soft.substeps and chosen(coarse, 0.01).substeps < stiff.substeps
+    assert max(soft.stretch_error, stiff.stretch_error) < 5e-4
+    assert chosen(fine, 0.01, stretch_tolerance=1e-4).substeps > stiff.substeps
+    # given substeps are taken and the error is said, unless a tolerance is asked for as well
+    rough = chosen(fine, 0.01, substeps=12)
+    assert rough.substeps == 12 and rough.stretch_error > 0.01
+    with pytest.raises(ConfigurationError, match="12 substeps") as error:
+        chosen(fine, 0.01, substeps=12, stretch_tolerance=1e-3)
+    assert error.value.values["needed_substeps"] == stiff.substeps
+    with pytest.raises(ConfigurationError):
+        chosen(fine, 0.0005)  # nothing within reason would do
+    with pytest.raises(ConfigurationError):
+        chosen(fine, 0.01, stretch_tolerance=-1.0)
