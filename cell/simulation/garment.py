@@ -20,8 +20,8 @@ __all__ = ["FRAME_RATE", "WorldGarment"]
 
 FRAME_RATE = 60
 """Cloth frames in a second."""
-SUBSTEPS = 16
-"""Fewer than the predictor takes: the world is not the predictor."""
+FINEST, COARSEST = 0.012, 0.024
+"""Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
 """Cloth that hangs further than this above a fingertip is not under it [m]."""
 
@@ -46,9 +46,10 @@ class WorldGarment:
         outline = draw_outline(garment, noise, rng, ideal)
         self.material = garment.material if ideal else _vary(garment.material, noise, rng)
         self.pose = _Pose(*garment.poses.sample(rng))
-        edge = noise.edge_length * rng.uniform(0.95, 1.05)
+        nominal = noise.edge_length * garment.material.bending_length
+        self._edge = float(np.clip(nominal, FINEST, COARSEST) * rng.uniform(0.95, 1.05))
         self.mesh: ClothMesh = mesh_from_contour(
-            outline.contour, edge, garment.layers, float(rng.uniform(0.2, 0.8))
+            outline.contour, self._edge, garment.layers, float(rng.uniform(0.2, 0.8))
         )
         self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
         share = 0.0 if ideal else 1.0
@@ -56,7 +57,6 @@ class WorldGarment:
         base = SolverSettings()
         self._settings = SolverSettings(
             frame_rate=FRAME_RATE,
-            substeps=SUBSTEPS,
             anisotropy=1.0 - share * noise.anisotropy * rng.uniform(),
             stretch_damping=base.stretch_damping * damping,
             bend_damping=base.bend_damping * damping,
@@ -165,7 +165,7 @@ class WorldGarment:
         if not self.laid:
             return 0.0
         x = self._sim.positions
-        near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._noise.edge_length
+        near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._edge
         corners = x[self.mesh.triangles[np.all(near[self.mesh.triangles], axis=1)]]
         if len(corners) == 0:
             return 0.0
