@@ -2,23 +2,43 @@
 
 The one place where set-points leave the executive. Every tick reads the arms back: stopped, stale or
 straying arms end the motion with a typed failure, and so does whatever a caller watches for (a slipping
-garment). After a failure the arms are told to hold where they are.
+garment). Arms that stray are told to hold where they are; every other end and a pause run the motion's clock
+down, so that the arms come to rest on the path that was checked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from cell.commands import ABORTED, CommandQueue
+from cell.states import Event
 from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory, Array, JointState, Ports
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports
+from skills.motion.timing import STOP_TIME, ClockWarp, warp_clock
 from skills.vocabulary import Outcome
 
-__all__ = ["ExecutionLimits", "Tick", "Watch", "fresh_state", "hold", "stream", "wait"]
+__all__ = [
+    "ExecutionLimits",
+    "PathControl",
+    "Sent",
+    "Tick",
+    "Watch",
+    "faded",
+    "fresh_state",
+    "hold",
+    "stream",
+    "wait",
+]
 
 TICK_S = 0.01
+FADE_S = 0.25
+"""In which the gap between the last set-point and the next motion's first is closed [s]."""
+NEAR = float(np.deg2rad(1.5))
+"""A set-point further from the reading than this is not where the arms stand [rad]."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +46,8 @@ class ExecutionLimits:
     """What a motion is held to.
 
     start [rad]: how far the arms may stand from a trajectory's first point; tracking [rad]: from the set-point
-    while moving; settled [rad], settle_s: when a motion counts as arrived; stale_s: oldest joint state.
+    while moving; settled [rad], settle_s: when a motion counts as arrived; stale_s: oldest joint state. sent
+    [rad]: how much a driver may alter a set-point.
     """
 
     start: float = np.deg2rad(1.0)
@@ -34,11 +55,12 @@ class ExecutionLimits:
     settled: float = 0.01
     settle_s: float = 1.0
     stale_s: float = 0.1
+    sent: float = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """What a watcher sees: time since the motion began [s] and the arms as read back."""
+    """What a watcher sees: time on the motion's own clock [s], which a pause holds up, and the arms' state."""
 
     t: float
     state: JointState
@@ -78,12 +100,15 @@ def hold(ports: Ports) -> None:
     ports.arms.command(q, np.zeros_like(q))
 
 
-def wait(ports: Ports, seconds: float, watch: Watch | None = None) -> Failure | None:
-    """Hold the present set-point for some cell time, watching. Ends early on a failure."""
+def wait(ports: Ports, seconds: float, watch: Watch | None = None, sent: Sent | None = None) -> Failure | None:
+    """Hold where the arms stand for some cell time, watching. Ends early on a failure."""
+    sent = sent or Sent()
     q = ports.arms.state().q
+    offset = sent.offset(q)
     t0 = ports.clock.now()
     for k in range(max(1, round(seconds / TICK_S))):
-        ports.arms.command(q, np.zeros_like(q))
+        sent.q = q + faded(k) * offset
+        ports.arms.command(sent.q, np.zeros_like(q))
         ports.clock.sleep_until(t0 + (k + 1) * TICK_S)
         failure = stopped(ports) or (watch(Tick((k + 1) * TICK_S, ports.arms.state())) if watch else None)
         if failure:
@@ -91,37 +116,245 @@ def wait(ports: Ports, seconds: float, watch: Watch | None = None) -> Failure | 
     return None
 
 
+@dataclass(eq=False)
+class Sent:
+    """The set-point that the arms were last sent, so that what comes next begins there.
+
+    The arms are never read back exactly where they were sent: a set-point that begins at the reading is a jump.
+    """
+
+    q: Array | None = None
+
+    def offset(self, q: Array) -> Array:
+        """(14,) from q to the last set-point; zero when that is too far off to be where the arms stand now."""
+        if self.q is None or not np.abs(self.q - q).max() <= NEAR:
+            return np.zeros_like(q)
+        return self.q - q
+
+
+def faded(ticks: int, seconds: float = FADE_S) -> float:
+    """Share of an offset that is left after some ticks: 1 to 0 in `seconds`, with minimum jerk."""
+    u = min(1.0, ticks * TICK_S / seconds)
+    return 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
+@dataclass(eq=False)
+class PathControl:
+    """What can hold up a motion on its path, and the limits within which it then stops and starts.
+
+    commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
+    the clock runs down and up. tell: says that the motion is paused. sent: remembers the set-points. waited_s:
+    cell time spent at rest in a pause, summed over the motions.
+    """
+
+    commands: CommandQueue | None
+    stop: JointLimits
+    go: JointLimits
+    tell: Callable[[str], None] = lambda _: None
+    sent: Sent = field(default_factory=Sent)
+    waited_s: float = 0.0
+
+    def wanted(self) -> Event | None:
+        return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
+
+    def answer(self) -> Event | None:
+        """What ends a pause, if it is said within a tick of real time."""
+        assert self.commands is not None
+        return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
+
+
+class PathClock:
+    """Where a motion is on its path: it runs, comes to rest, rests, and runs again, never leaving the path."""
+
+    def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
+        self._trajectory, self._control = trajectory, control
+        self._base, self._ticks = 0.0, 0
+        """The clock when it last changed, and the ticks since: counted, so that rounding does not add up."""
+        self._warp: ClockWarp | None = None
+        self._goal = 1.0
+
+    @property
+    def t(self) -> float:
+        """The motion's own time [s]."""
+        if self._warp is None:
+            return self._base + self._ticks * TICK_S * self._goal
+        return float(self._warp.at(self._ticks * TICK_S)[0])
+
+    @property
+    def resting(self) -> bool:
+        return self._goal == 0.0 and self._warp is None
+
+    @property
+    def stopping(self) -> bool:
+        return self._goal == 0.0 and self._warp is not None
+
+    @property
+    def arrived(self) -> bool:
+        return self._goal == 1.0 and self.t >= self._trajectory.duration
+
+    def setpoint(self) -> tuple[Array, Array]:
+        """q, qd (14,) for now."""
+        q, qd = self._trajectory.at(self.t)
+        return q, qd * self._rate()[0]
+
+    def advance(self) -> None:
+        """One tick on."""
+        self._ticks += 1
+        if self._warp is not None and self._ticks * TICK_S >= self._warp.duration - 1e-9:
+            beyond = self._ticks * TICK_S - self._warp.duration
+            self._base, self._ticks = self.t + beyond * self._goal, 0
+            self._warp = None
+
+    def stop(self) -> None:
+        self._change(0.0, self._control.stop)
+
+    def go(self) -> None:
+        self._change(1.0, self._control.go)
+
+    def _rate(self) -> tuple[float, float]:
+        if self._warp is None:
+            return self._goal, 0.0
+        _, rate, slope = self._warp.at(self._ticks * TICK_S)
+        return float(rate), float(slope)
+
+    def _change(self, goal: float, limits: JointLimits) -> None:
+        change = ClockWarp(self.t, STOP_TIME, goal, *self._rate())
+        self._warp, self._goal, self._ticks = warp_clock(self._trajectory, change, limits), goal, 0
+
+
 def stream(
-    ports: Ports, trajectory: ArmTrajectory, limits: ExecutionLimits, watch: Watch | None = None
+    ports: Ports,
+    trajectory: ArmTrajectory,
+    limits: ExecutionLimits,
+    watch: Watch | None = None,
+    control: PathControl | None = None,
 ) -> Outcome[JointState]:
     """Send the trajectory and see it through. Returns the state in which the arms came to rest.
 
-    Failures: STOPPED, STALE_STATE, START_MISMATCH, TRACKING_ERROR, or what `watch` returned.
+    Failures: STOPPED, STALE_STATE, START_MISMATCH, TRACKING_ERROR, ABORTED, or what `watch` returned. With a
+    `control` a motion can be paused: its clock runs down, the arms rest on the path, still watched, and go on when
+    told to, if they stand where they came to rest. What ends a motion early brings it to rest on the path in the
+    same way, but for arms that stray: these hold where they are.
     """
     start = fresh_state(ports, limits)
     failure = stopped(ports) or start.failure or _start_mismatch(start.unwrap(), trajectory.q[0], limits)
     if failure:
         return Outcome(failure=failure)
-    t0 = ports.clock.now()
-    arrived = trajectory.duration + limits.settle_s
-    k = 0
-    while True:
-        q, qd = trajectory.at(k * TICK_S)
-        last = k * TICK_S >= trajectory.duration
-        ports.arms.command(q, qd)
-        k += 1
-        ports.clock.sleep_until(t0 + k * TICK_S)
-        read = fresh_state(ports, limits)
-        failure = stopped(ports) or read.failure
-        if not failure:
-            state = read.unwrap()
-            failure = _straying(state, q, limits) or (watch(Tick(k * TICK_S, state)) if watch else None)
-        if failure:
-            if failure.kind is not FailureKind.STOPPED:
-                hold(ports)
+    motion = _Motion(ports, trajectory, limits, watch, control)
+    return motion.run()
+
+
+class _Motion:
+    """One trajectory under way: what `stream` keeps from tick to tick."""
+
+    def __init__(
+        self,
+        ports: Ports,
+        trajectory: ArmTrajectory,
+        limits: ExecutionLimits,
+        watch: Watch | None,
+        control: PathControl | None,
+    ) -> None:
+        self._ports, self._trajectory, self._limits, self._watch = ports, trajectory, limits, watch
+        self._control = control
+        self._path = PathClock(trajectory, control) if control else None
+        self._ending: Failure | None = None
+        """Why the motion is being brought to rest, when that is to end it."""
+        self._settling = 0.0
+
+    def run(self) -> Outcome[JointState]:
+        ports = self._ports
+        t0, k, t = ports.clock.now(), 0, 0.0
+        offset = self._control.sent.offset(self._trajectory.q[0]) if self._control else np.zeros(14)
+        while True:
+            q, qd = self._path.setpoint() if self._path else self._trajectory.at(t)
+            arrived = self._path.arrived if self._path else t >= self._trajectory.duration
+            q = q + faded(k) * offset
+            sent = ports.arms.command(q, qd)
+            if self._control:
+                self._control.sent.q = q
+            k += 1
+            ports.clock.sleep_until(t0 + k * TICK_S)
+            if self._path:
+                self._path.advance()
+                t = self._path.t
+            else:
+                t = k * TICK_S
+            outcome = self._judge(q, sent, t, arrived)
+            if outcome is not None:
+                return Outcome(outcome.value, outcome.failure, {"motion_s": k * TICK_S})
+
+    def _judge(self, q: Array, sent: JointSetpoint, t: float, arrived: bool) -> Outcome[JointState] | None:
+        """After a tick: how the motion ended, or None while it goes on."""
+        halted = stopped(self._ports)
+        if halted:
+            return Outcome(failure=halted)
+        read = fresh_state(self._ports, self._limits)
+        if read.failure:
+            return self._bring_to_rest(read.failure)
+        state = read.unwrap()
+        astray = _altered(sent, q, self._limits) or _straying(state, q, self._limits)
+        if astray:
+            hold(self._ports)
+            if self._control:
+                self._control.sent.q = None
+            return Outcome(failure=astray)
+        failure = self._watch(Tick(t, state)) if self._watch and not self._ending else None
+        if failure or self._ending:
+            return self._bring_to_rest(failure or self._ending)
+        self._settling += TICK_S if arrived else 0.0
+        off = float(np.abs(state.q - self._trajectory.q[-1]).max())
+        if arrived and (off < self._limits.settled or self._settling >= self._limits.settle_s):
+            return Outcome(state)
+        return self._heed(state, q)
+
+    def _bring_to_rest(self, failure: Failure | None) -> Outcome[JointState] | None:
+        """Run the clock down, then end with `failure`. Without a clock of its own the motion ends at once."""
+        assert failure is not None
+        if self._path is None:
+            hold(self._ports)
             return Outcome(failure=failure)
-        if last and (k * TICK_S >= arrived or float(np.abs(state.q - trajectory.q[-1]).max()) < limits.settled):
-            return Outcome(state, notes={"motion_s": k * TICK_S})
+        if self._ending is None:
+            self._ending = failure
+            if not self._path.stopping and not self._path.resting:
+                self._path.stop()
+        return Outcome(failure=self._ending) if self._path.resting else None
+
+    def _heed(self, state: JointState, q: Array) -> Outcome[JointState] | None:
+        """What the operator says to a motion: pause it, go on, end it."""
+        if self._control is None or self._path is None or self._control.commands is None:
+            return None
+        if self._path.resting:
+            self._control.waited_s += TICK_S
+            said = self._control.answer()
+            if said is Event.RESUME:
+                mismatch = _start_mismatch(state, q, self._limits)
+                if mismatch:
+                    return Outcome(failure=mismatch)
+                self._path.go()
+            return Outcome(failure=ABORTED) if said is Event.ABORT else None
+        if not self._path.stopping:
+            said = self._control.wanted()
+            if said is Event.PAUSE:
+                self._control.tell("paused on the way: resume or abort")
+                self._path.stop()
+            if said is Event.ABORT:
+                return self._bring_to_rest(ABORTED)
+        return None
+
+
+def _altered(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
+    """A driver that sends something else than it was told leads the arms off the path."""
+    off = np.abs(sent.q - q)
+    joint = int(off.argmax())
+    if off[joint] <= limits.sent:
+        return None
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED,
+        f"the driver moved joint {joint}'s set-point by {np.rad2deg(off[joint]):.2f} degrees",
+        "compare the robot's own limits with the model's",
+        {"joint": joint, "off_rad": float(off[joint]), "limit_rad": limits.sent, "clipped": sent.clipped},
+    )
 
 
 def _start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Failure | None:

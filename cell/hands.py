@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.execution import TICK_S, Watch, stopped
+from cell.execution import TICK_S, Watch, faded, stopped
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, JointState, Side, arm_slice
@@ -70,16 +70,20 @@ def each_hand(
     """Run one controller a hand until all have ended.
 
     tick: (side, reading, state) -> next state or outcome. arms: the set-point (14,) to command given the
-    states of the hands that still run; None: the arms stand still. Failures: the first hand's that fails, STOPPED.
+    states of the hands that still run, asked once a tick; None: the arms stand still. Failures: the first hand's
+    that fails, STOPPED.
     """
     ports = cell.ports
     running, values = dict(states), dict[Side, V]()
-    q = ports.arms.state().q
+    still = ports.arms.state().q
+    first = arms(running) if arms else still
+    offset = cell.sent.offset(first)
+    q = first + offset
     t0 = ports.clock.now()
     for k in range(1, round(LONGEST_LOOP_S / TICK_S)):
-        goal = arms(running) if arms else q
+        goal = (still if not arms else first if k == 1 else arms(running)) + faded(k - 1) * offset
         ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))
-        q = goal
+        cell.sent.q = q = goal
         ports.clock.sleep_until(t0 + k * TICK_S)
         failure = stopped(ports)
         if failure:

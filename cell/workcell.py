@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotYet
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
 from cell.commands import CommandQueue
 from cell.config import CellSettings
-from cell.execution import ExecutionLimits, stopped
+from cell.execution import ExecutionLimits, Sent, stopped
 from cell.recorder import Recorder
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
@@ -63,6 +63,8 @@ class Workcell:
     """Says how far a long computation is."""
     rng: Callable[[], np.random.Generator]
     """Makes the motion planner's generator, always from the same seed."""
+    sent: Sent = field(default_factory=Sent)
+    """What the arms were last told."""
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
         """Run a skill on a worker while watching the stop, then charge its declared time to the clock.

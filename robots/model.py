@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from robots.errors import ConfigurationError
 from robots.ports import Array, Side, arm_slice, frozen
 
 __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
@@ -19,7 +20,10 @@ __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3]."""
+    """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
+
+    Raises ConfigurationError for a range that is empty and for limits that are not positive.
+    """
 
     lower: Array
     upper: Array
@@ -28,11 +32,19 @@ class JointLimits:
     jerk: Array
 
     def __post_init__(self) -> None:
-        if np.any(self.upper <= self.lower):
-            raise ValueError("upper position limits have to exceed the lower ones")
+        if not np.all(self.upper > self.lower):  # says so of what is no number, too
+            joint = int(np.flatnonzero(~(self.upper > self.lower))[0])
+            raise ConfigurationError(
+                f"joint {joint}: the upper position limit {self.upper[joint]} does not exceed the lower one "
+                f"{self.lower[joint]}",
+                "correct the robot's model or the settings of its limits",
+                joint=joint,
+            )
         for name in ("velocity", "acceleration", "jerk"):
-            if np.any(getattr(self, name) <= 0.0):
-                raise ValueError(f"{name} limits have to be positive")
+            if not np.all(getattr(self, name) > 0.0):
+                raise ConfigurationError(
+                    f"{name} limits have to be positive", "correct the robot's model or the settings of its limits"
+                )
 
     def scaled(self, factor: float) -> JointLimits:
         """The same positions, with velocity, acceleration and jerk times `factor`."""

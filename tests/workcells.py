@@ -28,7 +28,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "settings": settings,
         "table": settings.table,
         "calibration": camera_calibration(settings),
-        "robot": SimpleNamespace(q_park=np.zeros(14)),
+        "robot": SimpleNamespace(q_park=np.zeros(14), protective=None),
         "checker": SimpleNamespace(contact=lambda q: None),
         "guard": None,
         "limits": None,

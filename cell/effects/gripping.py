@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.effects.moving import PREGRASP_OPENING, move
-from cell.execution import TICK_S, Tick, Watch, stopped, stream
+from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
+from cell.execution import TICK_S, Tick, Watch, faded, stopped, stream
 from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
 from cell.states import Event
@@ -25,6 +25,7 @@ from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
 from skills.grasping.zero import start_zero, zero
+from skills.motion.follow import Follower, follow
 from skills.motion.plan import Descent, plan_arc, plan_lift
 from skills.vocabulary import Outcome
 
@@ -38,6 +39,8 @@ DEEPER = 0.002
 """How much lower each further try presses [m]."""
 STRONGER = 1.4
 PRESS_S = 0.4
+HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
+"""Of a descending hand's set-point [m/s], [m/s2], [m/s3]: what the controller asks for may jump."""
 
 
 def grip_settings(cell: Workcell, context: Context) -> GraspSettings:
@@ -54,10 +57,11 @@ def grasp(cell: Workcell, context: Context) -> Result:
     if zeros.failure:
         return Result(Event.FAILED, context.with_failure(zeros.failure))
     context = replace(context, zeros=zeros.unwrap())
-    contacts = _descend(cell, context, ways, settings)
+    hands = {s: Follower(0.0) for s in ways}
+    contacts = _descend(cell, context, ways, settings, hands)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
-    failure = _press(cell, context, ways)
+    failure = _press(cell, context, ways, hands)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
     held = _close_and_confirm(cell, context, settings)
@@ -73,7 +77,9 @@ def lift(cell: Workcell, context: Context) -> Result:
     q = cell.ports.arms.state().q
     sides = tuple(context.held)
     up = plan_lift(cell.robot, cell.checker, q, sides, cell.settings.grasp.lift_height, limits=cell.limits)
-    failure = up.failure or move(cell, up.unwrap(), fingertips=True)
+    control = pausable(cell)
+    failure = up.failure or move(cell, up.unwrap(), fingertips=True, control=control)
+    context = waited(context, control)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
     checks = {s: start_lift_check(cell.grasp, context.zeros[s], held) for s, held in context.held.items()}
@@ -96,8 +102,9 @@ def fold(cell: Workcell, context: Context) -> Result:
     pictures: list[CameraFrame] = []
     moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
     watch = _all_of(_slip_watch(cell, context), _photographer(cell, moments, pictures))
-    moved = stream(cell.ports, trajectory, cell.execution, telemetry(cell, watch))
-    context = replace(context, pictures=tuple(pictures))
+    control = pausable(cell)
+    moved = stream(cell.ports, trajectory, cell.execution, telemetry(cell, watch), control)
+    context = replace(waited(context, control), pictures=tuple(pictures))
     if moved.failure:
         return Result(Event.FAILED, context.with_failure(moved.failure))
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
@@ -120,24 +127,33 @@ def release_garment(cell: Workcell, context: Context) -> Result:
 
 
 def _descend(
-    cell: Workcell, context: Context, ways: Mapping[Side, Descent], settings: GraspSettings
+    cell: Workcell,
+    context: Context,
+    ways: Mapping[Side, Descent],
+    settings: GraspSettings,
+    hands: dict[Side, Follower],
 ) -> Outcome[dict[Side, Contact]]:
+    """hands: how far down its way each set-point is [m], and how it moves; kept up to date."""
     assert context.motion is not None
     state = cell.ports.arms.state()
     top = {s: tool_height(cell, s, state.q) for s in ways}
     goals = {s: _goal(cell, context, s, top[s] - float(way.depth[-1])) for s, way in ways.items()}
     states = {s: start_descent(settings, goals[s], context.zeros[s], read_hand(cell, s, state)) for s in ways}
-    heights = dict(top)
+    heights, before_last = dict(top), dict(top)
 
     def tick(side: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
         command, after = descend(reading, before)
-        heights[side] = command.height
+        before_last[side], heights[side] = heights[side], command.height
+        if isinstance(after, Outcome):  # where it ended is where it stays
+            before_last[side] = command.height
         return after
 
-    q0 = state.q
+    q0 = state.q + cell.sent.offset(state.q)
 
     def arms(_: Mapping[Side, DescentState]) -> Array:
-        return _lowered(q0, ways, {s: top[s] - h for s, h in heights.items()})
+        for s, h in heights.items():
+            hands[s] = _followed(hands[s], top[s] - h, (before_last[s] - h) / TICK_S)
+        return _lowered(q0, ways, {s: hand.position for s, hand in hands.items()})
 
     return each_hand(cell, states, tick, arms)
 
@@ -155,7 +171,14 @@ def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, floa
     return q
 
 
-def _press(cell: Workcell, context: Context, ways: Mapping[Side, Descent]) -> Failure | None:
+def _followed(hand: Follower, depth: float, speed: float) -> Follower:
+    """A hand's set-point a tick later, on its way to a depth [m] that grows at `speed` [m/s]."""
+    return follow(hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK)
+
+
+def _press(
+    cell: Workcell, context: Context, ways: Mapping[Side, Descent], hands: dict[Side, Follower]
+) -> Failure | None:
     """From the touch of the first tip to where both tips press, deeper at each further try.
 
     Measured from the touch: the table's height is known to a few millimetres only. A hand that leans has one
@@ -168,16 +191,18 @@ def _press(cell: Workcell, context: Context, ways: Mapping[Side, Descent]) -> Fa
     for s in ways:
         lean = 0.5 * PREGRASP_OPENING * abs(np.sin(context.motion.postures[s].pitch))
         depth1[s] = depth0[s] + float(lean) + PRESS + DEEPER * context.count(Adjustment.LOWER)
-    q0 = state.q
+    last = state.q + cell.sent.offset(state.q)
     n = round(PRESS_S / TICK_S)
     record = telemetry(cell)
     t0 = cell.ports.clock.now()
-    last = _lowered(q0, ways, depth0)
     for k in range(1, n + 1):
-        share = k / n
-        q = _lowered(q0, ways, {s: (1 - share) * depth0[s] + share * depth1[s] for s in ways})
+        left, left_before = faded(k, PRESS_S), faded(k - 1, PRESS_S)
+        for s in ways:
+            way = depth1[s] - depth0[s]
+            hands[s] = _followed(hands[s], depth1[s] - left * way, (left_before - left) * way / TICK_S)
+        q = _lowered(last, ways, {s: hand.position for s, hand in hands.items()})
         cell.ports.arms.command(q, (q - last) / TICK_S)
-        last = q
+        cell.sent.q = last = q
         cell.ports.clock.sleep_until(t0 + k * TICK_S)
         if stopped(cell.ports):
             return stopped(cell.ports)

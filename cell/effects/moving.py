@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import fresh_state, hold, stopped, stream, wait
+from cell.execution import PathControl, fresh_state, hold, stopped, stream, wait
 from cell.hands import command_grip, each_hand, telemetry
 from cell.states import Event
 from cell.workcell import Workcell
@@ -20,7 +20,18 @@ from skills.motion.check import check_trajectory
 from skills.motion.plan import Withdrawal, plan_free_motion, plan_withdrawal
 from skills.vocabulary import Outcome
 
-__all__ = ["approach", "clear", "hold_still", "make_safe", "move", "prepare", "retreat"]
+__all__ = [
+    "approach",
+    "clear",
+    "hold_still",
+    "make_safe",
+    "move",
+    "pausable",
+    "prepare",
+    "retreat",
+    "unhindered",
+    "waited",
+]
 
 HEAD_TURN_S = 1.5
 OPENING_S = 0.8
@@ -28,8 +39,20 @@ PREGRASP_OPENING = PadGeometry().stroke
 """The pads' opening in a descent [m]."""
 
 
-def move(cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False) -> Failure | None:
-    """Check a trajectory against where the arms are now, then stream it."""
+def pausable(cell: Workcell) -> PathControl:
+    """For motions that the operator may pause or end on their way."""
+    return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.sent)
+
+
+def unhindered(cell: Workcell) -> PathControl:
+    """For motions that make the cell safe: only the stop ends them."""
+    return PathControl(None, cell.robot.protective, cell.limits, sent=cell.sent)
+
+
+def move(
+    cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False, control: PathControl | None = None
+) -> Failure | None:
+    """Check a trajectory against where the arms are now, then stream it. control: pausable(cell) when None."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
@@ -39,7 +62,7 @@ def move(cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False) ->
     )  # fmt: skip
     if checked.failure:
         return checked.failure
-    return stream(cell.ports, trajectory, cell.execution, telemetry(cell)).failure
+    return stream(cell.ports, trajectory, cell.execution, telemetry(cell), control or pausable(cell)).failure
 
 
 def prepare(cell: Workcell, context: Context) -> Result:
@@ -52,7 +75,9 @@ def prepare(cell: Workcell, context: Context) -> Result:
         for gripper in ports.grippers.values():
             gripper.calibrate()
         _open(cell)
-        failure = wait(ports, HEAD_TURN_S, telemetry(cell)) or _park(cell)
+        control = pausable(cell)
+        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _park(cell, control)
+        context = waited(context, control)
     return _ended(context, failure)
 
 
@@ -61,8 +86,9 @@ def approach(cell: Workcell, context: Context) -> Result:
     assert context.motion is not None
     for side in context.motion.postures:
         command_grip(cell, side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
-    failure = move(cell, context.motion.approach)
-    return _ended(replace(context, grasps=context.grasps + 1), failure)
+    control = pausable(cell)
+    failure = move(cell, context.motion.approach, control=control)
+    return _ended(replace(waited(context, control), grasps=context.grasps + 1), failure)
 
 
 def retreat(cell: Workcell, context: Context) -> Result:
@@ -70,22 +96,26 @@ def retreat(cell: Workcell, context: Context) -> Result:
     away = _withdrawal(cell, tuple(context.zeros))
     if away.failure:
         return _ended(context, away.failure)
-    failure = move(cell, away.unwrap().retreat, fingertips=True)
+    control = pausable(cell)
+    failure = move(cell, away.unwrap().retreat, fingertips=True, control=control)
     if failure is None:
         checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in context.zeros.items()}
         failure = each_hand(cell, checks, lambda side, reading, state: check_stuck(reading, state)).failure
-    return _ended(context, failure or move(cell, away.unwrap().park))
+    failure = failure or move(cell, away.unwrap().park, control=control)
+    return _ended(waited(context, control), failure)
 
 
 def clear(cell: Workcell, context: Context) -> Result:
     """After a failure near the garment: let go, rise, park."""
-    return _ended(context, _let_go_and_park(cell))
+    control = pausable(cell)
+    failure = _let_go_and_park(cell, control)
+    return _ended(waited(context, control), failure)
 
 
 def make_safe(cell: Workcell, context: Context) -> Result:
     """Let go and park whatever happened; a driver that refuses ends in FAULT with the arms held."""
     try:
-        failure = _let_go_and_park(cell)
+        failure = _let_go_and_park(cell, unhindered(cell))
     except DriverError as e:
         failure = e.failure()
     return _ended(context, failure)
@@ -112,12 +142,17 @@ def _open(cell: Workcell) -> None:
         command_grip(cell, side, GripCommand(gripper.max_opening, cell.grasp.release_force))
 
 
-def _let_go_and_park(cell: Workcell) -> Failure | None:
+def waited(context: Context, control: PathControl) -> Context:
+    """What was spent in pauses is not the robot's time."""
+    return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
+
+
+def _let_go_and_park(cell: Workcell, control: PathControl) -> Failure | None:
     _open(cell)
-    return wait(cell.ports, OPENING_S, telemetry(cell)) or _park(cell)
+    return wait(cell.ports, OPENING_S, telemetry(cell), cell.sent) or _park(cell, control)
 
 
-def _park(cell: Workcell) -> Failure | None:
+def _park(cell: Workcell, control: PathControl) -> Failure | None:
     """Straight to the parked pose where the way is free, else first straight up."""
     q = cell.ports.arms.state().q
     if np.abs(q - cell.robot.q_park).max() < cell.execution.settled:
@@ -125,11 +160,12 @@ def _park(cell: Workcell) -> Failure | None:
     if cell.checker.contact(q) is None:
         way = plan_free_motion(cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng())
         if way.ok:
-            return move(cell, way.unwrap())
+            return move(cell, way.unwrap(), control=control)
     away = _withdrawal(cell, tuple(Side))
     if away.failure:
         return away.failure
-    return move(cell, away.unwrap().retreat, fingertips=True) or move(cell, away.unwrap().park)
+    risen = move(cell, away.unwrap().retreat, fingertips=True, control=control)
+    return risen or move(cell, away.unwrap().park, control=control)
 
 
 def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:

@@ -17,11 +17,13 @@ from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
 from skills.motion import ik
+from skills.motion.advice import with_helpful_shift
 from skills.motion.check import check_trajectory, thinned
 from skills.motion.collision import CollisionChecker
 from skills.motion.posture import Posture, angles_of, blended, in_base, resampled
 from skills.motion.route import free_path, rounded
 from skills.motion.search import Choice, rank_postures
+from skills.motion.sensible import senseless_goal, senseless_height, senseless_paths, senseless_state
 from skills.motion.timing import free_motion, hold, join, time_law, time_path
 from skills.vocabulary import FoldStep, Outcome, Table, ToolPath
 
@@ -48,6 +50,8 @@ RETREAT_SPEED = 0.25
 DESCENT_STEP = 0.002
 SLOWED = 1.3
 """A fold that the arms stretch by more than this is planned with another choice of postures too."""
+SEARCHES = 2
+"""Searches for postures: the finer plan may refuse all that the first one, coarse, has found."""
 CORNERS = (0.48, 0.3, 0.15)
 """Shares of each leg that a rounded corner may take, tried in turn."""
 RETREAT_STEP = 0.006
@@ -167,28 +171,64 @@ def plan_fold_motion(
     paths: the tools' paths, keyed as step.grasps; where the hands lean and which arm takes which path is
     chosen here. limits: the model's planning set when None. tool_speed: cap while the cloth is held [m/s].
     avoid: `postures` of motions that were tried, for another choice. rng: for the search of detours.
-    Failures: UNREACHABLE, IN_COLLISION (with what binds), LIMIT_EXCEEDED.
+    Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),
+    LIMIT_EXCEEDED, STALE_STATE (q_now is no state).
     """
     if set(paths) != set(step.grasps):
         raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
-    ranked = rank_postures(
-        model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=avoid
+    senseless = senseless_state(model, q_now) or senseless_paths(paths)
+    if senseless:
+        return Outcome(failure=senseless)
+    tried: list[Mapping[Side, Posture]] = list(avoid)
+    first_failure: Failure | None = None
+    for _ in range(SEARCHES):
+        ranked = rank_postures(
+            model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=tried
+        )
+        if ranked.failure:
+            break
+        choices = ranked.unwrap()
+        best, failure = _best_of(
+            model, checker, table, paths, choices, q_now, limits, tool_speed, approach_height, rng
+        )
+        if best is not None:
+            return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
+        first_failure = first_failure or failure
+        tried += [choice.postures for choice in choices]
+    failure = first_failure or ranked.failure
+    assert failure is not None
+    if first_failure or avoid:  # a recovery that wants another choice: the garment lies where it lies
+        return Outcome(failure=failure)
+    helped = with_helpful_shift(
+        model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT
     )
-    if ranked.failure:
-        return Outcome(failure=ranked.failure)
+    return Outcome(failure=helped)
+
+
+def _best_of(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    choices: Sequence[Choice],
+    q_now: Array,
+    limits: JointLimits | None,
+    tool_speed: float | None,
+    approach_height: float,
+    rng: np.random.Generator | None,
+) -> tuple[FoldMotion | None, Failure | None]:
+    """The first choice whose fold the arms do not slow much, else the shortest; and why the first one fails."""
     wish = float(_clock(paths)[-1])
     best: FoldMotion | None = None
     failure: Failure | None = None
-    for choice in ranked.unwrap():
-        tried = _planned_as(model, checker, table, paths, choice, q_now, limits, tool_speed, approach_height, rng)
-        failure = failure or tried.failure
-        if tried.value is not None and (best is None or tried.value.duration < best.duration):
-            best = tried.value
+    for choice in choices:
+        made = _planned_as(model, checker, table, paths, choice, q_now, limits, tool_speed, approach_height, rng)
+        failure = failure or made.failure
+        if made.value is not None and (best is None or made.value.duration < best.duration):
+            best = made.value
         if best is not None and best.fold.duration < SLOWED * wish * _slowing(paths, _clock(paths), tool_speed):
             break
-    if best is None:
-        return Outcome(failure=failure)
-    return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
+    return best, failure
 
 
 def _planned_as(
@@ -239,6 +279,9 @@ def plan_grasp(
     (7,) near the point above, by arm (else the arm's present ones are the hint).
     """
     limits = limits or model.planning
+    senseless = senseless_state(model, q_now) or senseless_paths(paths)
+    if senseless:
+        return Outcome(failure=senseless)
     q_above = np.array(q_now)
     descend: dict[Side, Descent] = {}
     for side, posture in postures.items():
@@ -275,6 +318,9 @@ def plan_arc(
     the start likewise. Timing is the paths' own unless the arms' limits or tool_speed [m/s] are slower.
     """
     limits = limits or model.planning
+    senseless = senseless_state(model, q_grasp) or senseless_paths(paths)
+    if senseless:
+        return Outcome(failure=senseless)
     clock = _clock(paths)
     q = np.tile(q_grasp, (len(clock), 1))
     for side, posture in postures.items():
@@ -343,6 +389,9 @@ def plan_free_motion(
     Straight if that is free; else by way-points, with rounded corners if those are free too.
     """
     limits = limits or model.planning
+    senseless = senseless_state(model, q0) or senseless_goal(model, q1, q0)
+    if senseless:
+        return Outcome(failure=senseless)
     way = free_path(model, checker, q0, q1, rng)
     if way.failure:
         return Outcome(failure=way.failure)
@@ -451,6 +500,9 @@ def _straight_up(
     limits: JointLimits,
 ) -> Outcome[ArmTrajectory]:
     """Each hand up as far as `height` [m]; all in step, at most RETREAT_SPEED."""
+    senseless = senseless_state(model, q_now) or senseless_height(height)
+    if senseless:
+        return Outcome(failure=senseless)
     n = max(2, int(np.ceil(height / RETREAT_STEP)))
     rise = np.linspace(0.0, height, n + 1)
     q = np.tile(q_now, (n + 1, 1))

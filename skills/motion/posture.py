@@ -24,17 +24,23 @@ class Posture:
 
     path: whose grasp and tool path of the fold step this arm takes (the other side's when arms are swapped).
     turned: whether the hand is turned by pi about its axis. pitch, roll: lean added to the path's [rad], stated
-    for the hand that is not turned.
+    for the hand that is not turned. pitch_change: by how much the pitch grows, softly, from the grasp to the
+    release [rad]: a long fold ends with the hand leaning the other way than where it began.
     """
 
     path: Side
     turned: bool = False
     pitch: float = 0.0
     roll: float = 0.0
+    pitch_change: float = 0.0
 
     def rotation(self, path: ToolPath) -> Array:
         """(n, 3, 3) R_table_tool along a tool path."""
-        R = tool_rotation(path.heading, path.pitch + self.pitch, path.roll + self.roll)
+        lean = path.pitch + self.pitch
+        if self.pitch_change:
+            u = (path.t - path.t[0]) / max(path.t[-1] - path.t[0], 1e-9)
+            lean = lean + self.pitch_change * u**2 * (3.0 - 2.0 * u)
+        R = tool_rotation(path.heading, lean, path.roll + self.roll)
         return R @ HALF_TURN if self.turned else R
 
 

@@ -27,6 +27,8 @@ __all__ = ["Choice", "rank_postures"]
 
 PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
+PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
+"""Tried only where no lean that stays the same through the fold will do."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
 """Leans that cost 1: a lean along the held line lifts one end of the line and is dearer."""
@@ -65,13 +67,59 @@ class Choice:
 
 @dataclass(eq=False)
 class _Tally:
-    """Why candidates fell out, for the failure's text."""
+    """Why candidates fell out with one assignment of arms, for the failure's text.
 
+    begun, whole, free: per arm, how many ways could begin, reached every pose, and were clear of body and table.
+    """
+
+    swapped: bool
     tried: int = 0
+    begun: Counter[Side] = field(default_factory=Counter)
+    whole: Counter[Side] = field(default_factory=Counter)
+    free: Counter[Side] = field(default_factory=Counter)
     reached: dict[Side, float] = field(default_factory=dict)
     where: dict[Side, Array] = field(default_factory=dict)
-    limit: Counter[str] = field(default_factory=Counter)
-    contacts: Counter[str] = field(default_factory=Counter)
+    limit: dict[Side, Counter[str]] = field(default_factory=lambda: {side: Counter() for side in Side})
+    alone: dict[Side, Counter[str]] = field(default_factory=lambda: {side: Counter() for side in Side})
+    together: Counter[str] = field(default_factory=Counter)
+
+    def binding(self, arms: Sequence[Side]) -> _Binding:
+        """The first thing that no candidate gets past: an arm's reach, its surroundings, or the other arm."""
+        for arm in arms:
+            if not self.whole[arm]:
+                joint = self.limit[arm].most_common(1)[0][0] if self.limit[arm] else "the arm's length"
+                where = [round(float(x), 3) for x in self.where[arm]] if arm in self.where else []
+                return _Binding(0, "reach", arm, joint, tuple(where), self.reached.get(arm, 0.0))
+        for arm in arms:
+            if not self.free[arm]:
+                return _Binding(1, "surroundings", arm, self.alone[arm].most_common(1)[0][0])
+        pair = self.together.most_common(1)[0][0] if self.together else "choices that were tried before"
+        return _Binding(2, "arms", None, pair)
+
+
+@dataclass(frozen=True)
+class _Binding:
+    """stage: how far the search came (0 reach, 1 alone, 2 together); what: a joint or a pair of objects."""
+
+    stage: int
+    constraint: str
+    arm: Side | None
+    what: str
+    where: tuple[float, ...] = ()
+    share_reached: float = 1.0
+
+    def __str__(self) -> str:
+        if self.constraint == "reach":
+            return f"the {self.arm} arm does not reach {list(self.where)} (table frame, m), bound by {self.what}"
+        if self.constraint == "surroundings":
+            return f"the {self.arm} arm reaches everything but comes too near: {self.what}"
+        return f"each arm has a way, but not both together; most often in the way: {self.what}"
+
+    def values(self) -> dict[str, object]:
+        return {
+            "constraint": self.constraint, "arm": None if self.arm is None else str(self.arm), "what": self.what,
+            "where_m": list(self.where), "share_reached": self.share_reached,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +129,20 @@ class _Candidate:
     cost: float
 
 
-@lru_cache(maxsize=1)
-def _leans() -> tuple[tuple[float, float, float, bool], ...]:
-    """(cost, pitch, roll, turned), the cheapest first."""
+@lru_cache(maxsize=2)
+def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...]:
+    """(cost, pitch, roll, pitch_change, turned), the cheapest first; `changing`: those whose pitch changes."""
+    if changing:
+        steepest = float(PITCH.max()) + 1e-9
+        leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= steepest]
+    else:
+        leans = [(p, r, 0.0) for p in PITCH.tolist() for r in ROLL.tolist()]
     grid = [
-        ((p / PITCH_UNIT) ** 2 + (r / ROLL_UNIT) ** 2, float(p), float(r), turned)
-        for p in PITCH
-        for r in ROLL
+        (float(((p / PITCH_UNIT) ** 2 + ((p + c) / PITCH_UNIT) ** 2) / 2 + (r / ROLL_UNIT) ** 2), p, r, c, turned)
+        for p, r, c in leans
         for turned in (False, True)
     ]
-    return tuple(sorted(grid, key=lambda c: c[0]))
+    return tuple(sorted(grid, key=lambda lean: lean[0]))
 
 
 def _seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
@@ -118,22 +170,29 @@ def rank_postures(
     and are not wanted again. Failures: UNREACHABLE (no
     posture reaches every pose), IN_COLLISION (some do, but none without touching).
     """
-    tally = _Tally()
+    tallies: list[_Tally] = []
     coarse = {side: with_ends(path, above, below, SAMPLES) for side, path in paths.items()}
     found: list[Choice] = []
     for swapped in (False, True):
         if found and found[0].cost < GOOD:
             break
         arms = {(side.other if swapped else side): side for side in paths}
-        candidates = {
-            arm: _candidates(model, checker, table, arm, key, coarse[key], q_now, tuple(arms), tally)
-            for arm, key in arms.items()
-        }
-        found += _together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
+        tally = _Tally(swapped)
+        tallies.append(tally)
+        candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
+        for changing in (False, True):
+            if changing and (found or not all(tally.begun[arm] for arm in arms)):
+                break  # a lean that changes on the way begins as one that does not
+            for arm, key in arms.items():
+                candidates[arm] += _candidates(
+                    model, checker, table, arm, key, coarse[key], q_now, tuple(arms), _leans(changing), tally
+                )
+            found += _together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
         found.sort(key=lambda choice: choice.cost)
     if not found:
-        return Outcome(failure=_failure(tally))
-    return Outcome(tuple(found), notes={"postures_tried": tally.tried, "posture_cost": round(found[0].cost, 3)})
+        return Outcome(failure=_failure(tallies, tuple(paths)))
+    tried = sum(tally.tried for tally in tallies)
+    return Outcome(tuple(found), notes={"postures_tried": tried, "posture_cost": round(found[0].cost, 3)})
 
 
 def _candidates(
@@ -145,16 +204,17 @@ def _candidates(
     path: ToolPath,
     q_now: Array,
     used: Sequence[Side],
+    leans: Sequence[tuple[float, float, float, float, bool]],
     tally: _Tally,
 ) -> list[_Candidate]:
     """Postures of one arm that reach the whole path without touching body or table, cheapest leans first."""
     position = in_base(table, path.position)
     seeds = _seeds(model, arm, q_now)
     kept: list[_Candidate] = []
-    for lean, pitch, roll, turned in _leans():
+    for lean, pitch, roll, change, turned in leans:
         if len(kept) >= ENOUGH and lean > min(c.cost for c in kept) + 1.0:
             break
-        posture = Posture(key, turned, pitch, roll)
+        posture = Posture(key, turned, pitch, roll, change)
         rotation = posture.rotation(path)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation[0], position[0]
@@ -164,9 +224,10 @@ def _candidates(
         for cost, q in scored:
             contact = _alone(model, checker, arm, q, q_now, used)
             if contact is None:
+                tally.free[arm] += 1
                 kept.append(_Candidate(posture, q, cost))
                 break
-            tally.contacts[str(contact)] += 1
+            tally.alone[arm][str(contact)] += 1
         if len(kept) >= KEEP:
             break
     return kept
@@ -177,17 +238,19 @@ def _ways(
 ) -> list[Array]:
     """Joint paths (n, 7) over the whole tool path, one for each start that gets through."""
     ways = []
+    tally.begun[arm] += len(starts)
     if len(starts) == 0 and arm not in tally.where:
         tally.where[arm] = path.position[0]
     for start in starts:
         solution = ik.follow_path(model, arm, rotation, position, start, max_step=0.6, margin=SEARCH_MARGIN)
         if solution.complete:
+            tally.whole[arm] += 1
             ways.append(solution.q)
         elif len(solution.q) / len(position) > tally.reached.get(arm, -1.0):
             tally.reached[arm] = len(solution.q) / len(position)
             tally.where[arm] = path.position[len(solution.q)]
             if len(solution.q):
-                tally.limit[_nearest_limit(model, arm, solution.q[-1])] += 1
+                tally.limit[arm][_nearest_limit(model, arm, solution.q[-1])] += 1
     return ways
 
 
@@ -236,7 +299,7 @@ def _together(
             both[:, arm_slice(arm)] = candidate.q
         contact = checker.first_collision(both, allow_fingertips=True)
         if contact is not None:
-            tally.contacts[str(contact)] += 1
+            tally.together[str(contact)] += 1
             continue
         cost = sum(c.cost for c in picked) + extra + DETOUR_COST * _detours(checker, q_now, both)
         found.append(Choice(postures, {arm: c.q for arm, c in zip(arms, picked, strict=True)}, float(cost)))
@@ -251,24 +314,23 @@ def _detours(checker: CollisionChecker, q_now: Array, both: Array) -> int:
     return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in ways)
 
 
-def _failure(tally: _Tally) -> Failure:
-    if tally.contacts:
-        pair, times = tally.contacts.most_common(1)[0]
-        return Failure(
-            FailureKind.IN_COLLISION,
-            f"no tilt of the hands keeps the arms clear; most often in the way: {pair}",
-            "lay the garment nearer to the middle of the table, or take hold further apart",
-            {"postures": tally.tried, "contacts": dict(tally.contacts.most_common(5)), "most": times},
-        )
-    places = {str(side): [round(float(x), 3) for x in point] for side, point in tally.where.items()}
-    joint = tally.limit.most_common(1)[0][0] if tally.limit else "the arm's length"
+def _failure(tallies: Sequence[_Tally], keys: Sequence[Side]) -> Failure:
+    """What binds with the assignment of arms that came furthest; the other one's is told beside it."""
+    bindings = [(tally, tally.binding([key.other if tally.swapped else key for key in keys])) for tally in tallies]
+    tally, first = max(bindings, key=lambda pair: (pair[1].stage, not pair[0].swapped))
+    others = [str(b) for t, b in bindings if t is not tally]
+    kind = FailureKind.UNREACHABLE if first.stage == 0 else FailureKind.IN_COLLISION
+    values = {
+        "postures": sum(t.tried for t in tallies),
+        "arms_swapped": tally.swapped,
+        "binding": first.values(),
+        "other_arms": others,
+    }
+    swapped = ", with the arms swapped" if tally.swapped else ""
     return Failure(
-        FailureKind.UNREACHABLE,
-        f"no tilt of the hands reaches the whole path; it ends at {places} (table frame, m), bound by {joint}",
-        "lay the garment nearer to the middle of the table",
-        {
-            "postures": tally.tried,
-            "where_m": places,
-            "share_reached": {str(s): r for s, r in tally.reached.items()},
-        },
+        kind,
+        f"no tilt of the hands makes this fold possible{swapped}: {first}",
+        "lay the garment nearer to the middle of the table"
+        + (", or take hold further apart" if first.stage == 2 else ""),
+        values,
     )

@@ -15,7 +15,7 @@ Ruckig's way-points (`intermediate_positions`) are never used: they call a servi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -29,10 +29,26 @@ from robots.errors import InternalError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, frozen
 
-__all__ = ["TICK", "Peaks", "free_motion", "hold", "join", "peaks", "stop_profile", "time_law", "time_path"]
+__all__ = [
+    "STOP_TIME",
+    "TICK",
+    "ClockWarp",
+    "Peaks",
+    "free_motion",
+    "hold",
+    "join",
+    "peaks",
+    "stop_profile",
+    "time_law",
+    "time_path",
+    "warp_clock",
+    "warped",
+]
 
 TICK = 0.01
 """Longest time between samples [s]."""
+STOP_TIME = 0.6
+"""In which a running clock comes to rest, or starts again [s]."""
 HEADROOM = 0.98
 """Share of the limits that is planned with: the Hermite interpolant between samples takes the rest."""
 GRID = 100
@@ -170,35 +186,62 @@ def _as_wished(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | 
     return trajectory if soft and peaks(trajectory, limits).worst <= 1.0 else None
 
 
-def stop_profile(trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = 0.6) -> ArmTrajectory:
-    """From time t on, the same path with the clock run down to rest: where a protective stop leads.
+@dataclass(frozen=True)
+class ClockWarp:
+    """The rate of a trajectory's clock from now on: a cubic from (rate, slope) to `goal` with slope 0.
 
-    The clock's rate goes from 1 to 0 as a cubic smoothstep over `duration` [s], which is lengthened (up to
-    four times) as far as `limits` (the protective set) need; beyond that it stops in the last try.
+    start: the clock now [s]. duration: of the change [s]; after it the rate stays at `goal`.
     """
-    t = float(np.clip(t, 0.0, trajectory.duration))
-    best = None
+
+    start: float
+    duration: float
+    goal: float
+    rate: float = 1.0
+    slope: float = 0.0
+
+    def at(self, tau: Array | float) -> tuple[Array, Array, Array]:
+        """Clock [s], its rate [1] and the rate's slope [1/s] at times tau (n,) from now."""
+        d = self.duration
+        u = np.clip(np.asarray(tau, dtype=float) / d, 0.0, 1.0)
+        fall, lean = self.rate - self.goal, self.slope * d
+        rate = self.goal + fall * (1.0 - u**2 * (3.0 - 2.0 * u)) + lean * u * (1.0 - u) ** 2
+        slope = (-6.0 * fall * u * (1.0 - u) + lean * (1.0 - u) * (1.0 - 3.0 * u)) / d
+        fallen, leant = u - u**3 + 0.5 * u**4, 0.5 * u**2 - 2.0 * u**3 / 3.0 + 0.25 * u**4
+        return self.start + d * (self.goal * u + fall * fallen + lean * leant), rate, slope
+
+
+def warp_clock(trajectory: ArmTrajectory, warp: ClockWarp, limits: JointLimits) -> ClockWarp:
+    """`warp`, lengthened (up to four times) as far as the trajectory's joints need to keep `limits`."""
     for factor in (1.0, 1.25, 1.6, 2.0, 2.8, 4.0):
-        best = _run_down(trajectory, t, factor * duration)
-        if peaks(best, limits).worst <= 1.0:
+        longer = replace(warp, duration=factor * warp.duration)
+        if peaks(warped(trajectory, longer), limits).worst <= 1.0:
             break
-    assert best is not None
-    return best
+    return longer
 
 
-def _run_down(trajectory: ArmTrajectory, t: float, duration: float) -> ArmTrajectory:
-    tau = _ticks(duration)
-    u = tau / duration
-    rate = 1.0 - u**2 * (3.0 - 2.0 * u)
-    slope = -6.0 * u * (1.0 - u) / duration
-    clock = t + duration * (u - u**3 + 0.5 * u**4)
+def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
+    """What the joints do while the clock changes its rate: the same path; it ends at rest if the goal is 0."""
+    tau = _ticks(warp.duration)
+    clock, rate, slope = warp.at(tau)
     inside = clock < trajectory.duration
     q, v, a = _sample(trajectory, np.minimum(clock, trajectory.duration))
-    rate = np.where(inside, rate, 0.0)[:, None]
-    slope = np.where(inside, slope, 0.0)[:, None]
+    rate, slope = np.where(inside, rate, 0.0)[:, None], np.where(inside, slope, 0.0)[:, None]
     qd, qdd = v * rate, a * rate**2 + v * slope
-    qd[-1] = 0.0
+    if warp.goal == 0.0:
+        qd[-1] = 0.0
     return ArmTrajectory(frozen(tau), frozen(q), frozen(qd), frozen(qdd))
+
+
+def stop_profile(
+    trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = STOP_TIME
+) -> ArmTrajectory:
+    """From time t on, the same path with the clock run down to rest: where a protective stop leads.
+
+    It takes `duration` [s], or up to four times that as far as `limits` (the protective set) need; beyond that
+    it stops in the longest.
+    """
+    start = float(np.clip(t, 0.0, trajectory.duration))
+    return warped(trajectory, warp_clock(trajectory, ClockWarp(start, duration, 0.0), limits))
 
 
 def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:

@@ -5,12 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.execution import TICK_S, ExecutionLimits, stream, wait
+from cell.commands import CommandQueue
+from cell.execution import TICK_S, ExecutionLimits, PathControl, stream, wait
+from cell.states import Event
 from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, JointSetpoint
 from tests.fakes import FakeCell
 
 LIMITS = ExecutionLimits()
+ONE = np.ones(14)
+PLANNING = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.2 * ONE, 3.0 * ONE, 30.0 * ONE)
+PROTECTIVE = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
+
+
+def control(commands: CommandQueue | None = None) -> PathControl:
+    return PathControl(commands, PROTECTIVE, PLANNING)
+
+
+def derivatives(cell: FakeCell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position of joint 0 as commanded, and its first and second differences over time."""
+    q = np.array([q[0] for _, q in cell.commands])
+    return q, np.diff(q) / TICK_S, np.diff(q, 2) / TICK_S**2
 
 
 def ramp(distance: float = 0.5, duration: float = 1.0) -> ArmTrajectory:
@@ -92,3 +108,114 @@ def test_waiting_keeps_the_arms_commanded() -> None:
     cell = FakeCell()
     assert wait(cell.ports(), 0.5) is None
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+# --- on the path: pause, resume, an early end ----------------------------------------------------------
+
+
+def paused(pause: float, resume: float, **options) -> tuple[FakeCell, object, PathControl]:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(pause, lambda: commands.put(Event.PAUSE))
+    cell.at(resume, lambda: commands.put(Event.RESUME))
+    held = control(commands)
+    return cell, stream(cell.ports(), ramp(duration=1.5), LIMITS, control=held, **options), held
+
+
+def test_a_control_that_nobody_uses_changes_nothing() -> None:
+    plain, controlled = FakeCell(), FakeCell()
+    stream(plain.ports(), ramp(), LIMITS)
+    stream(controlled.ports(), ramp(), LIMITS, control=control(CommandQueue()))
+    assert len(plain.commands) == len(controlled.commands)
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(plain.commands, controlled.commands, strict=True))
+
+
+@pytest.mark.parametrize("pause", [0.05, 0.4, 0.75, 1.1])
+def test_a_pause_comes_to_rest_within_0_6_s_and_goes_on_where_it_stopped(pause: float) -> None:
+    cell, outcome, held = paused(pause, pause + 1.0)
+    assert outcome.ok
+    assert cell.q == pytest.approx(0.5)
+    q, v, a = derivatives(cell)
+    resting = np.flatnonzero((np.abs(v) < 1e-9) & (q[1:] > 1e-6) & (q[1:] < 0.5 - 1e-6))
+    assert resting[0] * TICK_S <= pause + 0.6 + 2 * TICK_S
+    assert held.waited_s == pytest.approx(0.4, abs=0.05), "only the rest is waiting, not the way to it"
+    assert np.diff(q).min() > -1e-12, "it never goes back"
+    assert np.abs(v).max() <= PLANNING.velocity[0]
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+    assert np.abs(np.diff(a)).max() / TICK_S <= PROTECTIVE.jerk[0]
+
+
+def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    for t, said in ((0.5, Event.PAUSE), (1.5, Event.RESUME), (1.7, Event.PAUSE), (3.0, Event.RESUME)):
+        cell.at(t, lambda said=said: commands.put(said))
+    assert stream(cell.ports(), ramp(duration=1.5), LIMITS, control=control(commands)).ok
+    q, v, a = derivatives(cell)
+    assert cell.q == pytest.approx(0.5) and np.diff(q).min() > -1e-12
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+    assert np.abs(v[240:300]).max() < 1e-9, "at rest 0.6 s after the second pause"
+
+
+def test_arms_that_were_moved_in_a_pause_do_not_go_on() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(1.5, lambda: setattr(cell, "follows", False))
+    cell.at(1.5, lambda: setattr(cell, "q", cell.q + np.deg2rad(2.0)))
+    cell.at(1.6, lambda: commands.put(Event.RESUME))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.START_MISMATCH
+
+
+@pytest.mark.parametrize("rested", [False, True])
+def test_an_abort_brings_the_motion_to_rest_on_its_path(rested: bool) -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    if rested:
+        cell.at(0.3, lambda: commands.put(Event.PAUSE))
+    cell.at(1.0 if rested else 0.3, lambda: commands.put(Event.ABORT))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.ABORTED
+    q, v, a = derivatives(cell)
+    assert 0.0 < q[-1] < 0.5 and abs(v[-1]) < 0.02
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_a_watched_failure_ends_softly_on_the_path() -> None:
+    cell = FakeCell()
+    slipped = Failure(FailureKind.SLIPPED, "gone")
+    outcome = stream(cell.ports(), ramp(), LIMITS, lambda tick: slipped if tick.t >= 0.4 else None, control())
+    assert outcome.failure is slipped
+    assert cell.now == pytest.approx(1.0, abs=0.03)
+    _, v, a = derivatives(cell)
+    assert abs(v[-1]) < 0.02 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were() -> None:
+    """A hold at a state 0.1 s old would tear the arms back by what they moved since."""
+    cell = FakeCell()
+    cell.at(0.5, lambda: setattr(cell, "frozen_since", cell.now))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control()).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    q, _, a = derivatives(cell)
+    assert np.diff(q).min() > -1e-12 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_a_stop_in_a_pause_ends_it() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.3, lambda: commands.put(Event.PAUSE))
+    cell.at(1.3, lambda: setattr(cell, "stop_reason", "button"))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.STOPPED
+
+
+def test_a_driver_that_alters_set_points_is_found_out() -> None:
+    cell = FakeCell()
+    ports = cell.ports()
+    told = ports.arms.command
+
+    def clipped(q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
+        sent = told(np.minimum(q, 0.3), qd)
+        return JointSetpoint(sent.stamp, np.minimum(q, 0.3), qd, bool(np.any(q > 0.3)))
+
+    ports.arms.command = clipped  # type: ignore[method-assign]
+    failure = stream(ports, ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.LIMIT_EXCEEDED
+    assert failure.values["clipped"] and np.abs(cell.q).max() < 0.31

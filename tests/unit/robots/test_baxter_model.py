@@ -9,6 +9,7 @@ import pytest
 
 from robots.baxter.camera_mount import INTRINSICS, T_base_camera
 from robots.baxter.model import FINGER_JOINTS, load_model
+from robots.errors import ConfigurationError
 from robots.model import JointLimits, arm_chain
 from robots.ports import Side, arm_slice
 
@@ -53,9 +54,11 @@ def test_named_limits_scale_the_velocity_only(model):
 
 def test_limits_refuse_nonsense():
     good = np.ones(14)
-    with pytest.raises(ValueError, match="upper"):
+    with pytest.raises(ConfigurationError, match="joint 0: the upper"):
         JointLimits(good, good, good, good, good)
-    with pytest.raises(ValueError, match="jerk"):
+    with pytest.raises(ConfigurationError, match="joint 3: the upper"):
+        JointLimits(-good, np.where(np.arange(14) == 3, np.nan, good), good, good, good)
+    with pytest.raises(ConfigurationError, match="jerk"):
         JointLimits(-good, good, good, good, 0 * good)
 
 

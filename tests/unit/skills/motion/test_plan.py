@@ -254,6 +254,68 @@ def test_what_is_out_of_reach_is_named(checker):
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.UNREACHABLE
     assert "table frame" in failure.what and failure.values["postures"] > 100
+    assert failure.values["binding"]["constraint"] == "reach" and failure.values["other_arms"]
+    assert failure.values["shift_m"] is None and "no shift" in failure.hint
+
+
+def test_a_shift_that_helps_is_told_and_does_help(checker):
+    """A towel 10 cm too far away: what is advised is tried."""
+    step, paths = towel_fold("medium", 1, x=0.97)
+    failure = planned(checker, step, paths).failure
+    assert failure.kind is FailureKind.UNREACHABLE and "nearer to the robot" in failure.hint
+    dx, dy = failure.values["shift_m"]
+    assert dx < 0.0 and dy == 0.0
+    step, paths = towel_fold("medium", 1, x=0.97 + dx)
+    assert planned(checker, step, paths).ok
+
+
+def test_a_long_fold_is_made_by_a_hand_that_leans_over_on_the_way(checker):
+    """The hem of a large shirt: from 0.29 m before the robot to 0.93 m, which no constant lean allows."""
+    ends = {
+        Side.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
+        Side.RIGHT: ((0.295, -0.24, 0.0), (0.93, -0.24, 0.005)),
+    }
+    step, paths = fold(ends, np.pi / 2, height=0.42)
+    motion = planned(checker, step, paths).unwrap()
+    assert any(p.pitch_change != 0.0 for p in motion.postures.values())
+    for part, fingers in ((motion.fold, True), (motion.retreat, True)):
+        assert check_trajectory(MODEL, checker, part, part.q[0], MODEL.planning, allow_fingertips=fingers).ok
+    assert path_deviation(MODEL, TABLE, motion.fold, {s: paths[p.path] for s, p in motion.postures.items()}) < 2e-4
+    for side, posture in motion.postures.items():
+        T = tools(side, motion.fold.q[[0, -1]])
+        meant = posture.rotation(paths[posture.path])[[0, -1]]
+        assert T[:, :3, :3] == pytest.approx(meant, abs=1e-6)
+        lean = np.arccos(np.clip(-T[:, 2, 2], -1, 1))
+        assert lean.max() < np.deg2rad(45.1)
+
+
+@pytest.mark.parametrize("spoilt", [np.nan, np.inf])
+def test_questions_without_an_answer_are_told_as_such(checker, spoilt):
+    step, paths = towel_fold("small", 1)
+    q = np.array(MODEL.q_park)
+    q[3] = spoilt
+    for outcome in (
+        plan_fold_motion(MODEL, checker, TABLE, step, paths, q),
+        plan_free_motion(MODEL, checker, q, MODEL.q_park),
+        plan_withdrawal(MODEL, checker, q),
+        plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03),
+    ):
+        assert outcome.failure.kind is FailureKind.STALE_STATE and "left_e1" in outcome.failure.what
+    assert plan_free_motion(MODEL, checker, MODEL.q_park, q).failure.kind is FailureKind.LIMIT_EXCEEDED
+    assert plan_lift(MODEL, checker, MODEL.q_park, (Side.LEFT,), spoilt).failure.kind is FailureKind.LIMIT_EXCEEDED
+    for bad in (
+        {s: ToolPath(p.t, p.position + spoilt, p.heading, p.pitch, p.roll) for s, p in paths.items()},
+        {s: ToolPath(0.0 * p.t, p.position, p.heading, p.pitch, p.roll) for s, p in paths.items()},
+    ):
+        assert planned(checker, step, bad).failure.kind is FailureKind.UNREACHABLE
+
+
+def test_a_goal_beyond_the_joints_ranges_is_refused(checker):
+    q = np.array(MODEL.q_park)
+    q[0] = MODEL.planning.upper[0] + 0.1
+    failure = plan_free_motion(MODEL, checker, MODEL.q_park, q).failure
+    assert failure.kind is FailureKind.LIMIT_EXCEEDED
+    assert failure.values["joint"] == "left_s0" and failure.values["over_rad"] == pytest.approx(0.1)
 
 
 def test_hands_that_would_collide_are_named(checker):
@@ -265,6 +327,7 @@ def test_hands_that_would_collide_are_named(checker):
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.IN_COLLISION
     assert "left" in failure.what and "right" in failure.what
+    assert failure.values["binding"]["constraint"] == "arms" and "further apart" in failure.hint
 
 
 def test_paths_have_to_fit_the_step(checker):

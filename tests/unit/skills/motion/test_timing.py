@@ -12,6 +12,7 @@ from robots.baxter.model import load_model
 from robots.errors import InternalError
 from skills.motion.timing import (
     TICK,
+    ClockWarp,
     free_motion,
     hold,
     join,
@@ -19,6 +20,8 @@ from skills.motion.timing import (
     stop_profile,
     time_law,
     time_path,
+    warp_clock,
+    warped,
 )
 
 MODEL = load_model()
@@ -183,3 +186,31 @@ def test_peaks_measure_what_the_samples_do():
     assert share.velocity == pytest.approx(0.1 * w / LIMITS.velocity[0], rel=1e-3)
     assert share.acceleration == pytest.approx(0.1 * w**2 / LIMITS.acceleration[0], rel=1e-3)
     assert share.jerk == pytest.approx(0.1 * w**3 / LIMITS.jerk[0], rel=2e-3)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.floats(0.1, 1.0), st.floats(-2.0, 2.0), st.sampled_from([0.0, 1.0]), st.floats(0.2, 1.5))
+def test_a_clock_changes_its_rate_without_a_step(rate, slope, goal, duration):
+    """Against the definition: the clock is the integral of its rate, the slope its derivative; both ends fit."""
+    warp = ClockWarp(2.0, duration, goal, rate, slope)
+    tau = np.linspace(0.0, duration, 4001)
+    clock, r, s = warp.at(tau)
+    assert (clock[0], r[0], s[0]) == pytest.approx((2.0, rate, slope))
+    assert (r[-1], s[-1]) == pytest.approx((goal, 0.0), abs=1e-9)
+    assert np.abs(np.gradient(clock, tau)[1:-1] - r[1:-1]).max() < 1e-3
+    assert np.abs(np.gradient(r, tau)[1:-1] - s[1:-1]).max() < 2e-2
+    still = warp.at(duration + 1.0)
+    assert float(still[1]) == pytest.approx(goal)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_start_from_rest_on_the_path_meets_the_running_motion(share):
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    begin = ClockWarp(share * motion.duration, 0.6, 1.0, rate=0.0)
+    warp = warp_clock(motion, begin, LIMITS)
+    start = warped(motion, warp)
+    assert not start.qd[0].any() and peaks(start, LIMITS).worst <= TOLERANCE
+    clock = float(warp.at(warp.duration)[0])
+    if clock < motion.duration:
+        assert start.q[-1] == pytest.approx(motion.at(clock)[0], abs=1e-9)
+        assert start.qd[-1] == pytest.approx(motion.at(clock)[1], abs=1e-6)

@@ -1,0 +1,34 @@
+"""Figures of the arms: folds planned, timing against bounds, inverse kinematics beside its peers, grasps felt.
+
+Times are CPU times of one thread, so that other work on the machine does not enter them. All grasps and poses are
+simulated: drawn by seed from the shipped garments' own ranges and from the simulated cell's noise table.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.motion.folds import measure_folds
+from benchmarks.motion.grasps import measure_grasps
+from benchmarks.motion.kinematics import measure_kinematics
+from cell.config import load_settings
+from cell.garments import list_garments, load_garment
+from robots.baxter.model import load_model
+
+__all__ = ["measure"]
+
+
+def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
+    """All figures, flat, units in the keys. peers: also those that need extra packages. quick: few samples."""
+    began = time.process_time()
+    model, settings = load_model(), load_settings()
+    garments = [load_garment(name, settings.surface) for name in list_garments()]
+    poses, measured, singles, peer_singles, grasps = (2, 1, 200, 15, 40) if quick else (50, 12, 1000, 200, 500)
+    figures: dict[str, Any] = {"times_are": "CPU time of one thread", "garments": len(garments), "poses": poses}
+    figures |= measure_folds(tell, model, settings, poses, measured)
+    figures |= measure_kinematics(tell, model, singles, peer_singles, peers)
+    figures |= measure_grasps(tell, garments, grasps)
+    figures["bench_cpu_s"] = time.process_time() - began
+    return figures

@@ -1,0 +1,277 @@
+"""Every fold planned, and each plan measured again by other means than the planner's own."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+from benchmarks.motion.bound import time_bound
+from benchmarks.motion.workload import Task, tasks
+from cell.config import CellSettings
+from robots.model import JointLimits, RobotModel
+from robots.ports import ArmTrajectory, Array, Side, arm_slice
+from skills.motion import timing
+from skills.motion.collision import CollisionChecker
+from skills.motion.plan import FoldMotion, plan_fold_motion
+from skills.vocabulary import ToolPath
+
+__all__ = ["measure_folds"]
+
+FINE = 0.001
+"""Samples at which limits are judged [s]."""
+DEVIATION_SAMPLE = 0.005
+CLEARANCE_STEP = 0.08
+"""Joint motion between two distances [rad]."""
+PATH_SAMPLES = 120
+"""Of a path whose best time is asked for."""
+MEASURED = 12
+"""Of the poses of each garment, how many are measured in depth."""
+
+
+@dataclass
+class _Findings:
+    """What is gathered over the folds; lists hold one figure a fold, or a path."""
+
+    planned: int = 0
+    refused: int = 0
+    binding: Counter[str] = field(default_factory=Counter)
+    cpu_ms: list[float] = field(default_factory=list)
+    ratio: list[float] = field(default_factory=list)
+    ratio_toppra: list[float] = field(default_factory=list)
+    ratio_free: list[float] = field(default_factory=list)
+    ratio_cloth: list[float] = field(default_factory=list)
+    gap: list[float] = field(default_factory=list)
+    velocity: list[float] = field(default_factory=list)
+    acceleration: list[float] = field(default_factory=list)
+    jerk: list[float] = field(default_factory=list)
+    deviation: list[float] = field(default_factory=list)
+    clearance: list[float] = field(default_factory=list)
+    stop_s: list[float] = field(default_factory=list)
+    stop_share: list[float] = field(default_factory=list)
+
+
+def measure_folds(
+    tell: Callable[[str], None], model: RobotModel, settings: CellSettings, poses: int, measured: int = MEASURED
+) -> dict[str, Any]:
+    """poses: of each garment; the first `measured` of them are measured in depth."""
+    checker = CollisionChecker(model, settings.table)
+    limits = model.limits(settings.motion.accelerations, settings.motion.velocity_scale)
+    ruler = _Ruler(model, settings, limits)
+    found = _Findings()
+    seen: Counter[str] = Counter()
+    _planned(next(tasks(1, settings.surface)), model, checker, settings, limits, _Findings())  # compiles
+    for task in tasks(poses, settings.surface):
+        seen[task.name] += 1
+        if seen[task.name] == 1:
+            tell(f"{task.name}: {poses} poses")
+        motion = _planned(task, model, checker, settings, limits, found)
+        if motion is not None and seen[task.name] <= measured:
+            ruler.measure(task, motion, found)
+    return _figures(found)
+
+
+def _planned(
+    task: Task,
+    model: RobotModel,
+    checker: CollisionChecker,
+    settings: CellSettings,
+    limits: JointLimits,
+    found: _Findings,
+) -> FoldMotion | None:
+    start = time.thread_time()
+    outcome = plan_fold_motion(
+        model, checker, settings.table, task.step, task.paths, model.q_park, limits=limits,
+        tool_speed=min(task.garment.max_tool_speed, settings.motion.tool_speed),
+        approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
+    )  # fmt: skip
+    found.cpu_ms.append(1e3 * (time.thread_time() - start))
+    if outcome.failure is None:
+        found.planned += 1
+        return outcome.unwrap()
+    failure = outcome.failure
+    binding = failure.values.get("binding")
+    why = f"{binding['constraint']} ({binding['what']})" if binding else failure.what
+    found.refused += 1
+    found.binding[f"{task.name}: {failure.kind}, {why}"] += 1
+    return None
+
+
+class _Ruler:
+    """Measures a plan: limits at 1 ms, tools by Pinocchio, distances without margins, times against bounds."""
+
+    def __init__(self, model: RobotModel, settings: CellSettings, limits: JointLimits) -> None:
+        self.model, self.table, self.limits = model, settings.table, limits
+        self.plain = CollisionChecker(
+            model, settings.table, body_margin=0.0, table_margin=0.0, fingertip_margin=0.0
+        )
+        self.data = model.pin_model.createData()
+        self.frames = {side: model.pin_model.getFrameId(model.tool_frame[side]) for side in Side}
+        self.tool_speed = settings.motion.tool_speed
+
+    def measure(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
+        parts = {"approach": motion.approach, "fold": motion.fold, "retreat": motion.retreat, "park": motion.park}
+        for name, part in parts.items():
+            shares = peak_shares(part, self.limits)
+            found.velocity.append(shares[0])
+            found.acceleration.append(shares[1])
+            found.jerk.append(shares[2])
+            found.clearance.append(self._clearance(part.q, fingertips=name in ("fold", "retreat")))
+            self._stop(part, found)
+        found.clearance.append(self._clearance(self._down(motion), fingertips=True))
+        intended = {side: task.paths[p.path] for side, p in motion.postures.items()}
+        found.deviation.append(self._deviation(motion.fold, intended))
+        self._times(task, motion, found)
+
+    def _times(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
+        """The fold's path as fast as the arms can, as the cloth allows, and the free moves, over their bounds."""
+        path, lengths = self._evenly(motion)
+        bound = time_bound(path, self.limits)
+        found.gap.append(bound.gap)
+        found.ratio.append(timing.time_path(path, self.limits).duration / bound.lower)
+        found.ratio_toppra.append(_toppra_time(path, self.limits) / bound.lower)
+        speed = min(task.garment.max_tool_speed, self.tool_speed)
+        capped = time_bound(path, self.limits, lengths=lengths, speed=speed)
+        found.ratio_cloth.append(motion.fold.duration / capped.lower)
+        for free in (motion.approach, motion.park):
+            if np.abs(free.q[-1] - free.q[0]).max() > 0.05:
+                found.ratio_free.append(free.duration / time_bound(free.q, self.limits).lower)
+
+    def _evenly(self, motion: FoldMotion) -> tuple[Array, Array]:
+        """The fold's joint path (n, 14) and its tools' lengths (n, k) at even steps, whatever its times."""
+        s = _travelled(motion.fold.q)
+        at = np.interp(np.linspace(0.0, s[-1], PATH_SAMPLES), s, motion.fold.t)
+        lengths = [_travelled(motion.tool_paths[side].position) for side in motion.postures]
+        return hermite(motion.fold, at)[0], np.stack([np.interp(at, motion.fold.t, x) for x in lengths], axis=1)
+
+    def _deviation(self, fold: ArmTrajectory, intended: dict[Side, ToolPath]) -> float:
+        """Largest distance of a tool from its intended curve [m]: Pinocchio's pose, a spline of the path."""
+        q = hermite(fold, np.arange(0.0, fold.duration, DEVIATION_SAMPLE))[0]
+        at = {side: np.empty((len(q), 3)) for side in intended}
+        for i, x in enumerate(q):
+            pin.forwardKinematics(self.model.pin_model, self.data, self.model.configuration(x))
+            for side in intended:
+                pin.updateFramePlacement(self.model.pin_model, self.data, self.frames[side])
+                at[side][i] = self.data.oMf[self.frames[side]].translation
+        worst = 0.0
+        for side, path in intended.items():
+            curve = path.position + np.array([0.0, 0.0, self.table.height])
+            s = _travelled(curve)
+            moving = np.concatenate([[True], np.diff(s) > 1e-7])
+            fine = CubicSpline(s[moving], curve[moving])(np.linspace(0.0, s[-1], 4000))
+            worst = max(worst, _nearest(fine, at[side]))
+        return worst
+
+    def _down(self, motion: FoldMotion) -> Array:
+        """(n, 14) both hands going down together to the planned grasps."""
+        q = np.tile(motion.grasp.q_above, (30, 1))
+        for side, way in motion.descend.items():
+            q[:, arm_slice(side)] = [way.at(x) for x in np.linspace(0.0, way.grasp_depth, len(q))]
+        return q
+
+    def _clearance(self, q: Array, fingertips: bool) -> float:
+        travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
+        marks = np.searchsorted(travelled, np.arange(0.0, travelled[-1] + CLEARANCE_STEP, CLEARANCE_STEP))
+        q = q[np.unique(np.minimum(marks, len(q) - 1))]
+        return min(self.plain.clearance(x, allow_fingertips=fingertips) for x in q)
+
+    def _stop(self, part: ArmTrajectory, found: _Findings) -> None:
+        for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+            stop = timing.stop_profile(part, share * part.duration, self.model.protective)
+            found.stop_s.append(stop.duration)
+            found.stop_share.append(max(peak_shares(stop, self.model.protective)))
+
+
+def hermite(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array, Array]:
+    """q, qd, qdd, qddd (n, 14) of the cubic Hermite interpolant at times t (n,), in the power basis."""
+    i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
+    h, x = np.diff(trajectory.t)[i][:, None], (t - trajectory.t[i])[:, None]
+    p, v = trajectory.q[i], trajectory.qd[i]
+    rise, end = (trajectory.q[i + 1] - p) / h, trajectory.qd[i + 1]
+    c2, c3 = (3.0 * rise - 2.0 * v - end) / h, (v + end - 2.0 * rise) / h**2
+    return p + x * (v + x * (c2 + x * c3)), v + x * (2 * c2 + 3 * x * c3), 2 * c2 + 6 * x * c3, 6.0 * c3
+
+
+def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, float, float]:
+    """Largest share of the velocity, acceleration and jerk limits at 1 ms samples of what the arms are sent."""
+    t = np.append(np.arange(0.0, trajectory.duration, FINE), trajectory.duration)
+    _, qd, qdd, jerk = hermite(trajectory, t)
+    return (
+        float((np.abs(qd) / limits.velocity).max()),
+        float((np.abs(qdd) / limits.acceleration).max()),
+        float((np.abs(jerk) / limits.jerk).max()),
+    )
+
+
+def _toppra_time(path: Array, limits: JointLimits) -> float:
+    """TOPP-RA's own minimum time along the same spline, jerk-free [s]."""
+    step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
+    s = np.concatenate([[0.0], np.cumsum(step)])
+    v, a = limits.velocity, limits.acceleration
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
+        toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
+    ]
+    curve = toppra.SplineInterpolator(s, path)
+    solver = toppra.algorithm.TOPPRA(constraints, curve, gridpoints=np.linspace(0.0, s[-1], 201))
+    data = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    rate = data[1] if data is not None else None
+    if rate is None or not np.all(np.isfinite(rate)):
+        return float("nan")
+    return float((2.0 * (s[-1] / 200) / np.maximum(rate[1:] + rate[:-1], 1e-9)).sum())
+
+
+def _travelled(position: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+
+
+def _nearest(curve: Array, points: Array) -> float:
+    """Largest distance of points (n, 3) from the polyline curve (m, 3)."""
+    _, nearest = cKDTree(curve).query(points)
+    gaps = []
+    for k in (np.clip(nearest - 1, 0, len(curve) - 2), np.clip(nearest, 0, len(curve) - 2)):
+        a, d = curve[k], curve[k + 1] - curve[k]
+        u = np.clip(((points - a) * d).sum(axis=1) / np.maximum((d**2).sum(axis=1), 1e-18), 0.0, 1.0)
+        gaps.append(np.linalg.norm(points - a - u[:, None] * d, axis=1))
+    return float(np.min(gaps, axis=0).max())
+
+
+def _figures(found: _Findings) -> dict[str, Any]:
+    total = found.planned + found.refused
+
+    def at(values: list[float], share: float) -> float:
+        return float(np.nanpercentile(values, share)) if values else float("nan")
+
+    return {
+        "folds": total,
+        "planned_rate": found.planned / total,
+        "binding_constraints": dict(found.binding),
+        "planning_ms_median": at(found.cpu_ms, 50),
+        "planning_ms_p90": at(found.cpu_ms, 90),
+        "planning_ms_max": at(found.cpu_ms, 100),
+        "time_ratio_median": at(found.ratio, 50),
+        "time_ratio_p90": at(found.ratio, 90),
+        "time_ratio_toppra_jerk_free_median": at(found.ratio_toppra, 50),
+        "time_ratio_as_cloth_bears_median": at(found.ratio_cloth, 50),
+        "time_ratio_free_moves_median": at(found.ratio_free, 50),
+        "time_bound_gap_max": at(found.gap, 100),
+        "velocity_utilisation_max": at(found.velocity, 100),
+        "acceleration_utilisation_max": at(found.acceleration, 100),
+        "jerk_utilisation_max": at(found.jerk, 100),
+        "utilisation_max": max(at(x, 100) for x in (found.velocity, found.acceleration, found.jerk)),
+        "path_deviation_mm_max": 1e3 * at(found.deviation, 100),
+        "path_deviation_mm_median": 1e3 * at(found.deviation, 50),
+        "clearance_m_min": at(found.clearance, 0),
+        "stop_s_max": at(found.stop_s, 100),
+        "stop_utilisation_max": at(found.stop_share, 100),
+    }

@@ -1,0 +1,222 @@
+"""Inverse kinematics of single poses: ours and its peers', on the same poses, in the same process.
+
+A pose is solved when Pinocchio's forward map puts the tool within 1 mm and 0.5 degrees of it and every joint is
+within its limits. Poses are those of random joint vectors, so each can be reached. Times are CPU times.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from robots.baxter.model import JOINT_NAMES
+from robots.baxter.pybullet_body import joint_map, pb
+from robots.baxter.pybullet_files import moving_urdf
+from robots.baxter.silence import silenced
+from robots.model import RobotModel
+from robots.ports import Array, Side, arm_slice
+from skills.motion import ik
+
+__all__ = ["measure_kinematics"]
+
+POSITION, ANGLE = 0.001, np.deg2rad(0.5)
+STARTS = 60
+"""Starts that ours may take, the parked pose and a fixed random spread."""
+PEER_STARTS = 10
+"""Starts that each peer may take, the same ones: with these it takes tens of milliseconds at most."""
+
+Solver = Callable[[Side, Array], Array | None]
+"""T_base_tool (4, 4) -> joints (7,) or None."""
+
+
+def measure_kinematics(
+    tell: Callable[[str], None], model: RobotModel, poses: int, peer_poses: int, peers: bool
+) -> dict[str, Any]:
+    """poses: for ours; peer_poses: how many of them the slower peers get. peers: also Pink, where installed."""
+    rng = np.random.default_rng(11)
+    judge = _Judge(model)
+    wanted = [_pose(judge, model, rng, tuple(Side)[k % 2]) for k in range(poses)]
+    starts = {side: _starts(model, side, np.random.default_rng(5)) for side in Side}
+    solvers: dict[str, tuple[Solver, int]] = {
+        "ik": (_ours(model, starts), poses),
+        "pybullet_ik": (_PyBullet(model, starts), peer_poses),
+        "scipy_ik": (_scipy(model, starts), peer_poses),
+    }
+    figures: dict[str, Any] = {"ik_poses": poses, "ik_peer_poses": peer_poses, "ik_peer_starts": PEER_STARTS}
+    if peers and importlib.util.find_spec("pink") and importlib.util.find_spec("qpsolvers"):
+        solvers["pink_ik"] = (_Pink(model, starts), peer_poses)
+    elif peers:
+        figures["pink_ik"] = "not installed"
+    for name, (solve, count) in solvers.items():
+        tell(f"{name}: {count} poses")
+        figures |= _race(name, solve, wanted[:count], judge)
+    return figures
+
+
+def _race(name: str, solve: Solver, wanted: list[tuple[Side, Array]], judge: _Judge) -> dict[str, float]:
+    solve(*wanted[0])  # what is compiled or loaded on the first call is not counted
+    took, good = [], 0
+    for side, T in wanted:
+        start = time.thread_time()
+        q = solve(side, T)
+        took.append(1e3 * (time.thread_time() - start))
+        good += q is not None and judge.solved(side, q, T)
+    return {
+        f"{name}_success_rate": good / len(wanted),
+        f"{name}_ms_median": float(np.median(took)),
+        f"{name}_ms_p99": float(np.percentile(took, 99)),
+    }
+
+
+class _Judge:
+    """Pinocchio's forward map and the limits."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self.data = model.pin_model.createData()
+
+    def pose(self, side: Side, q: Array) -> Array:
+        both = np.array(self.model.q_park)
+        both[arm_slice(side)] = q
+        pin.framesForwardKinematics(self.model.pin_model, self.data, self.model.configuration(both))
+        T: Array = self.data.oMf[self.model.pin_model.getFrameId(self.model.tool_frame[side])].homogeneous
+        return T.copy()
+
+    def solved(self, side: Side, q: Array, T: Array) -> bool:
+        reached = self.pose(side, q)
+        cut = arm_slice(side)
+        lower, upper = self.model.planning.lower[cut], self.model.planning.upper[cut]
+        turn = np.arccos(np.clip((np.trace(reached[:3, :3].T @ T[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+        inside = np.all(q >= lower - 1e-9) and np.all(q <= upper + 1e-9)
+        return bool(inside and np.linalg.norm(reached[:3, 3] - T[:3, 3]) <= POSITION and turn <= ANGLE)
+
+
+def _pose(judge: _Judge, model: RobotModel, rng: np.random.Generator, side: Side) -> tuple[Side, Array]:
+    cut = arm_slice(side)
+    return side, judge.pose(side, rng.uniform(model.planning.lower[cut], model.planning.upper[cut]))
+
+
+def _starts(model: RobotModel, side: Side, rng: np.random.Generator) -> Array:
+    cut = arm_slice(side)
+    spread = rng.uniform(model.planning.lower[cut], model.planning.upper[cut], (STARTS, 7))
+    return np.vstack([model.park(side), spread])
+
+
+def _ours(model: RobotModel, starts: dict[Side, Array]) -> Solver:
+    def solve(side: Side, T: Array) -> Array | None:
+        found = (ik.solve_pose(model, side, T, q0, gain=0.02) for q0 in starts[side])
+        return next((q for q in found if q is not None), None)
+
+    return solve
+
+
+def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
+    """Trust-region least squares of the pose error with our Jacobian, from each start until one is good."""
+
+    def solve(side: Side, T: Array) -> Array | None:
+        chain, cut = model.chains[side], arm_slice(side)
+
+        def error(q: Array) -> Array:
+            here = ik.tool_pose(chain, q)
+            turn = pin.log3(T[:3, :3] @ here[:3, :3].T)
+            return np.concatenate([T[:3, 3] - here[:3, 3], turn])
+
+        bounds = (model.planning.lower[cut], model.planning.upper[cut])
+        for q0 in starts[side][:PEER_STARTS]:
+            end = least_squares(
+                error, np.clip(q0, *bounds), lambda q: -ik.jacobian(chain, q), bounds=bounds, method="trf",
+                max_nfev=100,
+            )  # fmt: skip
+            if np.linalg.norm(end.fun) < 1e-4:
+                return np.asarray(end.x)
+        return None
+
+    return solve
+
+
+class _PyBullet:
+    """`calculateInverseKinematics`, damped least squares, from each start until one is good and within the limits.
+
+    Its variant with limits and a rest pose solves fewer of these poses (7 % against this one's figure).
+    """
+
+    def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
+        self.model, self.starts = model, starts
+        self.client = pb.connect(pb.DIRECT)
+        with silenced():
+            self.body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, physicsClientId=self.client)
+        joints = joint_map(self.body, self.client)
+        self.arms = [joints[name] for name in JOINT_NAMES]
+        order = sorted(joints.values())
+        self.column = [order.index(j) for j in self.arms]
+        links = range(pb.getNumJoints(self.body, physicsClientId=self.client))
+        names = {pb.getJointInfo(self.body, i, physicsClientId=self.client)[12].decode(): i for i in links}
+        self.tool = {side: names[f"{side}_gripper"] for side in Side}
+
+    def __call__(self, side: Side, T: Array) -> Array | None:
+        cut = arm_slice(side)
+        quaternion = pin.Quaternion(T[:3, :3]).coeffs()
+        for q0 in self.starts[side][:PEER_STARTS]:
+            both = np.array(self.model.q_park)
+            both[cut] = q0
+            for joint, value in zip(self.arms, both, strict=True):
+                pb.resetJointState(self.body, joint, value, physicsClientId=self.client)
+            found = pb.calculateInverseKinematics(
+                self.body, self.tool[side], T[:3, 3].tolist(), quaternion.tolist(), maxNumIterations=200,
+                residualThreshold=1e-5, physicsClientId=self.client,
+            )  # fmt: skip
+            q = np.array(found)[self.column][cut]
+            if self._reached(side, q, T):
+                return q
+        return None
+
+    def _reached(self, side: Side, q: Array, T: Array) -> bool:
+        cut = arm_slice(side)
+        if np.any(q < self.model.planning.lower[cut]) or np.any(q > self.model.planning.upper[cut]):
+            return False
+        here = ik.tool_pose(self.model.chains[side], q)
+        return bool(
+            np.linalg.norm(here[:3, 3] - T[:3, 3]) <= POSITION
+            and np.trace(here[:3, :3].T @ T[:3, :3]) >= 1.0 + 2.0 * np.cos(ANGLE)
+        )
+
+
+class _Pink:
+    """Pink's differential inverse kinematics, iterated, from each start until one is good."""
+
+    def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
+        import pink
+        import qpsolvers
+
+        self.pink, self.model, self.starts = pink, model, starts
+        self.solver = "daqp" if "daqp" in qpsolvers.available_solvers else qpsolvers.available_solvers[0]
+        self.tasks = {side: pink.FrameTask(model.tool_frame[side], 1.0, 1.0) for side in Side}
+
+    def __call__(self, side: Side, T: Array) -> Array | None:
+        pink, cut, task = self.pink, arm_slice(side), self.tasks[side]
+        task.set_target(pin.SE3(T))
+        pm = self.model.pin_model
+        for q0 in self.starts[side][:PEER_STARTS]:
+            both = np.array(self.model.q_park)
+            both[cut] = q0
+            configuration = pink.Configuration(pm, pm.createData(), self.model.configuration(both))
+            for q in self._iterates(configuration, task):
+                arm = q[self.model.joint_index.astype(np.intp)][cut]
+                if np.linalg.norm(task.compute_error(configuration)) < 1e-4:
+                    return np.asarray(arm)
+        return None
+
+    def _iterates(self, configuration: Any, task: Any) -> Iterator[Array]:
+        for _ in range(60):
+            try:
+                velocity = self.pink.solve_ik(configuration, [task], 1.0, solver=self.solver)
+            except Exception:  # a quadratic program without a solution ends this start
+                return
+            configuration.integrate_inplace(velocity, 1.0)
+            yield configuration.q

@@ -1,0 +1,58 @@
+"""What the arms are asked for: every fold of every shipped garment, at poses drawn from its file's own range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.garments import list_garments, load_garment
+from robots.ports import Side
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.bezier import two_parameter_controls
+from skills.trajectory.frame import frames_of
+from skills.trajectory.optimise import PLAIN_H
+from skills.trajectory.paths import fold_duration, tool_paths
+from skills.vocabulary import FoldStep, GraspTrajectory, ToolPath
+
+__all__ = ["Task", "tasks"]
+
+MAX_HEIGHT = 0.40
+"""Of an arc over the table [m], as the optimiser has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One fold of one garment at one pose, with the tool paths of its plain arc."""
+
+    garment: Garment
+    pose: tuple[float, float, float]
+    step: FoldStep
+    paths: Mapping[Side, ToolPath]
+
+    @property
+    def name(self) -> str:
+        return f"{self.garment.name}/{self.step.name}"
+
+
+def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Task]:
+    """All folds of all shipped garments at `poses` poses each; the same for the same seed."""
+    for number, name in enumerate(list_garments()):
+        garment = load_garment(name, surface)
+        rng = np.random.default_rng([seed, number])
+        for _ in range(poses):
+            pose = garment.poses.sample(rng)
+            for step in plan_folds(garment.flat_state(*pose), garment).unwrap():
+                yield Task(garment, pose, step, plain_paths(step, garment))
+
+
+def plain_paths(step: FoldStep, garment: Garment) -> dict[Side, ToolPath]:
+    """The tool paths of the arc that a search over arcs starts from, at the speed that the cloth bears."""
+    frames = frames_of(step, garment.material.thickness)
+    height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
+    controls = {side: two_parameter_controls(f.start, f.end, height, 0.0) for side, f in frames.items()}
+    duration = fold_duration(controls, garment.max_tool_speed)
+    trajectory = GraspTrajectory(controls, duration, "plain", 0.0, 0.0)
+    return tool_paths(trajectory, step, garment.max_tool_speed)

@@ -1,0 +1,81 @@
+"""Questions without an answer, told apart from folds that cannot be made: no number, no rising time, no range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, Side
+from skills.vocabulary import ToolPath
+
+__all__ = ["senseless_goal", "senseless_height", "senseless_paths", "senseless_state"]
+
+
+def senseless_state(model: RobotModel, q: Array) -> Failure | None:
+    """STALE_STATE when q is no joint vector of numbers: the arms' state is not known."""
+    if np.shape(q) == (14,) and np.all(np.isfinite(q)):
+        return None
+    return Failure(
+        FailureKind.STALE_STATE,
+        f"the arms' state is no vector of 14 numbers{_which(model, q)}",
+        "check the joint encoders and the connection to the robot",
+        {"shape": list(np.shape(q))},
+    )
+
+
+def senseless_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
+    """LIMIT_EXCEEDED when q is no joint vector, or further outside the planning range than the arms are anyway."""
+    if np.shape(q) != (14,) or not np.all(np.isfinite(q)):
+        return Failure(
+            FailureKind.LIMIT_EXCEEDED,
+            f"the goal is no vector of 14 numbers{_which(model, q)}",
+            "report this: a bug",
+        )
+    lower, upper = np.minimum(model.planning.lower, q_now), np.maximum(model.planning.upper, q_now)
+    over = np.maximum(lower - q, q - upper)
+    joint = int(over.argmax())
+    if over[joint] <= 1e-6:
+        return None
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED,
+        f"the goal has {model.joint_names[joint]} {over[joint]:.3f} rad outside its range",
+        "choose a goal within the joints' ranges",
+        {"joint": model.joint_names[joint], "over_rad": float(over[joint])},
+    )
+
+
+def senseless_paths(paths: Mapping[Side, ToolPath]) -> Failure | None:
+    """UNREACHABLE when a tool path has values that are no numbers, or times that do not rise."""
+    for side, path in paths.items():
+        fields = (path.t, path.position, path.heading, path.pitch, path.roll)
+        if not all(np.all(np.isfinite(a)) for a in fields):
+            what = "has values that are not numbers"
+        elif len(path.t) < 2 or np.diff(path.t).min() <= 0.0:
+            what = "has times that do not rise"
+        else:
+            continue
+        return Failure(
+            FailureKind.UNREACHABLE,
+            f"the tool path of the {side} grasp {what}",
+            "look again at the garment; report this if it repeats",
+            {"side": str(side)},
+        )
+    return None
+
+
+def senseless_height(height: float) -> Failure | None:
+    """LIMIT_EXCEEDED when a way up is no number or goes down."""
+    if np.isfinite(height) and height >= 0.0:
+        return None
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED, f"a hand cannot go straight up by {height} m", "give a height of 0 or more"
+    )
+
+
+def _which(model: RobotModel, q: Array) -> str:
+    if np.shape(q) != (14,):
+        return f" (its shape is {np.shape(q)})"
+    return f" ({model.joint_names[int(np.flatnonzero(~np.isfinite(q))[0])]} is {q[~np.isfinite(q)][0]})"

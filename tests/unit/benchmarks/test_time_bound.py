@@ -1,0 +1,54 @@
+"""The benchmark's own yardstick: least times that can be worked out by hand, and bounds that hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.motion.bound import time_bound
+from benchmarks.motion.folds import hermite, peak_shares
+from robots.baxter.model import load_model
+from skills.motion.timing import free_motion, time_path
+
+LIMITS = load_model().planning
+
+
+@pytest.mark.parametrize("distance", [0.3, 1.5])
+def test_one_joint_on_a_straight_line_takes_the_closed_form(distance: float) -> None:
+    """Bang-bang, with a level top where the speed limit is reached: D / v + v / a, or 2 sqrt(D / a)."""
+    goal = np.zeros(14)
+    goal[0] = distance
+    v, a = LIMITS.velocity[0], LIMITS.acceleration[0]
+    exact = distance / v + v / a if distance > v**2 / a else 2.0 * np.sqrt(distance / a)
+    bound = time_bound(np.linspace(0.0, 1.0, 60)[:, None] * goal, LIMITS)
+    assert bound.lower == pytest.approx(exact, rel=2e-3) and bound.lower <= bound.upper + 1e-9
+
+
+def test_a_cap_on_the_tools_speed_is_part_of_it() -> None:
+    goal = np.full(14, 0.05)
+    length = np.linspace(0.0, 1.0, 60)[:, None]
+    bound = time_bound(length * goal, LIMITS, lengths=length, speed=0.1)
+    assert bound.lower == pytest.approx(10.0, rel=0.02)
+
+
+def test_no_timed_motion_beats_it() -> None:
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 1.0, 60)[:, None]
+    for _ in range(5):
+        path = 0.5 * sum(
+            rng.normal(0, 1, 14) * np.sin(w * np.pi * x + rng.uniform(0, 6.28, 14)) for w in (1.0, 2.0)
+        )
+        bound = time_bound(path, LIMITS)
+        assert bound.gap < 0.01
+        assert time_path(path, LIMITS).duration > bound.lower
+
+
+def test_shares_are_of_what_the_arms_are_sent() -> None:
+    rng = np.random.default_rng(4)
+    motion = free_motion(*(rng.uniform(LIMITS.lower, LIMITS.upper) for _ in range(2)), LIMITS)
+    t = rng.uniform(0.0, motion.duration, 50)
+    q, qd, *_ = hermite(motion, t)
+    for k, ti in enumerate(t):
+        assert q[k] == pytest.approx(motion.at(float(ti))[0], abs=1e-12)
+        assert qd[k] == pytest.approx(motion.at(float(ti))[1], abs=1e-12)
+    assert 0.9 < max(peak_shares(motion, LIMITS)) <= 1.0

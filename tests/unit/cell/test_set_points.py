@@ -1,0 +1,61 @@
+"""Where one motion ends the next begins: set-points never jump by what the arms' reading is off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell import hands
+from cell.execution import ExecutionLimits, PathControl, Sent, faded, stream, wait
+from cell.hands import each_hand
+from robots.ports import ArmTrajectory, Side
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+OFF = 0.008
+"""What the reading differs from the last set-point by [rad]."""
+MOST = 6.0 * OFF / 0.25**2
+"""Peak acceleration of a minimum-jerk move over OFF in 0.25 s is 5.77 OFF / 0.25^2 [rad/s2]."""
+
+
+def accelerations(cell: FakeCell) -> np.ndarray:
+    q = np.array([cell.commands[0][1] * 0 + OFF, *(q for _, q in cell.commands)])
+    return np.diff(q, n=2, axis=0) / 0.01**2
+
+
+def standing(seconds: float = 0.5) -> ArmTrajectory:
+    t = np.linspace(0.0, seconds, 51)
+    zero = np.zeros((51, 14))
+    return ArmTrajectory(t, zero, zero, zero)
+
+
+def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
+    share = np.array([faded(k) for k in range(40)])
+    assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
+
+
+@pytest.mark.parametrize("kind", ["stream", "wait", "hands"])
+def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, sent = FakeCell(), Sent(np.full(14, OFF))
+    if kind == "stream":
+        control = PathControl(None, None, None, sent=sent)
+        assert stream(cell.ports(), standing(), ExecutionLimits(), control=control).ok
+    elif kind == "wait":
+        assert wait(cell.ports(), 0.5, sent=sent) is None
+    else:
+        monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
+        work = fake_workcell(cell, sent=sent)
+        ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(now) if now >= 0.5 else state)
+        assert ended.ok
+    assert cell.commands[0][1] == pytest.approx(OFF, abs=1e-6)
+    assert cell.commands[-1][1] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(accelerations(cell)).max() <= MOST
+    assert sent.q == pytest.approx(cell.commands[-1][1])
+
+
+def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:
+    """Somebody jogged the arms: they begin where they stand."""
+    cell = FakeCell()
+    wait(cell.ports(), 0.1, sent=Sent(np.full(14, 0.3)))
+    assert np.abs(cell.commands[0][1]).max() == 0.0

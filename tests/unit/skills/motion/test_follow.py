@@ -1,0 +1,42 @@
+"""A set-point that follows a goal: within its bounds whatever the goal does, and on it in the end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skills.motion.follow import Follower, follow
+
+DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
+
+
+def followed(goals: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    state, way = Follower(0.0), []
+    for goal, speed in zip(goals, speeds, strict=True):
+        state = follow(state, float(goal), float(speed), DT, speed=SPEED, acceleration=ACCELERATION, jerk=JERK)
+        way.append((state.position, state.velocity, state.acceleration))
+    return np.array(way)
+
+
+def test_a_goal_that_jumps_is_reached_without_a_jump() -> None:
+    rng = np.random.default_rng(0)
+    goals = np.repeat(rng.uniform(-0.01, 0.01, 12), 60)
+    x, v, a = followed(goals, np.zeros(len(goals))).T
+    assert np.abs(a).max() <= ACCELERATION + 1e-9 and np.abs(np.diff(a)).max() <= JERK * DT + 1e-9
+    assert np.abs(np.diff(x) / DT - (v[1:] + v[:-1]) / 2).max() < 1e-3
+    assert x[59::60] == pytest.approx(goals[59::60], abs=1e-6)
+
+
+def test_a_goal_that_moves_evenly_is_followed_a_tick_behind() -> None:
+    t = DT * np.arange(1, 200)
+    x, v, _ = followed(0.05 * t, np.full(len(t), 0.05)).T
+    assert x[-1] == pytest.approx(0.05 * t[-1], abs=0.05 * DT) and v[-1] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_goal_that_stops_is_overrun_by_little() -> None:
+    """From v the least overrun under the jerk limit alone is about sqrt(v^3 / j)."""
+    t = DT * np.arange(1, 200)
+    goal = np.minimum(0.02 * t, 0.02)
+    x, _, _ = followed(goal, np.where(t < 1.0, 0.02, 0.0)).T
+    assert x.max() - 0.02 < 1.5 * np.sqrt(0.02**3 / JERK)
+    assert x[-1] == pytest.approx(0.02, abs=1e-6)
