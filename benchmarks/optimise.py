@@ -3,9 +3,9 @@
     foldcell bench optimise [--quick] [--peers] [--json]
 
 What is optimised on the optimiser's mesh is judged on a finer one, by the median of D over arcs whose inner
-control points were moved by half a millimetre: neither the luck of the draw nor the mesh's own habits count. D is the
-paper's, three-dimensional and unaligned. Beside it stand D of the paper's initial arc, at the same grasp, mesh and
-duration, and D_relax, the ideal fold left to settle. Earlier steps are ideal and settled.
+control points were moved by half a millimetre: neither the luck of the draw nor the mesh's own habits count. D is
+the paper's, three-dimensional and unaligned. Beside it stand D of the paper's initial arc, at the same grasp, mesh
+and duration, and D_relax, the ideal fold left to settle. Earlier steps are ideal and settled.
 
 --quick: towels' first folds on a small budget. --peers: the paper's method too (it takes as long as all others).
 """

@@ -106,6 +106,7 @@ def build_parser() -> argparse.ArgumentParser:
         _perceive,
         _optimise,
         _library,
+        _calibrate,
         _garment,
         _runs,
         _report,
@@ -214,6 +215,9 @@ def _perceive(commands: Commands) -> None:
     parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
     parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the overlay (IMAGE-perceived.png)")
+    parser.add_argument(
+        "--unit", choices=["m", "px"], default="m", help="px: seen from above by an unknown camera (m)"
+    )
     _cell_option(parser)
     _json_option(parser)
 
@@ -246,6 +250,77 @@ def _library(commands: Commands) -> None:
         _cell_option(action)
         _logs_option(action)
         _json_option(action)
+
+
+def _calibrate(commands: Commands) -> None:
+    parser = _add(
+        commands, "calibrate", "calibrate_cell", "measure what the cell has to know, and write it to a file"
+    )
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+
+    def add(name: str, module: str, about: str) -> argparse.ArgumentParser:
+        action = _add(actions, name, module, about)
+        action.set_defaults(action=name)
+        action.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the simulated cell (0)")
+        action.add_argument("--output", type=Path, metavar="FILE", help="where to write (in the run's folder)")
+        _cell_option(action)
+        _logs_option(action)
+        _json_option(action)
+        return action
+
+    def of_cell(name: str, about: str) -> argparse.ArgumentParser:
+        action = add(name, "calibrate_cell", about)
+        action.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
+        action.add_argument(
+            "--realtime", action="store_true", help="simulated time passes no faster than the clock"
+        )
+        return action
+
+    table = of_cell("table", "the table's height, touched off by both hands")
+    table.add_argument("--points", type=_count, default=8, metavar="N", help="where it is touched, 3 to 10 (8)")
+    camera = of_cell("camera", "the camera's focal lengths and centre, from views of the calibration board")
+    camera.add_argument("--views", type=_count, default=20, metavar="N", help="pictures that show the board (20)")
+    eye = of_cell("hand-eye", "where the camera hangs, from views of the calibration board in each hand")
+    eye.add_argument(
+        "--views", type=_count, default=12, metavar="N", help="pictures with the board in each hand (12)"
+    )
+    of_cell("tactile", "the fingers' noise, drift and thresholds")
+    _calibrate_material(actions)
+
+
+def _calibrate_material(actions: Commands) -> None:
+    """What an operator measures of a fabric. The garment file that comes of it names where each value is from."""
+
+    def add(name: str, about: str) -> argparse.ArgumentParser:
+        action = _add(actions, name, "calibrate_material", about)
+        action.set_defaults(action=name)
+        _cell_option(action)
+        _logs_option(action)
+        _json_option(action)
+        return action
+
+    for name, about, lengths in (
+        ("shear", "a garment's stretch, from its length hung and laid", (
+            ("--l1", "of the hung garment, from the clip to the lowest point"),
+            ("--l2", "of the same two points on the laid garment, spread"))),
+        ("friction", "a garment's friction with the table, from the slope on which it slides", (
+            ("--height", "by which one side of the table is lifted when the garment begins to slide"),
+            ("--length", "of the table"))),
+        ("bending", "a fabric's bending length, from a strip that hangs over an edge (ASTM D1388)", (
+            ("--overhang", "at which the strip's tip touches the plane of 41.5 degrees"),)),
+    ):  # fmt: skip
+        action = add(name, about)
+        action.add_argument("garment", metavar="GARMENT", help="name or file")
+        for option, help_text in lengths:
+            action.add_argument(option, type=float, required=True, metavar="M", help=f"metres {help_text}")
+        if name == "shear":
+            action.add_argument("--held", metavar="KEYPOINT", help="by which it hung (an end of its longest line)")
+        action.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (among the logs)")
+        action.add_argument("--replace", action="store_true", help="write over a file that exists")
+    paper = add("paper", "the paper's table of garments, calibrated here and printed beside the paper's")
+    paper.add_argument("garments", nargs="*", metavar="GARMENT", help="names (all seven)")
+    paper.add_argument("--output", type=Path, metavar="DIR", help="write their garment files, calibrated, there")
+    paper.add_argument("--replace", action="store_true", help="write over files that exist")
 
 
 def _garment(commands: Commands) -> None:
@@ -294,7 +369,9 @@ def _replay(commands: Commands) -> None:
 
 def _bench(commands: Commands) -> None:
     parser = _add(commands, "bench", "bench", "measure a part of the program beside its peers")
-    parser.add_argument("name", choices=["motion"], metavar="NAME", help="%(choices)s")
+    parser.add_argument(
+        "name", choices=["cloth", "motion", "optimise", "perception"], metavar="NAME", help="%(choices)s"
+    )
     parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
     parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
     _json_option(parser)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -76,6 +77,9 @@ class TableConfig(_Group):
     )
     x: tuple[_Edge, _Edge] = _span("[near, far]", "near and far edge in the table frame")
     y: tuple[_Edge, _Edge] = _span("[right, left]", "right and left edge in the table frame")
+    calibration: Path | None = Field(
+        description="a table calibration file, relative to this file: its height replaces the one above"
+    )
 
     @model_validator(mode="after")
     def _extent(self) -> Self:
@@ -141,12 +145,19 @@ class GraspConfig(_Group):
     grip_force: float = _number(1.0, 60.0, "N", "squeeze of the pads")
     held_force: float = _number(0.05, 20.0, "N", "least mean force on each pad of a grasp that holds")
     lift_height: float = _number(0.005, 0.15, "m", "how high a grasp is lifted to be confirmed")
+    calibration: Path | None = Field(
+        description="a tactile calibration file, relative to this file: its thresholds replace those above"
+    )
 
     def settings(self) -> GraspSettings:
         """As the skill takes them; what stands in no file keeps the skill's defaults."""
+        from cell.calibration_file import load_tactile_thresholds
         from skills.grasping.settings import GraspSettings
 
-        return GraspSettings(**self.model_dump(exclude={"lift_height"}))
+        values = self.model_dump(exclude={"lift_height", "calibration"})
+        if self.calibration is not None:
+            values |= load_tactile_thresholds(self.calibration)
+        return GraspSettings(**values)
 
 
 class InspectionConfig(_Group):
@@ -226,8 +237,22 @@ class CellSettings(_Group):
 
     @property
     def table(self) -> Table:
-        """The table as the skills know it."""
+        """The table as the skills know it: at its calibrated height where a file is named."""
+        if self.table_.calibration is None:
+            return self.drawn_table
+        from cell.calibration_file import load_table_height
+
+        return Table(load_table_height(self.table_.calibration), self.table_.x, self.table_.y)
+
+    @property
+    def drawn_table(self) -> Table:
+        """The table as this file states it, calibrated or not."""
         return Table(self.table_.height, self.table_.x, self.table_.y)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether any calibration file is named."""
+        return any(group.calibration is not None for group in (self.table_, self.camera, self.grasp))
 
     def as_yaml(self) -> str:
         """The exact settings as a `cell.yaml`, to be kept with a run."""
@@ -266,16 +291,25 @@ def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
     def absolute(name: Path | None) -> Path | None:
         return name and (folder / name.expanduser()).resolve()
 
-    camera = settings.camera.model_copy(update={"calibration": absolute(settings.camera.calibration)})
-    return settings.model_copy(update={"camera": camera})
+    groups = {name: getattr(settings, name) for name in ("table_", "camera", "grasp")}
+    return settings.model_copy(
+        update={n: g.model_copy(update={"calibration": absolute(g.calibration)}) for n, g in groups.items()}
+    )
 
 
 def _check_files(settings: CellSettings, where: Any) -> None:
-    from cell.calibration_file import load_camera_calibration
+    from cell.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
 
-    if settings.camera.calibration is not None:
+    files: dict[str, tuple[Path | None, Callable[[Path], object]]] = {
+        "table": (settings.table_.calibration, load_table_height),
+        "camera": (settings.camera.calibration, load_camera_calibration),
+        "grasp": (settings.grasp.calibration, load_tactile_thresholds),
+    }
+    for group, (path, load) in files.items():
+        if path is None:
+            continue
         try:
-            load_camera_calibration(settings.camera.calibration)
+            load(path)
         except ConfigurationError as e:
-            key = ("camera", "calibration")
-            raise ConfigurationError(f"{where(key)}: camera.calibration: {e.what}", e.hint, **e.values) from e
+            key = (group, "calibration")
+            raise ConfigurationError(f"{where(key)}: {group}.calibration: {e.what}", e.hint, **e.values) from e

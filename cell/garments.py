@@ -16,9 +16,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.vocabulary import Material, frozen
+from skills.vocabulary import REFERENCE_DROP, Material, frozen
 
-__all__ = ["AVERAGE", "DEFAULT_SURFACE", "list_garments", "load_garment", "shipped_garment_path"]
+__all__ = ["AVERAGE", "DEFAULT_SURFACE", "garment_path", "list_garments", "load_garment", "shipped_garment_path"]
 
 DEFAULT_SURFACE = "bare_table"
 
@@ -50,7 +50,7 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
 
     Raises ConfigurationError, which names the file, the key, the value and what is allowed.
     """
-    path = _find(name_or_path)
+    path = garment_path(name_or_path)
     data = _read(path)
     try:
         file = _GarmentFile.model_validate(data)
@@ -59,7 +59,9 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
     return _garment(path, file, surface)
 
 
-def _find(name_or_path: str | Path) -> Path:
+def garment_path(name_or_path: str | Path) -> Path:
+    """The file of a garment given by its shipped name or by a path. Raises ConfigurationError for a name that
+    nothing has."""
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
         return Path(text)
@@ -135,12 +137,14 @@ class _Step(_Strict):
 
 class _MaterialFile(_Strict):
     stretch_fraction: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
+    hang_drop: Annotated[float, Field(ge=0.1, le=20)] = REFERENCE_DROP
     friction_angle_deg: dict[Name, Annotated[float, Field(ge=2, le=60)]] | None = None
     areal_mass: Annotated[float, Field(ge=0.03, le=2.0)] | None = None
     bending_length: Annotated[float, Field(ge=0.003, le=0.1)] | None = None
     thickness: Annotated[float, Field(ge=0.0001, le=0.01)] | None = None
     friction_dynamic_ratio: Annotated[float, Field(ge=0.3, le=1.0)] | None = None
     friction_layers: Annotated[float, Field(ge=0.05, le=2.0)] | None = None
+    measured: dict[Name, str] = {}
     assumed: list[
         Literal[
             "areal_mass", "stretch_fraction", "bending_length", "thickness", "friction_static",
@@ -291,7 +295,8 @@ def _material(path: Path, file: _MaterialFile, surface: str) -> Material:
     mu = math.tan(math.radians(angle))
     return Material(
         areal_mass=given("areal_mass"),
-        stretch_fraction=given("stretch_fraction"),
+        # of the garment hung by a clip -> of a strip of its fabric (calibration/shear.py)
+        stretch_fraction=given("stretch_fraction") * REFERENCE_DROP / file.hang_drop,
         bending_length=given("bending_length"),
         thickness=given("thickness"),
         friction_static=mu,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +26,7 @@ from cell.commands import CommandQueue
 from cell.context import Context
 from cell.effects import EFFECTS
 from cell.garments import load_garment
+from cell.interrupts import stop_on_signals
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
 from cell.observers import RecorderObserver, Remark, Remarks
@@ -110,7 +110,11 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
     if not request.quiet:
         observers.append(ProgressLines(sys.stdout))
     try:
-        with _opened(request) as ports, ThreadPoolExecutor(1, "skill") as workers, _signals(ports) as received:
+        with (
+            _opened(request) as ports,
+            ThreadPoolExecutor(1, "skill") as workers,
+            stop_on_signals(ports) as received,
+        ):
             cell = assemble(request, robot, ports, recorder, commands, workers, _teller(request))
             witness = _witness(request, ports, recorder)
             if request.approve:
@@ -154,9 +158,10 @@ def _opened(request: FoldRequest) -> Iterator[Ports]:
         SimulationSettings(
             garment=request.garment,
             surface=settings.surface,
-            table=settings.table,
+            table=settings.drawn_table,
             realtime=request.realtime,
             world=request.world,
+            as_built=settings.calibrated,
         ),
         request.seed,
     )
@@ -164,26 +169,6 @@ def _opened(request: FoldRequest) -> Iterator[Ports]:
         yield ports
     finally:
         close_cell(ports)
-
-
-@contextmanager
-def _signals(ports: Ports) -> Iterator[list[int]]:
-    """SIGINT and SIGTERM trigger the stop. Off the main thread nothing is installed."""
-    received: list[int] = []
-
-    def stop(number: int, _: Any) -> None:
-        received.append(number)
-        ports.stop.trigger(signal.Signals(number).name)
-
-    try:
-        before = {n: signal.signal(n, stop) for n in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:
-        before = {}
-    try:
-        yield received
-    finally:
-        for n, handler in before.items():
-            signal.signal(n, handler)
 
 
 def _teller(request: FoldRequest) -> Callable[[str], None]:

@@ -34,6 +34,7 @@ __all__ = [
     "Arms",
     "Array",
     "Attendant",
+    "BoardPlace",
     "Camera",
     "CameraFrame",
     "Clock",
@@ -271,11 +272,23 @@ class Stop(Protocol):
         """Leave the stop. Only ever called for an operator; the arms stay disabled until `enable`."""
 
 
+class BoardPlace(StrEnum):
+    """Where the calibration board is."""
+
+    AWAY = "away"
+    SHOWN = "shown"  # held before the camera
+    LEFT_HAND = "left_hand"  # between the left gripper's pads
+    RIGHT_HAND = "right_hand"
+
+
 class Attendant(Protocol):
     """The person at the cell, for what the robot cannot do itself."""
 
     def lay_garment(self) -> None:
         """Ask for the garment to be laid flat on the empty table; returns when it lies there."""
+
+    def bring_board(self, place: BoardPlace) -> None:
+        """Ask for the calibration board; returns when it is there. SHOWN again means: in another pose."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from robots.errors import Failure, FailureKind
 from robots.ports import Array, CameraFrame, Intrinsics, Side, frozen
 
 __all__ = [
+    "REFERENCE_DROP",
     "Array",
     "CameraCalibration",
     "CameraFrame",
@@ -91,12 +92,17 @@ class CameraCalibration:
     head_pan: float = 0.0
 
 
+REFERENCE_DROP = 0.6
+"""[m] length of the hanging strip by which a fabric's stretch is stated."""
+
+
 @dataclass(frozen=True)
 class Material:
     """A fabric by what a lab can measure; friction belongs to garment and surface together.
 
-    areal_mass [kg/m2]; stretch_fraction: elongation of the hung garment, (L1 - L2) / L2 (the paper's
-    shear_frac); bending_length: Peirce's cantilever bending length [m]; thickness of one layer [m];
+    areal_mass [kg/m2]; stretch_fraction: elongation of a strip, REFERENCE_DROP long, that hangs by its end (the
+    paper's shear_frac is of the garment hung by a point: calibration/shear.py); bending_length: Peirce's
+    cantilever bending length [m]; thickness of one layer [m];
     friction coefficients with the table and between layers (Coulomb).
     """
 

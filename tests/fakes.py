@@ -13,6 +13,7 @@ import numpy as np
 from robots.errors import DriverError, FailureKind
 from robots.ports import (
     Array,
+    BoardPlace,
     CameraFrame,
     GripperState,
     Intrinsics,
@@ -152,3 +153,5 @@ class _Stop:
 
 class _Attendant:
     def lay_garment(self) -> None: ...
+
+    def bring_board(self, place: BoardPlace) -> None: ...

@@ -15,12 +15,12 @@ from skills.perception.perceive import perceive
 from skills.perception.refine import refine_calibration
 from skills.vocabulary import Outcome
 
-__all__ = ["await_garment", "look", "photograph_table", "recognise"]
+__all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
 HEAD_TOLERANCE = 0.01  # [rad]: a turned head moves the picture by 10 mm on the table
 
 
-def _capture(cell: Workcell) -> Outcome[CameraFrame]:
+def capture(cell: Workcell) -> Outcome[CameraFrame]:
     """A picture, if the head stands where the camera was calibrated."""
     pan = cell.ports.arms.state().head_pan
     if abs(pan - cell.calibration.head_pan) > HEAD_TOLERANCE:
@@ -41,7 +41,7 @@ def photograph_table(cell: Workcell, context: Context) -> Result:
     """The empty table, against which the garment is told from it."""
     if cell.settings.camera.reference == "none":
         return Result(Event.DONE, context)
-    shot = _capture(cell)
+    shot = capture(cell)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     frame = shot.unwrap()
@@ -59,7 +59,7 @@ def await_garment(cell: Workcell, context: Context) -> Result:
 
 
 def look(cell: Workcell, context: Context) -> Result:
-    shot = _capture(cell)
+    shot = capture(cell)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=context.frame))

@@ -14,6 +14,8 @@ from robots.errors import InternalError
 
 __all__ = [
     "AttendantNoise",
+    "BoardNoise",
+    "BuildNoise",
     "CameraNoise",
     "GarmentNoise",
     "GripperNoise",
@@ -129,6 +131,22 @@ class AttendantNoise:
 
 
 @dataclass(frozen=True)
+class BuildNoise:
+    table_height: float
+    focal: float
+    centre: float
+
+
+@dataclass(frozen=True)
+class BoardNoise:
+    print_scale: float
+    shown_distance: Range
+    shown_tilt: float
+    held_position: float
+    held_angle: float
+
+
+@dataclass(frozen=True)
 class NoiseTable:
     """Units and sources of every figure stand in noise.yaml."""
 
@@ -138,6 +156,8 @@ class NoiseTable:
     camera: CameraNoise
     garment: GarmentNoise
     attendant: AttendantNoise
+    build: BuildNoise
+    board: BoardNoise
 
 
 @lru_cache(maxsize=1)

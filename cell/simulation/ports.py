@@ -10,6 +10,7 @@ from cell.simulation import _registry
 from robots.baxter.pybullet_body import MAX_OPENING
 from robots.ports import (
     Array,
+    BoardPlace,
     CameraFrame,
     GripperState,
     JointSetpoint,
@@ -122,6 +123,9 @@ class _Attendant(_Port):
 
     def lay_garment(self) -> None:
         _registry.world(self._cell).lay_garment()
+
+    def bring_board(self, place: BoardPlace) -> None:
+        _registry.world(self._cell).bring_board(place)
 
 
 def ports_of(cell: int, command_timeout: float) -> Ports:

@@ -23,6 +23,7 @@ class SimulationSettings:
 
     fabric: 'contrast' with the table or the 'table_hue' itself. robot_noise, camera_noise, garment_noise:
     off for tests that want an ideal cell. render: without it the camera reports a fault when asked.
+    as_built: the table's height and the camera's lens depart from what is drawn, and there is a calibration board.
     q_start: (14,) where the arms stand at the start, None for the robot's park configuration.
     """
 
@@ -36,6 +37,7 @@ class SimulationSettings:
     camera_noise: bool = True
     garment_noise: bool = True
     render: bool = True
+    as_built: bool = False
     q_start: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.faults import Fault
-from robots.ports import Side
+from robots.ports import Intrinsics, Side
 from skills.vocabulary import Array, Material
 
 __all__ = ["GarmentTruth", "Truth"]
@@ -41,7 +41,8 @@ class GarmentTruth:
 @dataclass(frozen=True, eq=False)
 class Truth:
     """garment: None while none was laid. tools: where each tool centre point is (3,), table frame. held: whether
-    a hand has cloth. faults: (cell time, fault) of those that happened. T_table_camera: (4, 4)."""
+    a hand has cloth. faults: (cell time, fault) of those that happened. T_table_camera: (4, 4). table_height: of
+    the top in the base frame [m]. intrinsics: of the camera's lens."""
 
     stamp: float
     garment: GarmentTruth | None
@@ -49,3 +50,5 @@ class Truth:
     held: Mapping[Side, bool]
     faults: tuple[tuple[float, Fault], ...]
     T_table_camera: Array
+    table_height: float
+    intrinsics: Intrinsics

@@ -17,6 +17,7 @@ import numpy as np
 
 from cell.garments import list_garments, load_garment
 from cell.simulation import contact
+from cell.simulation.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera import Renderer, SimulatedCamera
 from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.faults import FaultBoard, FaultKind
@@ -33,7 +34,7 @@ from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
 from robots.baxter.pybullet_body import BaxterBody, pb
 from robots.baxter.pybullet_files import seen_urdf
 from robots.errors import DriverError, FailureKind
-from robots.ports import Array, CameraFrame, Side, frozen
+from robots.ports import Array, BoardPlace, CameraFrame, Side, frozen
 from skills.garments.garment import Garment
 
 __all__ = ["STEP_RATE", "World"]
@@ -55,6 +56,8 @@ SQUEEZE = 2e-4
 LIFTED = 0.05
 """A garment is being folded once a hand holds it this high [m]."""
 TABLE_THICKNESS = 0.03
+STREAMS = ("robot", "garment", "hands", "camera", "look", "build", "board")
+"""Each part of the world draws from a generator of its own. A new one goes to the end: the others stay."""
 
 
 class _Hand:
@@ -73,15 +76,18 @@ class World:
     """Everything behind the ports. One thread, except for the robot's `trigger_stop`."""
 
     def __init__(self, settings: SimulationSettings, seed: int) -> None:
-        self.settings = settings
         self._noise: NoiseTable = load_noise()
         rng = {
             name: np.random.default_rng(child)
-            for name, child in zip(
-                ("robot", "garment", "hands", "camera", "look"), np.random.SeedSequence(seed).spawn(5), strict=True
-            )
+            for name, child in zip(STREAMS, np.random.SeedSequence(seed).spawn(len(STREAMS)), strict=True)
         }
         noise = self._noise
+        self._lens, self._board = INTRINSICS, None
+        if settings.as_built:
+            settings = replace(settings, table=built_table(settings.table, noise.build, rng["build"]))
+            self._lens = built_lens(INTRINSICS, noise.build, rng["build"])
+            self._board = WorldBoard(noise.board, rng["board"])
+        self.settings = settings
         nominal = _choose(settings, rng["garment"])
         self.garment = WorldGarment(nominal, noise.garment, rng["garment"], ideal=not settings.garment_noise)
         self.faults = FaultBoard()
@@ -149,10 +155,12 @@ class World:
             garment_texture=fabric_texture(rng, settings.fabric, settings.surface),
             width=INTRINSICS.width,
             height=INTRINSICS.height,
-            focal=(INTRINSICS.fx, INTRINSICS.fy),
+            focal=(self._lens.fx, self._lens.fy),
+            centre=(self._lens.cx, self._lens.cy),
             light=light,
             ambient=float(rng.uniform(0.52, 0.62)),
             diffuse=float(rng.uniform(0.32, 0.42)),
+            board=(self._board.picture, self._board.size) if self._board else None,
         )
 
     def _build_camera(self, seed: int) -> SimulatedCamera | None:
@@ -335,6 +343,13 @@ class World:
             self.garment.lay()
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
+    def bring_board(self, place: BoardPlace) -> None:
+        """The attendant shows the board, hands it over or puts it away. Raises DriverError where there is none."""
+        if self._board is None:
+            raise DriverError(FailureKind.HARDWARE_FAULT, "there is no calibration board at this cell")
+        self._board.bring(place)
+        self.sleep_until(self._time + self._noise.attendant.lay_time)
+
     def capture(self) -> CameraFrame:
         if self._camera is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
@@ -353,7 +368,17 @@ class World:
         vertices = self.garment.seen if self.garment.laid else None
         if vertices is not None:
             vertices[:, 2] += self.settings.table.height
-        return Shot(joints, vertices, self._T_base_camera(pan))
+        T_base_camera = self._T_base_camera(pan)
+        board = self._board.pose(T_base_camera, self._T_base_tools()) if self._board else None
+        return Shot(joints, vertices, T_base_camera, board)
+
+    def _T_base_tools(self) -> dict[Side, Array]:
+        poses = {}
+        for side in Side:
+            T = np.eye(4)
+            T[:3, 3], T[:3, :3] = self._body.tool_pose(side)
+            poses[side] = T
+        return poses
 
     def _T_base_camera(self, pan: float) -> Array:
         return T_base_head(pan) @ self._T_head_camera
@@ -421,6 +446,8 @@ class World:
             held={side: garment.holds(HANDS[side]) for side in Side},
             faults=tuple(self.faults.happened),
             T_table_camera=frozen(T_table_base @ self._T_base_camera(pan)),
+            table_height=self.settings.table.height,
+            intrinsics=self._lens,
         )
 
 

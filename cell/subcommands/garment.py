@@ -79,7 +79,7 @@ def _show(options: argparse.Namespace, garment: Garment) -> int:
         f"  {1e3 * m.areal_mass:.0f} g/m2, {1e3 * m.thickness:.1f} mm thick,"
         f" bending length {1e3 * m.bending_length:.0f} mm"
     )
-    print(f"  stretch {100 * m.stretch_fraction:.1f} %, friction {m.friction_static:.2f} static, "
+    print(f"  stretch {100 * m.stretch_fraction:.1f} % (strip of 0.6 m), friction {m.friction_static:.2f} static, "
           f"{m.friction_dynamic:.2f} dynamic, {m.friction_layers:.2f} between layers")  # fmt: skip
     print("folds:")
     for step in garment.plan:

@@ -157,6 +157,7 @@ def test_every_command_has_its_module() -> None:
     lines = (
         "fold g", "supervise g", "trials", "perceive i.png", "optimise g", "library build", "library show",
         "garment list", "garment check f", "garment show g", "runs", "report r", "replay r", "doctor",
+        "calibrate table", "calibrate camera", "calibrate hand-eye", "calibrate tactile",
     )  # fmt: skip
     for line in lines:
         options = build_parser().parse_args(line.split())

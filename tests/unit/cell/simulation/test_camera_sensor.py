@@ -42,7 +42,7 @@ def scene() -> Scene:
         urdf=str(seen_urdf()), table=DEFAULT_TABLE, table_texture=table_texture(rng, "bare_table"),
         garment_uv=garment_uv(xy, np.zeros(len(xy), np.int32)), garment_triangles=triangles,
         garment_texture=np.full((8, 8, 3), (0, 0, 255), np.uint8), width=K.width, height=K.height,
-        focal=(K.fx, K.fy), light=(0.4, 0.2, 2.5), ambient=0.6, diffuse=0.4,
+        focal=(K.fx, K.fy), centre=(K.cx, K.cy), light=(0.4, 0.2, 2.5), ambient=0.6, diffuse=0.4,
     )  # fmt: skip
 
 

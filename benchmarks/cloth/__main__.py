@@ -1,0 +1,8 @@
+"""python -m benchmarks.cloth: the figures without peers, as JSON."""
+
+import json
+
+from benchmarks.cloth import measure
+
+if __name__ == "__main__":
+    print(json.dumps(measure(print, peers=False, quick=False)))

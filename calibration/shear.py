@@ -1,0 +1,259 @@
+"""The paper's stretch test: a garment hung by one point, real and virtual.
+
+The operator hangs the garment and measures L1 from the clip to the lowest point, lays it down with both points
+spread as far as they go and measures L2; its stretch is (L1 - L2) / L2 (Li et al. 2015, IV-A). The virtual
+garment is hung likewise and its stiffness is changed until it elongates as much.
+
+A garment that hangs by a clip stretches more than a strip of its fabric that hangs by a whole edge: all of the
+weight goes through the clip. The fabric is therefore named by the *hang drop*: the length of the strip that,
+hung by its edge, elongates as much as this garment does by its clip (a strip: areal_mass g L / (2 Y)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from robots.errors import ConfigurationError
+from robots.ports import Array, frozen
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.vocabulary import REFERENCE_DROP, Material
+
+__all__ = [
+    "HungShape",
+    "ShearCalibration",
+    "calibrate_shear",
+    "clip_and_lowest",
+    "hang",
+    "hung_shape",
+    "stretch_fraction",
+]
+
+CLIP = 0.04
+"""[m] width of the clip (or of the fingers) that holds the garment."""
+EDGE = 0.020
+"""[m] edge length of the virtual garment's mesh."""
+SUBSTEPS = 80
+"""Of a frame: garments hang stiff, and a stiff cloth needs short steps."""
+DRAG = 4.0
+"""[1/s] of the air: enough that the garment hangs still soon. It does not change how long it then is."""
+SETTLE_S = 4.0
+"""[s] from held up flat until it hangs still. Each hang starts flat: how the flanks fall decides a little, too."""
+LEAST, MOST = 0.002, 0.10
+TOLERANCE = 2e-4
+"""Of the elongation: 0.02 percentage points."""
+
+
+def stretch_fraction(l1: float, l2: float) -> float:
+    """(L1 - L2) / L2 of the hung length L1 [m] and the laid length L2 [m].
+
+    Raises ConfigurationError for lengths that no garment has, or a stretch outside 0.2 to 10 %.
+    """
+    for name, value in (("L1", l1), ("L2", l2)):
+        if not (np.isfinite(value) and 0.05 <= value <= 3.0):
+            raise ConfigurationError(
+                f"{name} = {value:g} m is no length of a garment", "give metres, from 0.05 to 3", **{name: value}
+            )
+    fraction = (l1 - l2) / l2
+    if not LEAST <= fraction <= MOST:
+        raise ConfigurationError(
+            f"L1 = {l1:g} m and L2 = {l2:g} m are a stretch of {100 * fraction:.2f} %;"
+            f" {100 * LEAST:g} to {100 * MOST:g} % can be calibrated",
+            "L1 is of the hung garment and longer than L2; measure both to a millimetre",
+            l1=l1, l2=l2, stretch_fraction=fraction,
+        )  # fmt: skip
+    return fraction
+
+
+@dataclass(frozen=True, eq=False)
+class HungShape:
+    """A garment ready to hang: mesh; clip: (n,) vertices that the clip holds; lowest: the vertex measured to;
+    rest_length: of the straight line between clip and lowest when it lies flat [m]; start: (n, 3) held up."""
+
+    mesh: ClothMesh
+    clip: NDArray[np.bool_]
+    lowest: int
+    rest_length: float
+    start: Array
+
+    def length(self, positions: Array) -> float:
+        """From the clip's middle to the lowest point [m]: the operator's L1. positions: (n, 3)."""
+        return float(np.linalg.norm(positions[self.clip].mean(axis=0) - positions[self.lowest]))
+
+    def elongation(self, positions: Array) -> float:
+        return self.length(positions) / self.rest_length - 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ShearCalibration:
+    """stretch_fraction: measured. hang_drop: [m] of the strip that elongates as much. simulated: elongation of
+    the virtual garment with it. l2: of the virtual garment [m]. simulations: how many hangs it took.
+    shape, pictures (k, n, 3), times (k,) [s]: the last hang, to be shown."""
+
+    stretch_fraction: float
+    hang_drop: float
+    simulated: float
+    l2: float
+    simulations: int
+    shape: HungShape
+    pictures: Array
+    times: Array
+
+    @property
+    def strip_stretch(self) -> float:
+        """Elongation of a REFERENCE_DROP long strip of this fabric: `Material.stretch_fraction`."""
+        return self.stretch_fraction * REFERENCE_DROP / self.hang_drop
+
+
+def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | None = None) -> tuple[int, int]:
+    """Indices into `template` (k, 2) of the point to hang by and of the lowest one.
+
+    They are the two farthest key points whose connecting line lies in the garment: the cloth between them hangs
+    straight. held: the name of the one to hang by; else the end that comes first in the file.
+    Raises ConfigurationError for a name that is no key point.
+    """
+    if held is not None and held not in keypoints:
+        raise ConfigurationError(f"{held!r} is no key point of this garment", f"it has {', '.join(keypoints)}")
+    polygon = shapely.Polygon(template).buffer(1e-6)
+    best, pair = 0.0, (-1, -1)
+    for i in range(len(template)) if held is None else (keypoints.index(held),):
+        for j in range(len(template)):
+            line = shapely.LineString([template[i], template[j]])
+            if line.length > best + 1e-9 and polygon.covers(line):
+                best, pair = line.length, (i, j)
+    return pair
+
+
+def hung_shape(
+    template: Array, pair: tuple[int, int], layers: int, thickness: float, edge: float = EDGE
+) -> HungShape:
+    """The garment of outline `template` (k, 2) [m], held up by a clip over point pair[0], flat and upright."""
+    top, low = template[pair[0]], template[pair[1]]
+    up = (top - low) / np.linalg.norm(top - low)
+    across = np.array([-up[1], up[0]])
+    local = np.column_stack([(template - low) @ across, (template - low) @ up])
+    outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
+    mesh = mesh_from_contour(outline, edge, layers)
+    clip = np.zeros(len(mesh.rest), dtype=bool)
+    clip[mesh.border] = mesh.rest[mesh.border, 1] > height - 1e-6
+    lowest = int(np.argmin(np.linalg.norm(mesh.rest, axis=1)))
+    middle = mesh.rest[clip].mean(axis=0)
+    # a millimetre of ripple, so that the flanks fall to one side at once
+    ripple = 0.001 * np.sin(40.0 * mesh.rest[:, 0]) + thickness * (mesh.layer - 0.5)
+    start = np.column_stack([mesh.rest[:, 0], ripple, mesh.rest[:, 1] + 0.2])
+    return HungShape(mesh, frozen(clip), lowest, float(np.linalg.norm(middle - mesh.rest[lowest])), frozen(start))
+
+
+def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
+    """The outline below the clip, where the garment is first CLIP wide, and that height."""
+    x0, _, x1, _ = polygon.bounds
+    low, high = top - 0.15, top - 1e-4
+    for _ in range(40):
+        z = 0.5 * (low + high)
+        if _width(polygon, x0, x1, z) > CLIP:
+            low = z
+        else:
+            high = z
+    below = shapely.clip_by_rect(polygon, x0 - 1.0, polygon.bounds[1] - 1.0, x1 + 1.0, low)
+    parts = [p for p in shapely.get_parts(below) if isinstance(p, shapely.Polygon)]
+    return np.asarray(max(parts, key=lambda p: p.area).exterior.coords)[:-1], low
+
+
+def _width(polygon: shapely.Polygon, x0: float, x1: float, z: float) -> float:
+    return float(shapely.intersection(polygon, shapely.LineString([(x0 - 1.0, z), (x1 + 1.0, z)])).length)
+
+
+def hang(
+    shape: HungShape,
+    material: Material,
+    seconds: float,
+    start: Array | None = None,
+    substeps: int = SUBSTEPS,
+    pictures: int = 0,
+) -> tuple[Array, Array]:
+    """Let it hang for `seconds`: positions (n, 3) at the end, and `pictures` of the way (k, n, 3).
+
+    material.stretch_fraction is of a strip of REFERENCE_DROP.
+    """
+    settings = SolverSettings(substeps=substeps, drag=DRAG, sleep_frames=0)
+    simulation = ClothSimulation(
+        shape.mesh, material, shape.start if start is None else start, settings, table=False, fixed=shape.clip
+    )
+    frames = max(1, round(seconds * settings.frame_rate))
+    bounds = np.unique(np.linspace(0, frames, max(pictures, 2), dtype=int))
+    taken = [simulation.positions]
+    for step in np.diff(bounds):
+        simulation.advance(int(step))
+        taken.append(simulation.positions)
+    return taken[-1], np.array(taken if pictures else taken[:0])
+
+
+def calibrate_shear(
+    template: Array,
+    keypoints: tuple[str, ...],
+    layers: int,
+    material: Material,
+    l1: float,
+    l2: float,
+    held: str | None = None,
+    size_range: tuple[float, float] = (0.8, 1.2),
+    tell: Callable[[str], None] = lambda line: None,
+) -> ShearCalibration:
+    """The hang drop with which the virtual garment elongates as the real one: (L1 - L2) / L2.
+
+    template: (k, 2) outline [m] at nominal size; it is scaled so that its laid length is l2.
+    Raises ConfigurationError when l2 does not fit the garment or the stretch cannot be reached.
+    """
+    wanted = stretch_fraction(l1, l2)
+    pair = clip_and_lowest(template, keypoints, held)
+    nominal = float(np.linalg.norm(template[pair[0]] - template[pair[1]]))
+    scale = l2 / nominal
+    if not size_range[0] <= scale <= size_range[1]:
+        names = keypoints[pair[0]], keypoints[pair[1]]
+        raise ConfigurationError(
+            f"L2 = {l2:g} m, but {names[0]} and {names[1]} of this garment lie {nominal:.3f} m apart",
+            f"{size_range[0] * nominal:.3f} to {size_range[1] * nominal:.3f} m fit; hang it by {names[0]}",
+            l2=l2, nominal_m=nominal,
+        )  # fmt: skip
+    shape = hung_shape(scale * template, pair, layers, material.thickness)
+    strip, tried = wanted / 2.0, []
+    for _ in range(12):
+        final, pictures = hang(shape, replace(material, stretch_fraction=strip), SETTLE_S, pictures=121)
+        got = shape.elongation(final)
+        tried.append((strip, got))
+        tell(f"strip stretch {100 * strip:.3f} %: the garment elongates {100 * got:.2f} % of {100 * wanted:.2f} %")
+        if abs(got - wanted) < TOLERANCE:
+            break
+        strip = _next(tried, wanted)
+    else:
+        raise ConfigurationError(
+            f"no stiffness of the virtual garment gives {100 * wanted:.2f} %; nearest {100 * got:.2f} %",
+            "the simulation resolves no stiffer cloth with this mesh: measure again, or hang it by another point",
+            wanted=wanted, reached=got,
+        )  # fmt: skip
+    return ShearCalibration(
+        stretch_fraction=wanted,
+        hang_drop=wanted * REFERENCE_DROP / strip,
+        simulated=got,
+        l2=shape.rest_length,
+        simulations=len(tried),
+        shape=shape,
+        pictures=frozen(pictures),
+        times=frozen(np.linspace(0.0, SETTLE_S, len(pictures))),
+    )
+
+
+def _next(tried: list[tuple[float, float]], wanted: float) -> float:
+    """Secant on the logarithms: elongation is nearly proportional to the strip's."""
+    strip, got = tried[-1]
+    slope = 1.0
+    if len(tried) > 1 and tried[-2][0] != strip:
+        slope = np.log(max(got, 1e-5) / max(tried[-2][1], 1e-5)) / np.log(strip / tried[-2][0])
+        slope = float(np.clip(slope, 0.4, 1.5))
+    step = np.clip(np.log(wanted / max(got, 1e-5)) / slope, -1.0, 1.0)
+    return float(np.clip(strip * np.exp(step), 2e-4, 0.4))

@@ -1,0 +1,196 @@
+"""The table's height, touched off: both hands press the table at several points, a plane through the contacts.
+
+A press is slow and its readings are fitted by a spring on a stop, force = k (z0 - z) below z0: the height of
+first contact z0 depends neither on a threshold nor on how late it was noticed. What remains is the arms' own
+error, which differs from arm to arm: with more than three points both arms touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.effects import Procedure, Touched, note, touch
+from robots.ports import Array, Side
+from skills.vocabulary import Failure, FailureKind, Outcome, Table
+
+__all__ = ["MOST_POINTS", "TableCalibration", "TableSettings", "calibrate_table", "contact_height", "fit_plane"]
+
+# Reachable straight down. The first three span a triangle; both arms touch the middle.
+LAYOUT = (
+    (Side.LEFT, 0.45, 0.40),
+    (Side.RIGHT, 0.45, -0.40),
+    (Side.LEFT, 0.72, 0.15),
+    (Side.RIGHT, 0.72, -0.15),
+    (Side.LEFT, 0.60, 0.0),
+    (Side.RIGHT, 0.60, 0.0),
+    (Side.LEFT, 0.68, 0.40),
+    (Side.RIGHT, 0.68, -0.40),
+    (Side.LEFT, 0.50, 0.20),
+    (Side.RIGHT, 0.50, -0.20),
+)
+MOST_POINTS = len(LAYOUT)
+FEWEST = 3
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """Lengths [m], forces [N], angles [rad]."""
+
+    points: int = 8
+    least_force: float = 0.25
+    """Of the readings that the spring is fitted to: over the tips' noise."""
+    fewest_readings: int = 6
+    residual: float = 0.006
+    """Of one point from the plane: more is no table top."""
+    tilt: float = float(np.deg2rad(1.0))
+    least_spread: float = 0.08
+    """Of the points across their longest direction, as a standard deviation: less leaves the tilt open."""
+
+    def __post_init__(self) -> None:
+        if not FEWEST <= self.points <= MOST_POINTS:
+            raise ValueError(f"{self.points} points: a table is touched at {FEWEST} to {MOST_POINTS}")
+
+
+@dataclass(frozen=True, eq=False)
+class TableCalibration:
+    """height: of the top in the base frame at the middle of the points [m]; tilt_x, tilt_y: its rise along x and y
+    [rad]. points: (n, 3) contacts, base frame; residual: (n,) of each from the plane [m]; sides: of each.
+    stiffness: (n,) of arm and tips in series [N/m]."""
+
+    height: float
+    tilt_x: float
+    tilt_y: float
+    points: Array
+    residual: Array
+    sides: tuple[Side, ...]
+    stiffness: Array
+
+    @property
+    def residual_rms(self) -> float | None:
+        """[m]; None for three points, through which every plane goes."""
+        free = len(self.points) - FEWEST
+        return float(np.sqrt((self.residual**2).sum() / free)) if free > 0 else None
+
+    @property
+    def arms_differ(self) -> float | None:
+        """How much higher the left arm feels the table than the right one at the points that both touched [m]."""
+        pairs = [
+            self.points[i, 2] - self.points[j, 2]
+            for i, a in enumerate(self.sides)
+            for j, b in enumerate(self.sides)
+            if a is Side.LEFT
+            and b is Side.RIGHT
+            and np.linalg.norm(self.points[i, :2] - self.points[j, :2]) < 0.02
+        ]
+        return float(np.mean(pairs)) if pairs else None
+
+
+def calibrate_table(table: Table, settings: TableSettings | None = None) -> Procedure[TableCalibration]:
+    """Touch the table at `settings.points` points. table: as it is believed to be.
+
+    Failures: NO_CONTACT (nothing there), UNREACHABLE (too few points), LOW_CONFIDENCE (no plane, points in a
+    line, a table that leans).
+    """
+    settings = settings or TableSettings()
+    contacts: list[tuple[Side, Array, float]] = []
+    left_out: Failure | None = None
+    for k, (side, x, y) in enumerate(LAYOUT):
+        if len(contacts) == settings.points:
+            break
+        touched = yield from touch(side, x, y)
+        if touched.failure and touched.failure.kind in {FailureKind.UNREACHABLE, FailureKind.IN_COLLISION}:
+            left_out = touched.failure
+            yield from note(f"point {k + 1} at ({x:.2f}, {y:.2f}) left out: {touched.failure.what}")
+            continue
+        if touched.failure:
+            return Outcome(failure=touched.failure)
+        contact = contact_height(touched.unwrap(), settings)
+        if contact.failure:
+            return Outcome(failure=contact.failure)
+        z, stiffness = contact.unwrap()
+        contacts.append((side, np.array([touched.unwrap().x, touched.unwrap().y, z]), stiffness))
+        place = f"{side} at ({x:.2f}, {y:.2f})"
+        yield from note(f"point {len(contacts)} of {settings.points}, {place}: z {1e3 * z:.2f} mm, base frame")
+    if len(contacts) < settings.points:
+        return Outcome(failure=_too_few(len(contacts), settings.points, left_out))
+    points, stiffnesses = np.array([p for _, p, _ in contacts]), np.array([k for _, _, k in contacts])
+    return fit_plane(points, tuple(side for side, _, _ in contacts), stiffnesses, settings)
+
+
+def contact_height(touched: Touched, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
+    """Height of first contact [m] and stiffness [N/m] of a press: the line through its loaded readings."""
+    settings = settings or TableSettings()
+    loaded = touched.force >= settings.least_force
+    if loaded.any():  # from the last reading that was not loaded: a lone kick before it is noise
+        free = np.flatnonzero(~loaded)
+        loaded[: free[-1] + 1 if len(free) else 0] = False
+    if np.count_nonzero(loaded) < settings.fewest_readings:
+        return Outcome(failure=_soft(touched, int(np.count_nonzero(loaded))))
+    z, force = touched.height[loaded], touched.force[loaded]
+    # Force against height: the force's noise is what is fitted, the joints are read far more finely.
+    slope, offset = np.polyfit(z - z.mean(), force, 1)
+    if slope >= -50.0:
+        return Outcome(failure=_soft(touched, len(z)))
+    return Outcome((float(z.mean() - offset / slope), float(-slope)))
+
+
+def fit_plane(
+    points: Array, sides: tuple[Side, ...], stiffness: Array, settings: TableSettings | None = None
+) -> Outcome[TableCalibration]:
+    """Least-squares plane z = h + a (x - x_mean) + b (y - y_mean) through contacts (n, 3), base frame."""
+    settings = settings or TableSettings()
+    middle = points[:, :2].mean(axis=0)
+    off = points[:, :2] - middle
+    spread = float(np.linalg.svd(off, compute_uv=False)[-1] / np.sqrt(len(points)))
+    if len(points) < FEWEST or spread < settings.least_spread:
+        return Outcome(
+            failure=Failure(
+                FailureKind.LOW_CONFIDENCE, "the points lie too near to one line to give a plane",
+                "touch the table at points farther apart", {"spread_m": spread, "points": len(points)},
+            )
+        )  # fmt: skip
+    A = np.column_stack((np.ones(len(points)), off))
+    fit = np.linalg.lstsq(A, points[:, 2], rcond=None)[0]
+    residual = points[:, 2] - A @ fit
+    worst = int(np.abs(residual).argmax())
+    if abs(residual[worst]) > settings.residual:
+        x, y, _ = points[worst]
+        return Outcome(
+            failure=Failure(
+                FailureKind.LOW_CONFIDENCE,
+                f"the contact at ({x:.2f}, {y:.2f}) is {1e3 * residual[worst]:+.1f} mm off the plane of them all",
+                "see whether something lies on the table there", {"residual_m": float(residual[worst])},
+            )
+        )  # fmt: skip
+    tilt = float(np.hypot(fit[1], fit[2]))
+    if tilt > settings.tilt:
+        return Outcome(
+            failure=Failure(
+                FailureKind.LOW_CONFIDENCE, f"the table leans by {np.rad2deg(tilt):.2f} degrees",
+                "level the table: the cell takes its top for horizontal", {"tilt_rad": tilt},
+            )
+        )  # fmt: skip
+    height, tilt_x, tilt_y = (float(v) for v in fit)
+    return Outcome(TableCalibration(height, tilt_x, tilt_y, points, residual, sides, stiffness))
+
+
+def _too_few(found: int, wanted: int, why: Failure | None) -> Failure:
+    return Failure(
+        FailureKind.UNREACHABLE,
+        f"only {found} of {wanted} points could be touched" + (f": {why.what}" if why else ""),
+        "clear the table's surroundings, or ask for fewer points with --points",
+        {"points": found},
+    )
+
+
+def _soft(touched: Touched, readings: int) -> Failure:
+    peak = float(touched.force.max()) if len(touched.force) else 0.0
+    return Failure(
+        FailureKind.LOW_CONFIDENCE,
+        f"the {touched.side} hand's press at ({touched.x:.2f}, {touched.y:.2f}) gives no contact height:"
+        f" {readings} loaded readings, {peak:.2f} N at most",
+        "take soft things off the table; check the fingertips' cells",
+        {"readings": readings, "force_n": peak},
+    )

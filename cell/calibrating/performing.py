@@ -1,0 +1,145 @@
+"""Performs a procedure's effects, one by one, with intent and result in the ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
+from cell.calibrating.reaching import reach, settled_joints, with_board
+from cell.calibrating.touching import touch_table
+from cell.effects.seeing import capture
+from cell.execution import TICK_S, stopped, wait
+from cell.hands import command_grip
+from cell.journal import RunJournal
+from cell.workcell import Workcell
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import BoardPlace, Side, TactileReading
+from skills.grasping.reading import GripCommand
+from skills.vocabulary import Outcome
+
+__all__ = ["STATE", "Performer"]
+
+STATE = "calibrating"
+GRIP_S = 0.8
+IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
+ENDING = frozenset({FailureKind.STOPPED, FailureKind.ABORTED, FailureKind.STALE_STATE, FailureKind.TRACKING_ERROR})
+"""Failures that no procedure may answer: it ends."""
+
+T = TypeVar("T")
+
+
+class Performer:
+    """One procedure with one cell. say(t, text): progress; keep(name, picture): into the run's folder."""
+
+    def __init__(
+        self,
+        cell: Workcell,
+        journal: RunJournal,
+        say: Callable[[float, str], None],
+        keep: Callable[[str, NDArray[np.uint8]], None],
+    ) -> None:
+        self._empty_handed = self._cell = cell
+        self._journal, self._say, self._keep = journal, say, keep
+        self._deeds: Mapping[type, Callable[[Any], Outcome[Any]]] = {
+            Look: self._look,
+            Reach: lambda effect: reach(self._cell, effect),
+            Touch: lambda effect: touch_table(self._cell, effect),
+            Listen: self._listen,
+            Grip: self._grip,
+            Bring: self._bring,
+        }
+
+    @property
+    def holds_board(self) -> bool:
+        return self._cell is not self._empty_handed
+
+    def run(self, procedure: Procedure[T]) -> Outcome[T]:
+        """To the procedure's end, or to the first failure that is not for it to answer."""
+        try:
+            effect = next(procedure)
+            while True:
+                answer = self._perform(effect)
+                if answer.failure and answer.failure.kind in ENDING:
+                    procedure.close()
+                    return Outcome(failure=answer.failure)
+                effect = procedure.send(answer)
+        except StopIteration as end:
+            return end.value
+
+    def take_board(self) -> None:
+        """Have the attendant take the board out of a hand. Raises DriverError."""
+        self._bring(Bring(BoardPlace.AWAY))
+
+    def _perform(self, effect: Effect) -> Outcome[Any]:
+        clock = self._cell.ports.clock
+        if isinstance(effect, Note):
+            return self._note(effect)
+        failure = stopped(self._cell.ports)
+        if failure:
+            return Outcome(failure=failure)
+        intent = self._journal.intent(clock.now(), STATE, type(effect).__name__.lower(), {"effect": effect})
+        try:
+            answer = self._deeds[type(effect)](effect)
+        except Exception as e:  # it ends the procedure, but the ledger says how the effect ended
+            crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}")
+            failure = e.failure() if isinstance(e, DriverError) else crash
+            self._journal.result(intent, clock.now(), _record(Outcome(failure=failure)))
+            raise
+        self._journal.result(intent, clock.now(), _record(answer))
+        return answer
+
+    def _note(self, effect: Note) -> Outcome[bool]:
+        t = self._cell.ports.clock.now()
+        self._journal.event(t, STATE, "note", {"text": effect.text})
+        self._say(t, effect.text)
+        if effect.picture is not None:
+            self._keep(effect.name, effect.picture)
+        return Outcome(True)
+
+    def _look(self, _: Look) -> Outcome[Sight]:
+        q = settled_joints(self._cell)
+        if q.failure:
+            return Outcome(failure=q.failure)
+        shot = capture(self._cell)
+        return Outcome(failure=shot.failure) if shot.failure else Outcome(Sight(shot.unwrap(), q.unwrap()))
+
+    def _listen(self, effect: Listen) -> Outcome[Heard]:
+        readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
+
+        def gather(_: object) -> Failure | None:
+            for side, heard in readings.items():
+                reading = self._cell.ports.tactile[side].reading()
+                if not heard or reading.stamp > heard[-1].stamp:
+                    heard.append(reading)
+            return None
+
+        failure = wait(self._cell.ports, max(effect.seconds, TICK_S), gather, self._cell.sent)
+        if failure:
+            return Outcome(failure=failure)
+        return Outcome(Heard({side: tuple(heard) for side, heard in readings.items()}))
+
+    def _grip(self, effect: Grip) -> Outcome[bool]:
+        command_grip(self._cell, effect.side, GripCommand(effect.opening, effect.force))
+        failure = wait(self._cell.ports, GRIP_S, sent=self._cell.sent)
+        return Outcome(failure=failure) if failure else Outcome(True)
+
+    def _bring(self, effect: Bring) -> Outcome[bool]:
+        """The cell plans with the board from before it is in the hand until after it is out of it."""
+        side = IN_HAND.get(effect.place)
+        if side is not None:
+            self._cell = with_board(self._empty_handed, side)
+        self._cell.ports.attendant.bring_board(effect.place)
+        if side is None:
+            self._cell = self._empty_handed
+        return Outcome(True)
+
+
+def _record(answer: Outcome[Any]) -> dict[str, Any]:
+    f = answer.failure
+    if f is None:
+        return {"event": "done"}
+    return {"event": "failed", "kind": f.kind.value, "what": f.what, "hint": f.hint, "values": dict(f.values)}

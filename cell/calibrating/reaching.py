@@ -1,0 +1,117 @@
+"""Free motion of one tool to a pose, also with the calibration board in a hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from calibration.board import BOARD
+from calibration.effects import Reach
+from cell.assembly import SLACK
+from cell.calibrating.touching import arm_seeds, park_other
+from cell.effects.moving import move
+from cell.execution import TICK_S, fresh_state, wait
+from cell.hands import telemetry
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, Side, arm_slice, frozen
+from skills.motion import ik
+from skills.motion.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
+from skills.motion.plan import plan_free_motion
+from skills.vocabulary import Outcome
+
+__all__ = ["holding_board", "reach", "settled_joints", "with_board"]
+
+CARD = 0.006
+"""Thickness that the board is given for collisions [m]."""
+SETTLE_S = 0.3
+READINGS = 16
+WAYS = 2
+"""Arm postures to which a way is looked for."""
+
+
+def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
+    """To the nearest arm posture with that tool pose to which a free way is found; the joints (14,) there."""
+    parked = park_other(cell, effect.side)
+    state = fresh_state(cell.ports, cell.execution)
+    if parked or state.failure:
+        return Outcome(failure=parked or state.failure)
+    q, cut = state.unwrap().q, arm_slice(effect.side)
+    postures = ik.solve_seeds(cell.robot, effect.side, effect.T_base_tool, arm_seeds(cell, effect.side, q))
+    failure: Failure | None = None
+    goals = []
+    for posture in sorted(postures, key=lambda p: float(np.abs(p - q[cut]).max())):
+        goal = np.array(q)
+        goal[cut] = posture
+        contact = cell.checker.contact(goal)
+        if contact is None:
+            goals.append(goal)
+        failure = failure or (_touching(effect.side, str(contact)) if contact else None)
+    for goal in goals[:WAYS]:
+        way = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
+        failure = failure or way.failure
+        if way.ok:
+            failure = move(cell, way.unwrap())
+            return Outcome(failure=failure) if failure else Outcome(goal)
+    return Outcome(failure=failure or _beyond(effect))
+
+
+def settled_joints(cell: Workcell) -> Outcome[Array]:
+    """The joints (14,) once the arms have come to rest, averaged over some readings."""
+    failure = wait(cell.ports, SETTLE_S, telemetry(cell), cell.sent)
+    if failure:
+        return Outcome(failure=failure)
+    readings = []
+    for _ in range(READINGS):
+        failure = wait(cell.ports, TICK_S, sent=cell.sent)
+        if failure:
+            return Outcome(failure=failure)
+        readings.append(cell.ports.arms.state().q)
+    return Outcome(frozen(np.mean(readings, axis=0)))
+
+
+def with_board(cell: Workcell, side: Side) -> Workcell:
+    """The cell with the board as part of that hand, for planning and for the check of what is executed."""
+    robot = holding_board(cell.robot, side)
+    guard = CollisionChecker(
+        robot, cell.table, body_margin=BODY_MARGIN - SLACK, table_margin=TABLE_MARGIN - SLACK,
+        fingertip_margin=FINGERTIP_MARGIN - SLACK,
+    )  # fmt: skip
+    return replace(cell, robot=robot, checker=CollisionChecker(robot, cell.table), guard=guard)
+
+
+def holding_board(robot: RobotModel, side: Side) -> RobotModel:
+    """The robot with a card of the board's size between the pads, that may touch nothing but its own hand."""
+    frame = robot.pin_model.frames[robot.pin_model.getFrameId(robot.tool_frame[side])]
+    width, height = BOARD.size
+    shape = coal.Box(width, height + 2 * BOARD.tab, CARD)
+    placement = frame.placement * pin.SE3(BOARD.T_tool_board)
+    geometry = pin.GeometryModel(robot.collision_model)
+    others = list(geometry.geometryObjects)
+    board = geometry.addGeometryObject(pin.GeometryObject("board", frame.parentJoint, placement, shape))
+    own = _subtree(robot.pin_model, frame.parentJoint)
+    for i, other in enumerate(others):
+        if other.parentJoint not in own:
+            geometry.addCollisionPair(pin.CollisionPair(i, board))
+    return replace(robot, collision_model=geometry)
+
+
+def _subtree(model: pin.Model, joint: int) -> set[int]:
+    """The joint and those that hang from it."""
+    return {int(j) for j in model.subtrees[joint]}
+
+
+def _touching(side: Side, pair: str) -> Failure:
+    return Failure(FailureKind.IN_COLLISION, f"the {side} hand there comes too near: {pair}", "", {"pair": pair})
+
+
+def _beyond(effect: Reach) -> Failure:
+    where = [round(float(v), 3) for v in effect.T_base_tool[:3, 3]]
+    return Failure(
+        FailureKind.UNREACHABLE, f"the {effect.side} arm does not reach the pose at {where} (base frame, m)", "",
+        {"where_m": where},
+    )  # fmt: skip

@@ -1,0 +1,239 @@
+"""One calibration from a request to a result: open the cell, prepare, perform, make safe, close."""
+
+from __future__ import annotations
+
+import json
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.effects import Procedure
+from cell.assembly import assemble, load_robot
+from cell.calibrating.performing import STATE, Performer
+from cell.commands import CommandQueue
+from cell.config import CellSettings
+from cell.context import Context
+from cell.effects.moving import hold_still, make_safe, prepare
+from cell.interrupts import stop_on_signals
+from cell.journal import Journal, RunJournal, to_json
+from cell.lock import OwnerLock
+from cell.paths import ledger_path
+from cell.recorder import Recorder
+from cell.requests import FoldRequest
+from cell.run import VERSIONED, write_whole
+from cell.simulation import SimulationSettings, Truth, close_cell, open_cell, truth
+from cell.workcell import Workcell
+from robots.errors import CellError, ConfigurationError, DriverError, Failure, FailureKind, StorageError
+from robots.ports import Ports
+from skills.vocabulary import Outcome
+
+__all__ = ["CalibrationEnd", "CalibrationRequest", "calibrate"]
+
+T = TypeVar("T")
+Script = Callable[[Ports], None]
+
+
+@dataclass(frozen=True)
+class CalibrationRequest:
+    """name: what is calibrated. say: takes progress lines."""
+
+    name: str
+    seed: int
+    driver: str
+    settings: CellSettings
+    logs: Path
+    realtime: bool
+    say: Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationEnd(Generic[T]):
+    """How it ended. truth: what is really so in a simulated cell, for the record only."""
+
+    run_id: str
+    run_dir: Path
+    value: T | None
+    failure: Failure | None
+    safe: bool
+    simulated: bool
+    truth: Truth | None
+    signal: int | None
+    robot_time_s: float
+    wall_time_s: float
+
+    @property
+    def result(self) -> str:
+        if self.value is not None:
+            return "done" if self.safe else "fault"
+        crashed = self.failure is not None and self.failure.kind is FailureKind.SKILL_CRASHED
+        return "not_done" if self.safe and not crashed else "fault"
+
+    @property
+    def exit_code(self) -> int:
+        if self.signal is not None:
+            return 128 + self.signal
+        return {"done": 0, "not_done": 2, "fault": 3}[self.result]
+
+    def as_json(self) -> dict[str, Any]:
+        f = self.failure
+        return {
+            "result": self.result,
+            "failure": None if f is None else {"kind": f.kind.value, "what": f.what, "hint": f.hint},
+            "simulated": self.simulated,
+            "robot_time_s": self.robot_time_s,
+            "wall_time_s": self.wall_time_s,
+            "run_dir": str(self.run_dir),
+        }
+
+
+def calibrate(
+    request: CalibrationRequest,
+    procedure: Callable[[Workcell], Procedure[T]],
+    figures: Callable[[T, Truth | None], Mapping[str, Any]],
+    script: Script | None = None,
+) -> CalibrationEnd[T]:
+    """Run one procedure. figures: what is kept with the run of a value. script: gets the ports first (tests).
+
+    Raises ConfigurationError and StorageError before anything moves.
+    """
+    began = time.monotonic()
+    with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
+        run = journal.begin_run(
+            garment=f"calibrate-{request.name}",
+            seed=request.seed,
+            driver=request.driver,
+            settings_hash=request.settings.fingerprint(),
+            versions={name: metadata.version(name) for name in VERSIONED},
+        )
+        try:
+            write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
+            end = _with_cell(request, run, procedure, script, began)
+            kept = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
+        except BaseException:
+            run.abandon()
+            raise
+        run.end(end.result, kept)
+    write_whole(run.directory / "result.json", json.dumps(to_json(kept), indent=1) + "\n")
+    return end
+
+
+def _with_cell(
+    request: CalibrationRequest,
+    run: RunJournal,
+    procedure: Callable[[Workcell], Procedure[T]],
+    script: Script | None,
+    began: float,
+) -> CalibrationEnd[T]:
+    robot = load_robot(request.settings)
+    with _opened(request) as ports, ThreadPoolExecutor(1, "skill") as workers, stop_on_signals(ports) as received:
+        asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
+        cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, lambda text: None)
+        if script is not None:
+            script(ports)
+        outcome, safe = _perform(request, run, cell, procedure)
+        return CalibrationEnd(
+            run_id=run.id,
+            run_dir=run.directory,
+            value=outcome.value,
+            failure=outcome.failure,
+            safe=safe,
+            simulated=ports.simulated,
+            truth=truth(ports) if ports.driver == "sim" else None,
+            signal=received[0] if received else None,
+            robot_time_s=round(ports.clock.now(), 3),
+            wall_time_s=round(time.monotonic() - began, 3),
+        )
+
+
+def _perform(
+    request: CalibrationRequest, run: RunJournal, cell: Workcell, procedure: Callable[[Workcell], Procedure[T]]
+) -> tuple[Outcome[T], bool]:
+    """(the procedure's outcome, whether the cell was made safe)."""
+
+    def say(t: float, text: str) -> None:
+        request.say(f"{t:8.1f} s  {text}")
+
+    performer = Performer(cell, run, say, lambda name, picture: _keep(run.directory, name, picture))
+    say(cell.ports.clock.now(), "preparing")
+    outcome = _caught(lambda: _prepared(cell, run) or performer.run(procedure(cell)))
+    if outcome.failure:
+        say(cell.ports.clock.now(), str(outcome.failure))
+        f = outcome.failure
+        run.event(cell.ports.clock.now(), STATE, f.kind.value, {"what": f.what, "hint": f.hint, **f.values})
+    say(cell.ports.clock.now(), "making safe")
+    return outcome, _made_safe(cell, run, performer)
+
+
+def _caught(work: Callable[[], Outcome[T]]) -> Outcome[T]:
+    """Whatever is raised becomes a failure, so that the cell is made safe; but for what the ledger raises."""
+    try:
+        return work()
+    except StorageError:
+        raise
+    except DriverError as e:
+        return Outcome(failure=e.failure())
+    except Exception as e:
+        hint = e.hint if isinstance(e, CellError) else "this is a bug: keep the run folder and report it"
+        told = {"traceback": traceback.format_exc()}
+        return Outcome(failure=Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint, told))
+
+
+def _prepared(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
+    """None when the cell is ready, else the failure as an outcome."""
+    clock = cell.ports.clock
+    intent = run.intent(clock.now(), "preparing", "prepare")
+    result = prepare(cell, Context())
+    run.result(intent, clock.now(), {"event": result.event.value})
+    return Outcome(failure=result.context.failure) if result.context.failure else None
+
+
+def _made_safe(cell: Workcell, run: RunJournal, performer: Performer) -> bool:
+    """Board out of the hand, arms parked; a stopped robot is left as it stands."""
+    clock = cell.ports.clock
+    intent = run.intent(clock.now(), "making_safe", "make_safe")
+    if cell.ports.stop.state().stopped:
+        hold_still(cell, Context())
+        run.result(intent, clock.now(), {"event": "held"})
+        return True
+    failure: Failure | None
+    try:
+        if performer.holds_board:
+            performer.take_board()
+        failure = make_safe(cell, Context()).context.failure
+    except DriverError as e:
+        failure = e.failure()
+    run.result(intent, clock.now(), {"event": "failed", "what": str(failure)} if failure else {"event": "done"})
+    return failure is None or failure.kind is FailureKind.STOPPED
+
+
+def _keep(folder: Path, name: str, picture: NDArray[np.uint8]) -> None:
+    """A picture (h, w, 3) RGB into the run's folder."""
+    if not cv2.imwrite(str(folder / f"{name}.png"), picture[..., ::-1]):
+        raise StorageError(f"cannot write {folder / name}.png", "make room, or choose another folder with --logs")
+
+
+@contextmanager
+def _opened(request: CalibrationRequest) -> Iterator[Ports]:
+    if request.driver != "sim":
+        raise ConfigurationError(f"there is no driver '{request.driver}' yet", "the only one is 'sim'")
+    settings = request.settings
+    ports = open_cell(
+        SimulationSettings(
+            surface=settings.surface, table=settings.drawn_table, realtime=request.realtime, as_built=True
+        ),
+        request.seed,
+    )
+    try:
+        yield ports
+    finally:
+        close_cell(ports)

@@ -1,0 +1,207 @@
+"""Touch-off: a closed hand straight down onto the table, pressed slowly, and up again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.effects import Touch, Touched
+from cell.effects.moving import move
+from cell.execution import fresh_state, wait
+from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, Side, arm_slice
+from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
+from skills.grasping.reading import GripCommand, HandReading
+from skills.grasping.settings import GraspSettings
+from skills.grasping.zero import Zero, start_zero, zero
+from skills.motion import ik
+from skills.motion.plan import Descent, GraspMotion, plan_free_motion, plan_grasp, plan_lift
+from skills.motion.posture import Posture
+from skills.vocabulary import Outcome, ToolPath, tool_rotation
+
+__all__ = ["arm_seeds", "park_other", "touch_table"]
+
+ABOVE = 0.08
+"""Over the believed table, where the way down begins [m]."""
+CLOSING_S = 1.0
+BACK_OFF = 0.003
+"""From the first touch, before the slow press [m]."""
+PRESS_SPEED = 0.003
+PRESS_FORCE = 1.5
+"""On one tip, at which a press ends [N]."""
+HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
+SEEDS = 12
+
+
+def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
+    """Go there, touch, press slowly, rise to where the way down began. The hand rises after a failure too."""
+    command_grip(cell, effect.side, GripCommand(0.0, cell.grasp.release_force))
+    failure = wait(cell.ports, CLOSING_S, telemetry(cell), cell.sent) or park_other(cell, effect.side)
+    if failure:
+        return Outcome(failure=failure)
+    way = _way_down(cell, effect)
+    if way.failure:
+        return Outcome(failure=way.failure)
+    failure = move(cell, way.unwrap().approach)
+    if failure:
+        return Outcome(failure=failure)
+    pressed = _touch_and_press(cell, effect, way.unwrap().descend[effect.side])
+    if pressed.failure and pressed.failure.kind is FailureKind.STOPPED:
+        return pressed
+    risen = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
+    return pressed if pressed.failure or not risen else Outcome(failure=risen)
+
+
+def arm_seeds(cell: Workcell, side: Side, q_now: Array) -> Array:
+    """(k, 7) where inverse kinematics starts: where the arm is, where it parks, and a fixed spread."""
+    cut = arm_slice(side)
+    lower, upper = cell.robot.planning.lower[cut], cell.robot.planning.upper[cut]
+    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
+    return np.vstack([np.clip(q_now[cut], lower, upper), cell.robot.q_park[cut], spread])
+
+
+def park_other(cell: Workcell, side: Side) -> Failure | None:
+    """The arm that is not needed goes out of the way."""
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return state.failure
+    q, other = state.unwrap().q, arm_slice(side.other)
+    if np.abs(q[other] - cell.robot.q_park[other]).max() < cell.execution.settled:
+        return None
+    goal = np.array(q)
+    goal[other] = cell.robot.q_park[other]
+    way = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
+    return way.failure or move(cell, way.unwrap())
+
+
+def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
+    """Over the point and straight down, the hand upright, with the first heading and arm posture that is free."""
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return Outcome(failure=state.failure)
+    q, side = state.unwrap().q, effect.side
+    failure: Failure | None = None
+    for heading in HEADINGS:
+        path = _point(effect.x, effect.y, float(heading))
+        T = np.eye(4)
+        T[:3, :3] = tool_rotation(path.heading, path.pitch, path.roll)[0]
+        T[:3, 3] = effect.x, effect.y, cell.table.height + ABOVE
+        for hint in ik.solve_seeds(cell.robot, side, T, arm_seeds(cell, side, q)):
+            way = plan_grasp(
+                cell.robot, cell.checker, cell.table, {side: path}, {side: Posture(side)}, q,
+                limits=cell.limits, approach_height=ABOVE, overtravel=effect.search, q_hint={side: hint},
+                rng=cell.rng(),
+            )  # fmt: skip
+            if way.ok and way.unwrap().descend[side].depth[-1] > ABOVE + effect.search - 1e-6:
+                return way
+            failure = failure or way.failure
+    return Outcome(
+        failure=failure
+        or Failure(
+            FailureKind.UNREACHABLE,
+            f"the {side} arm does not reach ({effect.x:.2f}, {effect.y:.2f}) from above",
+            "touch the table nearer to its middle",
+        )
+    )
+
+
+def _point(x: float, y: float, heading: float) -> ToolPath:
+    """A tool path that stays at one point on the table."""
+    none = np.zeros(2)
+    return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), none, none)
+
+
+def _touch_and_press(cell: Workcell, effect: Touch, way: Descent) -> Outcome[Touched]:
+    side, settings = effect.side, cell.grasp
+    zeros = each_hand(cell, {side: start_zero(settings)}, lambda _, r, s: zero(r, s))
+    if zeros.failure:
+        return Outcome(failure=zeros.failure)
+    first = _descend(cell, side, way, settings, zeros.unwrap()[side], -effect.search, [])
+    if first.failure:
+        return Outcome(failure=_explained(first.failure, effect))
+    failure = _rise(cell, side, BACK_OFF)
+    if failure:
+        return Outcome(failure=failure)
+    slow = replace(settings, guarded_speed=PRESS_SPEED, approach_speed=PRESS_SPEED, contact_force=PRESS_FORCE)
+    felt: list[HandReading] = []
+    second = _descend(cell, side, way, slow, zeros.unwrap()[side], -effect.search, felt)
+    if second.failure:
+        return Outcome(failure=_explained(second.failure, effect))
+    at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[arm_slice(side)])[:2, 3]
+    height = np.array([r.height for r in felt]) + cell.table.height
+    force = np.array([(r.tactile.tip - zeros.unwrap()[side].tip).sum() for r in felt])
+    return Outcome(Touched(side, float(at[0]), float(at[1]), height, force))
+
+
+def _descend(
+    cell: Workcell,
+    side: Side,
+    way: Descent,
+    settings: GraspSettings,
+    zeroed: Zero,
+    bottom: float,
+    felt: list[HandReading],
+) -> Outcome[dict[Side, Contact]]:
+    """Guarded, slowly all the way where the table may be; every new tactile reading goes to `felt`."""
+    state = cell.ports.arms.state()
+    q0 = np.array(state.q)
+    top = np.array(q0)
+    top[arm_slice(side)] = way.q[0]
+    high = tool_height(cell, side, top)
+    settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
+    goal = DescentGoal(contact=0.0, bottom=bottom)
+    begun = start_descent(settings, goal, zeroed, read_hand(cell, side, state))
+    height = begun.target
+
+    def tick(_: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
+        nonlocal height
+        if not felt or reading.tactile.stamp > felt[-1].tactile.stamp:
+            felt.append(reading)
+        command, after = descend(reading, before)
+        height = command.height
+        return after
+
+    def arms(_: Mapping[Side, DescentState]) -> Array:
+        q = np.array(q0)
+        q[arm_slice(side)] = way.at(high - height)
+        return q
+
+    return each_hand(cell, {side: begun}, tick, arms)
+
+
+def _explained(failure: Failure, effect: Touch) -> Failure:
+    """No contact, or one too early, mean another thing here than over a garment."""
+    if failure.kind is FailureKind.IN_COLLISION:
+        return Failure(
+            FailureKind.LOW_CONFIDENCE,
+            f"the {effect.side} hand met something at ({effect.x:.2f}, {effect.y:.2f}), more than"
+            f" {1e3 * effect.search:.0f} mm over where cell.yaml has the table",
+            "clear the table; if it is clear, correct table.height in cell.yaml and calibrate again",
+            failure.values,
+        )
+    if failure.kind is not FailureKind.NO_CONTACT:
+        return failure
+    return Failure(
+        FailureKind.NO_CONTACT,
+        f"the {effect.side} hand felt no table at ({effect.x:.2f}, {effect.y:.2f}), down to"
+        f" {1e3 * effect.search:.0f} mm under where cell.yaml has it",
+        "measure the table's height, correct table.height in cell.yaml, and calibrate again",
+        failure.values,
+    )
+
+
+def _height(cell: Workcell, side: Side) -> float:
+    return tool_height(cell, side, cell.ports.arms.state().q)
+
+
+def _rise(cell: Workcell, side: Side, by: float) -> Failure | None:
+    """Straight up by `by` [m], checked as every motion."""
+    if by <= 0.0:
+        return None
+    q = cell.ports.arms.state().q
+    up = plan_lift(cell.robot, cell.checker, q, (side,), by, limits=cell.limits)
+    return up.failure or move(cell, up.unwrap(), fingertips=True)

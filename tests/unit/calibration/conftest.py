@@ -1,0 +1,33 @@
+"""A cell that answers a procedure's effects from a table of answers, and a robot's model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from calibration.effects import Effect, Note
+from robots.baxter.model import load_model
+from robots.model import RobotModel
+from skills.vocabulary import Outcome
+
+Answers = Mapping[type, Callable[[Any], Outcome]]
+
+
+def run(procedure: Any, answers: Answers) -> tuple[Outcome, list[Effect]]:
+    """Drive a procedure: its outcome and the effects that it asked for. What has no answer succeeds."""
+    asked: list[Effect] = []
+    try:
+        effect = next(procedure)
+        while True:
+            asked.append(effect)
+            answer = answers.get(type(effect), lambda _: Outcome(True))
+            effect = procedure.send(Outcome(True) if isinstance(effect, Note) else answer(effect))
+    except StopIteration as end:
+        return end.value, asked
+
+
+@pytest.fixture(scope="session")
+def robot() -> RobotModel:
+    return load_model()

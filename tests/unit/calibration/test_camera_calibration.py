@@ -1,0 +1,145 @@
+"""The board in pictures made by projection, and the camera that follows from them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.board import BOARD, BoardView, draw_view, find_board
+from calibration.camera import CameraSettings, calibrate_camera, fit_intrinsics
+from calibration.effects import Bring, Look, Note, Sight
+from robots.errors import FailureKind
+from robots.ports import BoardPlace, CameraFrame, Intrinsics
+from skills.vocabulary import Outcome
+from tests.unit.calibration.conftest import run
+
+K = Intrinsics(640, 480, 571.0, 583.0, 316.2, 243.9)
+
+
+def pose(rng: np.random.Generator, lean: float = 0.8) -> np.ndarray:
+    """(4, 4) board to camera, in view."""
+    T = np.eye(4)
+    T[:3, 3] = rng.uniform(0.45, 0.75) * np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.14, 0.14), 1.0])
+    about = rng.uniform(0, 2 * np.pi)
+    T[:3, :3] = cv2.Rodrigues(lean * np.sqrt(rng.random()) * np.array([np.cos(about), np.sin(about), 0.0]))[0]
+    return T
+
+
+def projected(T: np.ndarray, noise: float, rng: np.random.Generator, radial: float = 0.0) -> BoardView:
+    p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
+    xy = p[:, :2] / p[:, 2:]
+    xy = xy * (1.0 + radial * (xy**2).sum(axis=1, keepdims=True))
+    uv = xy * [K.fx, K.fy] + [K.cx, K.cy] + noise * rng.standard_normal((len(p), 2))
+    seen = ((uv >= 0) & (uv < [K.width, K.height])).all(axis=1)
+    return BoardView(np.flatnonzero(seen), uv[seen], K.width, K.height)
+
+
+def painted(T: np.ndarray) -> np.ndarray:
+    """(480, 640, 3) the board's picture put where a pinhole sees it; OpenCV's pixel centres are whole numbers."""
+    scale, fine = 4000, 3
+    card = BOARD.image(scale)
+    w, h = BOARD.size
+    to_metres = np.array([[1 / scale, 0, 0.5 / scale - w / 2], [0, 1 / scale, 0.5 / scale - h / 2], [0, 0, 1]])
+    to_fine = np.array([[fine, 0, 0.5 * fine - 0.5], [0, fine, 0.5 * fine - 0.5], [0, 0, 1]])
+    H = to_fine @ K.matrix @ np.column_stack((T[:3, 0], T[:3, 1], T[:3, 3])) @ to_metres
+    big = cv2.warpPerspective(card, H, (fine * K.width, fine * K.height), borderValue=110, flags=cv2.INTER_AREA)
+    return cv2.cvtColor(cv2.resize(big, (K.width, K.height), interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2RGB)
+
+
+def test_corners_are_found_where_a_pinhole_projects_them() -> None:
+    for seed in range(6):
+        T = pose(np.random.default_rng(seed))
+        view = find_board(painted(T))
+        assert view is not None and len(view.index) >= 20
+        expected = projected(T, 0.0, np.random.default_rng(0))
+        where = dict(zip(expected.index.tolist(), expected.pixels, strict=True))
+        off = np.array([p - where[k] for k, p in zip(view.index.tolist(), view.pixels, strict=True)])
+        assert np.sqrt((off**2).sum(axis=1).mean()) < 0.15 and np.abs(off.mean(axis=0)).max() < 0.06
+
+
+def test_a_board_that_leaves_the_picture_is_known_by_its_numbers() -> None:
+    T = pose(np.random.default_rng(1), lean=0.2)
+    T[0, 3] += 0.17
+    view = find_board(painted(T))
+    assert view is not None and 6 <= len(view.index) < 24
+    expected = projected(T, 0.0, np.random.default_rng(0))
+    assert set(view.index.tolist()) <= set(expected.index.tolist())
+
+
+@pytest.mark.parametrize("shade", [0, 110, 255])
+def test_no_board_is_no_view(shade: int) -> None:
+    assert find_board(np.full((480, 640, 3), shade, np.uint8)) is None
+
+
+def test_drawing_leaves_the_picture_alone() -> None:
+    picture = painted(pose(np.random.default_rng(2)))
+    before = picture.copy()
+    view = find_board(picture)
+    assert view is not None and (draw_view(picture, view) != before).any() and (picture == before).all()
+
+
+def test_the_board_in_the_hand_faces_along_minus_y_below_the_tips() -> None:
+    T = BOARD.T_tool_board
+    assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) and np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+    assert T[:3, :3] @ [0, 0, -1] == pytest.approx([0, -1, 0])  # the front
+    lower_edge = T @ [0.0, BOARD.size[1] / 2, 0.0, 1.0]
+    assert lower_edge[:3] == pytest.approx([0.0, 0.0, BOARD.tab])
+
+
+def views(count: int, noise: float, seed: int = 0, lean: float = 0.8, radial: float = 0.0) -> list[BoardView]:
+    rng = np.random.default_rng(seed)
+    return [projected(pose(rng, lean), noise, rng, radial) for _ in range(count)]
+
+
+def test_the_camera_is_found_within_its_own_standard_deviations() -> None:
+    off = []
+    for seed in range(8):
+        c = fit_intrinsics(views(20, 0.1, seed)).unwrap()
+        i = c.intrinsics
+        off += [(i.fx - K.fx) / c.sigma[0], (i.fy - K.fy) / c.sigma[1], (i.cx - K.cx) / c.sigma[2]]
+        assert c.rms == pytest.approx(0.1 * np.sqrt(2), rel=0.2) and abs(i.fx - K.fx) < 4.0
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
+
+
+def test_exact_corners_give_the_exact_camera() -> None:
+    i = fit_intrinsics(views(8, 0.0)).unwrap().intrinsics
+    assert (i.fx, i.fy, i.cx, i.cy) == pytest.approx((K.fx, K.fy, K.cx, K.cy), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("shown", "word"),
+    [
+        (lambda: views(4, 0.1), "4 views"),
+        (lambda: views(20, 0.1, lean=0.02), "alike"),
+        (lambda: views(20, 2.0), "miss"),
+        (lambda: views(20, 0.1, radial=-0.08), "pinhole"),
+    ],
+)
+def test_views_that_give_no_camera_are_refused(shown, word: str) -> None:
+    refused = fit_intrinsics(shown()).failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and word in refused.what and refused.hint
+
+
+def sight(picture: np.ndarray) -> Outcome:
+    frame = CameraFrame(0.0, 1, picture, np.ones((480, 640), np.float32), K)
+    return Outcome(Sight(frame, np.zeros(14)))
+
+
+def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
+    pictures = [painted(pose(np.random.default_rng(k))) for k in range(7)]
+    pictures[2] = np.zeros_like(pictures[0])
+    stack = iter(pictures)
+    outcome, asked = run(calibrate_camera(CameraSettings(views=6)), {Look: lambda _: sight(next(stack))})
+    c = outcome.unwrap()
+    assert c.views == 6 and abs(c.intrinsics.fx - K.fx) < 4 * c.sigma[0] + 1.0
+    places = [e.place for e in asked if isinstance(e, Bring)]
+    assert places == [BoardPlace.SHOWN] * 7 + [BoardPlace.AWAY]
+    assert sum(isinstance(e, Note) and e.picture is not None for e in asked) == 7
+
+
+def test_a_board_that_nobody_shows_is_out_of_view() -> None:
+    dark = sight(np.zeros((480, 640, 3), np.uint8))
+    outcome, asked = run(calibrate_camera(CameraSettings(views=5)), {Look: lambda _: dark})
+    assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW and outcome.failure.hint
+    assert sum(isinstance(e, Look) for e in asked) == 10

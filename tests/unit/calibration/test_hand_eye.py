@@ -1,0 +1,179 @@
+"""The camera's pose from a board in the hands: against exact data, noise, and data that cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from calibration.board import BOARD, BoardView
+from calibration.effects import Bring, Grip, Look, Reach, Sight
+from calibration.hand_eye import (
+    HandEyeSettings,
+    HandView,
+    board_poses,
+    calibrate_hand_eye,
+    closed_form,
+    fit_hand_eye,
+)
+from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import BoardPlace, CameraFrame, Side, arm_slice
+from skills.motion import ik
+from skills.vocabulary import CameraCalibration, Outcome, Table
+
+TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
+CAMERA = CameraCalibration(INTRINSICS, np.linalg.inv(TABLE.T_base_table) @ T_base_camera(0.0))
+
+
+def random_pose(rng: np.random.Generator, turn: float = 1.0, shift: float = 0.3) -> np.ndarray:
+    w = rng.standard_normal(3)
+    T = np.eye(4)
+    T[:3, :3] = pin.exp3(turn * rng.random() * w / np.linalg.norm(w))
+    T[:3, 3] = shift * rng.standard_normal(3)
+    return T
+
+
+def test_the_closed_form_solves_the_equation_exactly() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        X, Y = random_pose(rng, np.pi), random_pose(rng, np.pi)
+        A = [random_pose(rng, 2.0) for _ in range(4)]
+        B = [np.linalg.inv(X) @ a @ Y for a in A]
+        x, y = closed_form(A, B)
+        assert np.allclose(x, X, atol=1e-9) and np.allclose(y, Y, atol=1e-9)
+
+
+def off(true: np.ndarray, found: np.ndarray) -> tuple[float, float]:
+    """[mm], [degrees]."""
+    gap = np.linalg.inv(true) @ found
+    return 1e3 * float(np.linalg.norm(gap[:3, 3])), float(np.rad2deg(np.linalg.norm(pin.log3(gap[:3, :3]))))
+
+
+class Cell:
+    """A camera a little off, boards held a little off, joints that read a little wrong."""
+
+    def __init__(self, robot: RobotModel, seed: int, noise: float = 0.1, bias: float = 1e-3) -> None:
+        rng = np.random.default_rng(seed)
+        self.robot, self.rng, self.noise = robot, rng, noise
+        self.X = T_base_camera(0.0) @ random_pose(rng, 0.01, 0.003)
+        self.Y = {side: BOARD.T_tool_board @ random_pose(rng, 0.05, 0.004) for side in Side}
+        self.bias = bias * rng.standard_normal(14)
+        self.q = np.array(robot.q_park)
+        self.side = Side.LEFT
+
+    def reach(self, effect: Reach) -> Outcome:
+        cut = arm_slice(effect.side)
+        seeds = np.random.default_rng(7).uniform(
+            self.robot.planning.lower[cut], self.robot.planning.upper[cut], (8, 7)
+        )
+        found = ik.solve_seeds(self.robot, effect.side, effect.T_base_tool, seeds)
+        if len(found) == 0:
+            return Outcome(failure=Failure(FailureKind.UNREACHABLE, "too far"))
+        self.side, self.q[cut] = effect.side, found[0]
+        return Outcome(self.q.copy())
+
+    def view(self) -> BoardView:
+        """Through the joints' true angles, which nobody reads."""
+        q = (self.q - self.bias)[arm_slice(self.side)]
+        T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
+        p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
+        k = INTRINSICS
+        uv = p[:, :2] / p[:, 2:] * [k.fx, k.fy] + [k.cx, k.cy] + self.noise * self.rng.standard_normal((len(p), 2))
+        return BoardView(np.arange(len(p)), uv, k.width, k.height)
+
+    def views(self, count: int, sides: tuple[Side, ...] = tuple(Side)) -> list[HandView]:
+        out = []
+        for side in sides:
+            for T in board_poses(side, T_base_camera(0.0), HandEyeSettings(views=40)):
+                if sum(v.side is side for v in out) == count:
+                    break
+                if self.reach(Reach(side, T @ np.linalg.inv(BOARD.T_tool_board))).ok:
+                    out.append(HandView(side, self.q[arm_slice(side)].copy(), self.view()))
+        return out
+
+
+def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
+    cell = Cell(robot, 0, noise=0.0, bias=0.0)
+    found = fit_hand_eye(robot, INTRINSICS, cell.views(6)).unwrap()
+    assert off(cell.X, found.T_base_camera) == pytest.approx((0.0, 0.0), abs=1e-3)
+    for side in Side:
+        assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: RobotModel) -> None:
+    errors = []
+    for seed in range(6):
+        cell = Cell(robot, seed)
+        found = fit_hand_eye(robot, INTRINSICS, cell.views(12)).unwrap()
+        errors.append(off(cell.X, found.T_base_camera))
+        assert found.rms < 0.2 and found.position < 2e-3 and found.views == 24
+        assert errors[-1][0] < 5.0 * 1e3 * found.position_sigma
+    mm, deg = np.array(errors).T
+    assert mm.max() < 2.0 and deg.max() < 0.15
+
+
+def test_a_lens_that_is_known_badly_shows_in_the_standard_deviation(robot: RobotModel) -> None:
+    """Two parts in a thousand of focal length move the camera along its view; the sigma has room for it."""
+    wrong = replace(INTRINSICS, fx=1.002 * INTRINSICS.fx, fy=1.002 * INTRINSICS.fy)
+    cell = Cell(robot, 0)
+    found = fit_hand_eye(robot, wrong, cell.views(8)).unwrap()
+    mm, _ = off(cell.X, found.T_base_camera)
+    assert 0.5 < mm < 2.5 * 1e3 * found.position_sigma
+
+
+def test_two_hands_tell_more_than_one(robot: RobotModel) -> None:
+    one = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
+    two = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8)).unwrap() for s in range(3)]
+    assert np.mean([c.position_sigma for c in two]) < np.mean([c.position_sigma for c in one])
+
+
+def test_poses_and_pictures_that_cannot_tell_are_refused(robot: RobotModel) -> None:
+    views = Cell(robot, 1).views(6)
+    still = [replace(v, q=views[0].q, view=views[0].view) for v in views if v.side is Side.LEFT]
+    wrong_lens = replace(INTRINSICS, fx=1.08 * INTRINSICS.fx)
+    for lens, shown, word in (
+        (INTRINSICS, views[:3], "3 views"),
+        (INTRINSICS, still, "one axis"),
+        (wrong_lens, views, "miss"),
+    ):
+        refused = fit_hand_eye(robot, lens, shown).failure
+        assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and word in refused.what and refused.hint
+
+
+def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, answers: dict, views: int = 4):
+    """Corners are put in place of a picture: finding them in one is tested elsewhere."""
+    from tests.unit.calibration.conftest import run
+
+    monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb, board: cell.view())
+    frame = CameraFrame(0.0, 1, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), INTRINSICS)
+    given = {Reach: cell.reach, Look: lambda _: Outcome(Sight(frame, cell.q.copy()))} | answers
+    return run(calibrate_hand_eye(robot, CAMERA, TABLE, HandEyeSettings(views=views)), given)
+
+
+def test_the_board_goes_from_hand_to_hand(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = Cell(robot, 2)
+    outcome, asked = procedure(robot, monkeypatch, cell, {}, views=8)
+    assert off(cell.X, outcome.unwrap().T_base_camera)[0] < 3.0
+    order = [e.place for e in asked if isinstance(e, Bring)]
+    assert order == [BoardPlace.LEFT_HAND, BoardPlace.AWAY, BoardPlace.RIGHT_HAND, BoardPlace.AWAY]
+    first = next(i for i, e in enumerate(asked) if isinstance(e, Bring))
+    assert isinstance(asked[first - 2], Reach) and isinstance(asked[first + 1], Grip)  # given at a pose, then held
+
+
+def test_a_hand_that_reaches_nothing_never_takes_the_board(robot: RobotModel, monkeypatch) -> None:
+    far = Outcome(failure=Failure(FailureKind.UNREACHABLE, "too far"))
+    outcome, asked = procedure(robot, monkeypatch, Cell(robot, 3), {Reach: lambda e: far})
+    assert outcome.failure and outcome.failure.kind is FailureKind.UNREACHABLE
+    assert not any(isinstance(e, Bring | Grip) for e in asked)
+
+
+def test_a_board_that_is_not_seen_is_given_back(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = Cell(robot, 4)
+    monkeypatch.setattr(cell, "view", lambda: None)
+    outcome, asked = procedure(robot, monkeypatch, cell, {})
+    assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW
+    assert [e.place for e in asked if isinstance(e, Bring)] == [BoardPlace.LEFT_HAND, BoardPlace.AWAY]

@@ -1,0 +1,113 @@
+"""Friction from one recorded fold: on folds simulated with another mesh, and on made outlines."""
+
+import numpy as np
+import pytest
+import shapely
+
+from calibration.identify import FRICTIONS, Candidates, Noise, identify_material, predict_candidates, silhouette
+from robots.errors import ConfigurationError
+from robots.ports import Side
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.trajectory.paths import fold_paths
+from skills.vocabulary import Material
+
+MU = 0.45
+BELIEVED = Material(0.4, 0.03, 0.012, 0.0025, MU, 0.85 * MU, 0.6)
+CONTOUR = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
+
+
+def steep(height):
+    """A fold that lifts off straight up and high: the cloth is drawn taut and drags what rests."""
+    up = np.array([0.0, 0.0, height])
+    controls = {}
+    for side, y in ((Side.LEFT, 0.188), (Side.RIGHT, -0.188)):
+        a, b = np.array([0.288, y, 0.001]), np.array([-0.288, y, 0.012])
+        controls[side] = np.array([a, a + up, b + up, b])
+    return fold_paths(controls, dict.fromkeys(controls, np.pi / 2), 3.0)
+
+
+def seen(factor, paths):
+    """The outline of the fold in a world with another mesh and `factor` of the believed friction."""
+    mesh = mesh_from_contour(CONTOUR, 0.0225, rotate=0.4)
+    end = predict_fold(mesh, mesh.lay_flat(0.0025), BELIEVED.with_friction(factor * MU), paths)
+    return np.asarray(silhouette(end.vertices, mesh.triangles).exterior.coords)[:-1]
+
+
+def candidates(paths, factors=FRICTIONS):
+    mesh = mesh_from_contour(CONTOUR, 0.0262)
+    return predict_candidates(mesh, mesh.lay_flat(0.0025), BELIEVED, paths, factors)
+
+
+@pytest.fixture(scope="module")
+def dragging():
+    paths = steep(0.45)
+    return paths, candidates(paths)
+
+
+@pytest.mark.parametrize("factor", [0.65, 1.35])
+def test_a_fold_that_drags_tells_the_friction(dragging, factor):
+    paths, grid = dragging
+    found = identify_material([seen(factor, paths)], grid, BELIEVED)
+    before, after = abs(MU - factor * MU), abs(found.friction.value - factor * MU)
+    assert after < 0.5 * before
+    assert found.friction.learned > 0.5
+    assert after < 3.0 * found.friction.deviation
+    assert found.applied_to(BELIEVED).friction_static == found.friction.value
+    assert found.applied_to(BELIEVED).friction_dynamic == pytest.approx(0.85 * found.friction.value)
+
+
+def test_a_fold_that_drags_nothing_tells_nothing():
+    """With an ordinary arc what rests stays put at any of these frictions: the prior stays, and says so."""
+    paths = steep(0.25)
+    found = identify_material([seen(0.65, paths)], candidates(paths, (0.6, 1.6)), BELIEVED)
+    assert found.friction.learned < 0.2
+    assert found.friction.value == pytest.approx(MU, rel=0.1)
+    assert found.applied_to(BELIEVED) == BELIEVED
+
+
+def moving(frictions, stretches, slope=0.1, growth=0.0):
+    """Candidates whose square moves by slope * ln(mu) and grows by growth * s."""
+    shapes = [
+        [(shapely.box(slope * np.log(mu), 0.0, slope * np.log(mu) + 0.3 + growth * s, 0.3),) for s in stretches]
+        for mu in frictions
+    ]
+    return Candidates(np.array(frictions), np.array(stretches), shapes)
+
+
+@pytest.mark.parametrize("truth", [0.32, 0.45, 0.6])
+def test_a_made_drift_is_read_back(truth):
+    grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
+    outline = np.asarray(shapely.box(0.1 * np.log(truth), 0.0, 0.1 * np.log(truth) + 0.3, 0.3).exterior.coords)[
+        :-1
+    ]
+    found = identify_material([outline], grid, BELIEVED, Noise(sigma=0.001))
+    assert found.friction.value == pytest.approx(truth, rel=0.06)
+    assert found.misfit < 3e-3
+    assert found.stretch.learned == 0.0 and found.stretch.value == pytest.approx(0.03)
+
+
+def test_stretch_is_learned_only_where_the_outline_shows_it():
+    grid = {growth: moving((0.3, 0.6), (0.02, 0.03, 0.045), 0.1, growth) for growth in (0.3, 3.0)}
+    learned = []
+    for growth, candidate in grid.items():
+        outline = np.asarray(shapely.box(0.1 * np.log(MU), 0, 0.1 * np.log(MU) + 0.3 + growth * 0.042, 0.3)
+                             .exterior.coords)[:-1]  # fmt: skip
+        learned.append(identify_material([outline], candidate, BELIEVED).stretch)
+    assert learned[0].learned < 0.3 < learned[1].learned
+    assert learned[1].value == pytest.approx(0.042, rel=0.12)
+
+
+def test_what_no_candidate_explains_widens_the_estimate():
+    grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
+    fitting, strange = shapely.box(-0.08, 0.0, 0.22, 0.3), shapely.box(-0.08, 0.0, 0.22, 0.45)
+    a, b = (identify_material([np.asarray(s.exterior.coords)[:-1]], grid, BELIEVED) for s in (fitting, strange))
+    assert b.misfit > 5 * a.misfit and b.friction.deviation > 2 * a.friction.deviation
+
+
+@pytest.mark.parametrize("bad", ["nan", "count", "order"])
+def test_what_does_not_fit_is_refused(bad):
+    grid = moving((0.5, 0.3) if bad == "order" else (0.3, 0.5), (0.03,))
+    square = np.array([[0.0, 0], [0.3, 0], [0.3, 0.3], [0, np.nan if bad == "nan" else 0.3]])
+    with pytest.raises(ConfigurationError):
+        identify_material([square] * (2 if bad == "count" else 1), grid, BELIEVED)

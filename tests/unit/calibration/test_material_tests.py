@@ -1,0 +1,150 @@
+"""Hang, tilt and cantilever tests against closed forms, and what bad measurements give."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
+from calibration.friction import calibrate_friction, friction_angle, slides, tilted
+from calibration.shear import calibrate_shear, clip_and_lowest, hang, hung_shape, stretch_fraction
+from robots.errors import ConfigurationError
+from skills.cloth.elastic import GRAVITY
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.solver import SolverSettings
+from skills.vocabulary import REFERENCE_DROP, Material
+
+MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
+TOWEL = np.array([[-0.15, -0.21], [0.15, -0.21], [0.15, 0.21], [-0.15, 0.21]])
+CORNERS = ("a", "b", "c", "d")
+
+
+def elastica_angle(overhang, c):
+    """Angle to the tip of a heavy elastica, clamped level: theta'' = -(l - s) cos(theta) / c^3 (exact)."""
+
+    def run(k):
+        def rate(s, y):
+            return [y[1], -(overhang - s) / c**3 * math.cos(y[0]), math.cos(y[0]), math.sin(y[0])]
+
+        return solve_ivp(rate, (0.0, overhang), [0.0, k, 0.0, 0.0], rtol=1e-9, atol=1e-12).y[:, -1]
+
+    end = run(brentq(lambda k: run(k)[1], 0.0, overhang**2 / c**3))
+    return math.atan2(end[3], end[2])
+
+
+def test_half_the_overhang_is_the_bending_length_of_the_elastica():
+    """ASTM D1388: at an overhang of twice its bending length a strip's tip stands 41.5 degrees below the edge."""
+    assert math.degrees(elastica_angle(0.05, bending_length(0.05))) == pytest.approx(41.5, abs=0.05)
+
+
+@pytest.mark.parametrize("ratio", [1.2, 1.6, 2.0, 2.5])
+def test_peirces_formula_is_near_the_elastica(ratio):
+    assert peirce(ratio, elastica_angle(ratio, 1.0)) == pytest.approx(1.0, rel=0.04)
+
+
+def test_the_virtual_strip_bends_alike_at_any_size():
+    """Similarity: the shape depends on overhang / c alone, whatever the gravity it is brought about with."""
+    found = [cantilever(replace(MATERIAL, bending_length=c), 0.03, pictures=2) for c in (0.015, 0.030)]
+    assert found[0].angle == pytest.approx(found[1].angle, rel=0.05)
+    assert all(math.radians(15) < f.angle < math.radians(60) for f in found)
+    assert found[1].simulated / found[0].simulated == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_calibrated_overhang_is_shown():
+    test = calibrate_bending(MATERIAL, 0.04, edge=0.03)
+    assert test.bending_length == 0.02 and len(test.pictures) == len(test.times)
+    assert test.tip_angle(test.pictures[-1]) == pytest.approx(test.angle)
+
+
+def test_the_friction_is_the_tangent_of_the_slope_and_the_virtual_towel_agrees():
+    test = calibrate_friction(TOWEL, 1, MATERIAL, height=0.30, length=0.80)
+    assert test.coefficient == pytest.approx(math.tan(math.asin(0.30 / 0.80)))
+    assert test.agrees and test.error == pytest.approx(0.0, abs=0.011)
+    holding = [moved for _, moved in test.tried[:-1]]
+    assert max(holding) < 1e-4 < test.tried[-1][1]
+    frictions = [mu for mu, _ in test.tried]
+    assert frictions == sorted(frictions, reverse=True)
+
+
+def test_a_towel_slides_as_a_block():
+    mesh = mesh_from_contour(TOWEL, 0.03)
+    angle, mu = math.radians(25.0), 0.3
+    moved, _ = slides(mesh, replace(MATERIAL, friction_static=mu, friction_dynamic=mu), angle, seconds=0.5)
+    assert moved == pytest.approx(0.5 * GRAVITY * (math.sin(angle) - mu * math.cos(angle)) * 0.25, rel=0.02)
+
+
+def test_a_tilted_table_is_a_rotation_with_the_side_at_low_x_lifted():
+    out = tilted(np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.3, 0.0]]), math.radians(30.0))
+    assert out[0, 2] == pytest.approx(0.5) and out[1, 2] == pytest.approx(-0.5)
+    assert out[2] == pytest.approx([0.0, 0.3, 0.0])
+
+
+@pytest.fixture(scope="module")
+def hung():
+    diagonal = float(np.linalg.norm(TOWEL[0] - TOWEL[2]))
+    return calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, diagonal * 1.02, diagonal)
+
+
+def test_the_virtual_garment_elongates_as_measured(hung):
+    assert hung.stretch_fraction == pytest.approx(0.02)
+    assert hung.simulated == pytest.approx(0.02, abs=1e-3)
+    assert hung.shape.elongation(hung.pictures[-1]) == pytest.approx(hung.simulated)
+    assert hung.strip_stretch == pytest.approx(0.02 * REFERENCE_DROP / hung.hang_drop)
+
+
+def test_a_garment_by_a_clip_stretches_more_than_its_strip_by_an_edge(hung):
+    """All of the weight goes through the clip: the same fabric's strip, as long as the garment, elongates less."""
+    assert hung.hang_drop > hung.shape.rest_length
+
+
+def test_the_calibrated_fabric_hangs_alike_on_another_mesh(hung):
+    pair = clip_and_lowest(TOWEL, CORNERS)
+    shape = hung_shape(TOWEL, pair, 1, MATERIAL.thickness, 0.026)
+    end, _ = hang(shape, replace(MATERIAL, stretch_fraction=hung.strip_stretch), 3.0, substeps=40)
+    assert shape.elongation(end) == pytest.approx(0.02, abs=2e-3)
+
+
+def test_the_reference_strip_is_the_solvers():
+    assert SolverSettings().reference_drop == REFERENCE_DROP
+
+
+def test_the_line_that_is_measured_lies_in_the_garment():
+    """Of an L the far ends do not see each other: cloth between them would not hang straight."""
+    ell = np.array([[0.0, 0.0], [0.6, 0.0], [0.6, 0.1], [0.1, 0.1], [0.1, 0.6], [0.0, 0.6]])
+    names = tuple("abcdef")
+    i, j = clip_and_lowest(ell, names)
+    assert {i, j} != {1, 5} and np.linalg.norm(ell[i] - ell[j]) > 0.6
+    assert clip_and_lowest(ell, names, held="e")[0] == 4
+    with pytest.raises(ConfigurationError):
+        clip_and_lowest(ell, names, held="nowhere")
+
+
+def test_a_paper_garment_loses_no_weight_at_the_clip():
+    shape = hung_shape(TOWEL, (0, 2), 1, 0.002, 0.03)
+    assert shape.clip.sum() >= 2
+    width = np.ptp(shape.mesh.rest[shape.clip], axis=0)[0]
+    assert width == pytest.approx(0.04, abs=1e-3)
+    assert shape.mesh.area.sum() == pytest.approx(0.3 * 0.42, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("measure", "values"),
+    [
+        (stretch_fraction, (0.70, 0.72)), (stretch_fraction, (1.0, 0.72)), (stretch_fraction, (math.nan, 0.72)),
+        (stretch_fraction, (72.0, 70.0)), (friction_angle, (1.0, 0.8)), (friction_angle, (-0.1, 0.8)),
+        (friction_angle, (0.01, 0.8)), (friction_angle, (0.3, math.inf)), (bending_length, (0.0,)),
+        (bending_length, (math.nan,)), (bending_length, (0.5,)),
+    ],
+)  # fmt: skip
+def test_measurements_that_cannot_be_are_refused_with_their_values(measure, values):
+    with pytest.raises(ConfigurationError) as error:
+        measure(*values)
+    assert error.value.hint and error.value.values
+
+
+def test_a_length_of_another_garment_is_refused():
+    with pytest.raises(ConfigurationError, match="apart"):
+        calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, 1.02, 1.0)

@@ -1,0 +1,101 @@
+"""The fingers' figures and thresholds from readings of known noise and drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.effects import Heard, Listen, Touch
+from calibration.tactile import FingerFigures, TactileSettings, calibrate_tactile, finger_figures, thresholds
+from robots.errors import FailureKind
+from robots.ports import Side, TactileReading
+from skills.grasping.settings import GraspSettings
+from skills.vocabulary import Outcome
+from tests.unit.calibration.conftest import run
+from tests.unit.calibration.test_table_calibration import press
+
+GRASP = GraspSettings()
+CELL, TIP = 0.01, 0.03
+
+
+def readings(seed: int = 0, cell: float = CELL, tip: float = TIP, slope: float = 0.0, seconds: float = 60.0):
+    """100 a second; slope [N/s]: of every cell."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(100 * seconds)) / 100
+    cells = cell * rng.standard_normal((len(t), 2, 4, 3)) + slope * t[:, None, None, None]
+    tips = tip * rng.standard_normal((len(t), 2))
+    return [TactileReading(float(a), Side.LEFT, b, c) for a, b, c in zip(t, cells, tips, strict=True)]
+
+
+def test_noise_is_found_beside_a_drift() -> None:
+    for slope in (0.0, 0.002):
+        f = finger_figures(Side.LEFT, readings(slope=slope)).unwrap()
+        assert f.cell_noise == pytest.approx(CELL, rel=0.03) and f.tip_noise == pytest.approx(TIP, rel=0.05)
+        assert f.pad_noise == pytest.approx(CELL * np.sqrt(12), rel=0.05) and f.rate == pytest.approx(100.0)
+        # twelve cells of a pad, fifteen seconds
+        assert f.pad_drift == pytest.approx(12 * 15 * slope, abs=0.06) and f.tip_drift < 0.03
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.05, 30.0])
+def test_a_dead_or_raving_cell_is_named(gain: float) -> None:
+    heard = readings()
+    for r in heard:
+        r.cells[1, 2, 0] *= gain
+    refused = finger_figures(Side.RIGHT, heard).failure
+    assert refused and refused.kind is FailureKind.HARDWARE_FAULT
+    assert "right" in refused.what and "pad 1" in refused.what and "row 2, column 0" in refused.what
+
+
+def test_too_few_readings_and_dead_tips_are_faults() -> None:
+    assert finger_figures(Side.LEFT, readings()[:100]).failure
+    assert finger_figures(Side.LEFT, []).failure
+    still = [TactileReading(r.stamp, r.side, r.cells, np.zeros(2)) for r in readings()]
+    refused = finger_figures(Side.LEFT, still).failure
+    assert refused and "tip" in refused.what
+
+
+def figures(tip_noise: float = TIP, pad_drift: float = 0.0, pad_noise: float = 0.035) -> FingerFigures:
+    return FingerFigures(CELL, pad_noise, tip_noise, pad_drift, 0.0, 100.0)
+
+
+def test_thresholds_are_ten_deviations_of_what_is_compared() -> None:
+    contact, held = thresholds({Side.LEFT: figures()}, GRASP).unwrap()
+    assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / GRASP.zero_readings), abs=1e-3)
+    mean = np.sqrt(1 / GRASP.confirm_readings + 1 / GRASP.zero_readings)
+    assert held == pytest.approx(10 * 0.035 * mean, abs=1e-3)
+
+
+def test_the_worse_hand_decides_and_more_noise_never_lowers_a_threshold() -> None:
+    calm, loud = figures(), figures(0.05, 0.2, 0.06)
+    both = thresholds({Side.LEFT: calm, Side.RIGHT: loud}, GRASP).unwrap()
+    assert both == thresholds({Side.LEFT: loud}, GRASP).unwrap()
+    assert np.all(np.array(both) > thresholds({Side.LEFT: calm}, GRASP).unwrap())
+
+
+@pytest.mark.parametrize("bad", [figures(tip_noise=0.4), figures(pad_drift=3.0), figures(tip_noise=float("nan"))])
+def test_cells_that_no_threshold_helps_are_refused(bad: FingerFigures) -> None:
+    refused = thresholds({Side.LEFT: bad}, GRASP).failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and refused.hint
+
+
+def test_the_procedure_listens_then_presses_with_each_hand() -> None:
+    heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
+    outcome, asked = run(calibrate_tactile(GRASP), answers)
+    c = outcome.unwrap()
+    assert c.false_contacts == 0 and c.zeros == 12
+    for side in Side:  # noticed when a tip bears the threshold, two more readings at 3 mm/s included
+        assert c.stiffness[side] == pytest.approx(1150.0, rel=0.05)
+        assert c.noticed[side] == pytest.approx(2 * c.contact_force / 1150.0 + 6e-5, abs=1.5e-4)
+    assert {e.side for e in asked if isinstance(e, Touch)} == set(Side)
+
+
+def test_a_hand_that_feels_the_table_late_is_refused() -> None:
+    heard = Outcome(Heard({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
+    outcome, _ = run(calibrate_tactile(GRASP), {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))})
+    assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
+
+
+def test_listening_has_to_outlast_the_horizon() -> None:
+    with pytest.raises(ValueError, match="twice"):
+        TactileSettings(seconds=20.0)
