@@ -15,20 +15,25 @@ from cell.calibration_file import camera_calibration
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
 from cell.subcommands.output import print_json, write_whole
-from robots.errors import ConfigurationError
-from robots.ports import CameraFrame, Intrinsics
+from robots.errors import ConfigurationError, Failure
+from robots.ports import Array, CameraFrame, Intrinsics, frozen
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, perceive
+from skills.vocabulary import CameraCalibration, Table
 
-__all__ = ["read_frame", "run"]
+__all__ = ["photographed", "read_frame", "run"]
 
 MILLIMETRES = 1e-3
+WIDTH, HEIGHT = 1.2, 2.0
+"""Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
 
 
 def run(options: argparse.Namespace) -> int:
     """0 with key points, 2 when no garment was recognised."""
     settings = load_settings(options.cell)
-    calibration = camera_calibration(settings)
+    calibration, table = camera_calibration(settings), settings.table
+    if options.unit == "px":
+        calibration, table = photographed(_read_image(options.image, cv2.IMREAD_COLOR).shape)
     names = list_garments() if options.garment == "auto" else (options.garment,)
     garments = [load_garment(name, settings.surface) for name in names]
     frame = read_frame(options.image, options.depth, calibration.intrinsics, 0)
@@ -40,23 +45,33 @@ def run(options: argparse.Namespace) -> int:
         thresholds = replace(thresholds, depth_holes=1.0)
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
     seen = perceive(
-        frame, calibration, settings.table, empty, garments,
+        frame, calibration, table, empty, garments,
         None if options.garment == "auto" else garments[0].name, thresholds,
     )  # fmt: skip
     if seen.failure is not None:
-        failure = seen.failure
         if options.json:
-            print_json({"image": str(options.image), "recognised": False, "failure": failure, "notes": seen.notes})
+            print_json({**_refused(options.image, options.unit, seen.failure), "notes": seen.notes})
         else:
-            print(f"not recognised: {failure}")
+            print(f"not recognised: {seen.failure}")
         return 2
     perception = seen.unwrap()
     _write_overlay(output, draw_on_camera(perception, frame.rgb))
     if options.json:
-        print_json({**_figures(options.image, perception, output), "notes": seen.notes})
+        print_json({**_figures(options.image, perception, output, options.unit), "notes": seen.notes})
     else:
-        _print(perception, output)
+        _print(perception, output, options.unit)
     return 0
+
+
+def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
+    """A stand-in for a camera of which nothing is known, for a picture (rows, columns): straight above the table,
+    the picture as wide as `WIDTH`. What it says in metres means nothing; in pixels it is right."""
+    rows, columns = shape[:2]
+    focal = HEIGHT * columns / WIDTH
+    intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
+    T = np.array([[0.0, -1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, HEIGHT], [0.0, 0.0, 0.0, 1.0]])
+    half = 0.5 * WIDTH * rows / columns
+    return CameraCalibration(intrinsics, frozen(T)), Table(0.0, (-half, half), (-0.5 * WIDTH, 0.5 * WIDTH))
 
 
 def read_frame(image: Path, depth: Path | None, intrinsics: Intrinsics, sequence: int) -> CameraFrame:
@@ -108,7 +123,8 @@ def _check_size(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -
         wanted = f"{expected[1]} x {expected[0]}"
         raise ConfigurationError(
             f"{path}: is {found[1]} x {found[0]} pixels, the camera is calibrated for {wanted}",
-            "give a picture as the cell's camera takes it, or a calibration of the camera that took it (--cell)",
+            "give a picture as the cell's camera takes it, a calibration of the camera that took it (--cell), or "
+            "--unit px for a camera of which nothing is known",
         )
 
 
@@ -119,24 +135,47 @@ def _write_overlay(path: Path, rgb: NDArray[np.uint8]) -> None:
     write_whole(path, png.tobytes())
 
 
-def _figures(image: Path, perception: Perception, overlay: Path) -> dict[str, Any]:
+def _refused(image: Path, unit: str, failure: Failure) -> dict[str, Any]:
+    return {
+        "image": str(image), "recognised": False, "accepted": False, "reason": str(failure.kind),
+        "category": None, "confidence": 0.0, "keypoints": {}, "contour": [], "unit": unit, "failure": failure,
+    }  # fmt: skip
+
+
+def _figures(image: Path, perception: Perception, overlay: Path, unit: str) -> dict[str, Any]:
     state = perception.state
+    metres = {"keypoints_m": state.keypoints} if unit == "m" else {}
     return {
         "image": str(image),
         "recognised": True,
+        "accepted": True,
+        "reason": None,
         "garment": perception.garment,
         "category": state.category,
         "confidence": state.confidence,
         "ambiguous": state.ambiguous,
-        "keypoints_m": state.keypoints,
+        "unit": unit,
+        "keypoints": _keypoints(perception, unit),
+        "contour": _in_unit(perception, state.contour, unit),
+        **metres,
         "overlay": str(overlay),
     }
 
 
-def _print(perception: Perception, overlay: Path) -> None:
+def _keypoints(perception: Perception, unit: str) -> dict[str, Array]:
+    return {name: _in_unit(perception, p, unit) for name, p in perception.state.keypoints.items()}
+
+
+def _in_unit(perception: Perception, points: Array, unit: str) -> Array:
+    """Points (..., 2) [m], table frame, as they are, or in the picture's pixels (column, row)."""
+    return points if unit == "m" else perception.view.to_image(points)
+
+
+def _print(perception: Perception, overlay: Path, unit: str) -> None:
     state = perception.state
     print(f"{state.category} ({perception.garment}), confidence {state.confidence:.2f}")
-    print("key points in the table frame [m]:")
-    for name, (x, y) in state.keypoints.items():
-        print(f"  {name:<20} {x:+.3f} {y:+.3f}")
+    where = "in the table frame [m]" if unit == "m" else "in the picture [px, column and row]"
+    print(f"key points {where}:")
+    for name, (x, y) in _keypoints(perception, unit).items():
+        print(f"  {name:<20} {x:+.3f} {y:+.3f}" if unit == "m" else f"  {name:<20} {x:8.1f} {y:8.1f}")
     print(f"overlay  {overlay}")

@@ -28,6 +28,8 @@ _STIFF = RegistrationSettings(
     updates=1,
     candidates=2,
 )
+_HOPELESS = 0.6
+"""Overlap from which bending makes no match."""
 _CELL = 0.004
 """Edge of a raster cell in which overlaps are counted [m]."""
 
@@ -71,7 +73,7 @@ def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match
     iou, angle = 0.0, 0.0
     for start in best_starts(polygon, boundary, _STIFF):
         overlap = polygon_iou(start.polygon, contour)
-        if overlap < 0.97:
+        if _HOPELESS < overlap < 0.97:
             overlap = max(overlap, polygon_iou(bend(start.polygon, boundary, _STIFF), contour))
         if overlap > iou:
             iou, angle = overlap, start.angle

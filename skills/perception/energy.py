@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -92,13 +93,14 @@ def _normals(points: Array) -> Array:
 
 def segment_lengths(X: Array) -> Array:
     """Lengths (n,) of the closed contour's segments; segment i runs from vertex i to i + 1."""
-    return np.linalg.norm(np.roll(X, -1, axis=0) - X, axis=1)
+    edge = np.concatenate((X[1:], X[:1])) - X
+    return np.asarray(np.sqrt(edge[:, 0] ** 2 + edge[:, 1] ** 2))
 
 
 def interior_angles(X: Array) -> Array:
     """Interior angles (n,) in (0, 2 pi) of a counter-clockwise contour (n, 2)."""
-    u = np.roll(X, -1, axis=0) - X
-    v = np.roll(X, 1, axis=0) - X
+    u = np.concatenate((X[1:], X[:1])) - X
+    v = np.concatenate((X[-1:], X[:-1])) - X
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     return np.mod(np.arctan2(cross, (u * v).sum(axis=1)), 2 * np.pi)
 
@@ -195,14 +197,32 @@ def closest_segments(
 
     A segment that faces another way than the boundary at q counts as up to `normal_reach` further.
     """
-    a = X
-    edge = np.roll(X, -1, axis=0) - X
-    square = np.maximum((edge * edge).sum(axis=1), 1e-12)
-    t = np.clip(((q[:, None] - a[None]) * edge[None]).sum(axis=2) / square, 0.0, 1.0)
-    foot = a[None] + t[..., None] * edge[None]
-    gap = ((foot - q[:, None]) ** 2).sum(axis=2)
-    facing = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt(square)[:, None]
-    against = 0.5 * (1.0 - normals @ facing.T)
-    best = np.argmin(gap + (normal_reach * against) ** 2, axis=1)
-    row = np.arange(len(q))
-    return best, t[row, best], foot[row, best]
+    return _closest(
+        np.ascontiguousarray(X), np.ascontiguousarray(q), np.ascontiguousarray(normals), float(normal_reach)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _closest(X, q, normals, reach):  # type: ignore[no-untyped-def]
+    n, m = len(X), len(q)
+    edge, square, facing = np.empty((n, 2)), np.empty(n), np.empty((n, 2))
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        edge[i, 0], edge[i, 1] = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1]
+        square[i] = max(edge[i, 0] ** 2 + edge[i, 1] ** 2, 1e-12)
+        root = np.sqrt(square[i])
+        facing[i, 0], facing[i, 1] = edge[i, 1] / root, -edge[i, 0] / root
+    segment, along, foot = np.zeros(m, np.int64), np.zeros(m), np.zeros((m, 2))
+    for k in range(m):
+        best = np.inf
+        for i in range(n):
+            dx, dy = q[k, 0] - X[i, 0], q[k, 1] - X[i, 1]
+            t = min(max((dx * edge[i, 0] + dy * edge[i, 1]) / square[i], 0.0), 1.0)
+            gx, gy = t * edge[i, 0] - dx, t * edge[i, 1] - dy
+            against = 0.5 * (1.0 - normals[k, 0] * facing[i, 0] - normals[k, 1] * facing[i, 1])
+            cost = gx * gx + gy * gy + (reach * against) ** 2
+            if cost < best:
+                best, segment[k], along[k] = cost, i, t
+        i = segment[k]
+        foot[k, 0], foot[k, 1] = X[i, 0] + along[k] * edge[i, 0], X[i, 1] + along[k] * edge[i, 1]
+    return segment, along, foot

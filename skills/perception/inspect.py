@@ -61,6 +61,8 @@ class InspectionSettings:
     """A target that lacks this share of its upper layer's predicted height did not get it."""
     layer_height: float = 0.0018
     """Upper layers predicted thinner than this cannot be seen by depth."""
+    hollow: float = 0.18
+    """Share of the predicted height by which the middle of the moved edge may be lower than its ends."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
 
 
@@ -73,9 +75,10 @@ class Inspection:
     extra_height_m: 95th percentile of height above the prediction, where both are and away from fold lines.
     piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
     outside positive, at edge_place (2,). missing_layer: largest share of a target's upper layers that is
-    not there (0..1), NaN when nobody can see it. left_behind: for each grasp, and for the middle between two
-    ('middle'), how much further than predicted the garment still reaches beyond the fold line there [m]; NaN
-    where it is not seen. diagnosis: None when the fold is as predicted.
+    not there (0..1), NaN when nobody can see it. hollow: by how much more of its height the moved edge lacks
+    in the middle than at either end, NaN when nobody can see it. left_behind: for each grasp, and for the
+    middle between two ('middle'), how much further than predicted the garment still reaches beyond the fold
+    line there [m]; NaN where it is not seen. diagnosis: None when the fold is as predicted.
     contour: (n, 2) observed boundary. mask, predicted: (H, W) in `view`'s pixels.
     """
 
@@ -89,6 +92,7 @@ class Inspection:
     edge_deviation_m: float
     edge_place: Array
     missing_layer: float
+    hollow: float
     left_behind: Mapping[str, float]
     diagnosis: FailureKind | None
     confidence: float
@@ -192,6 +196,7 @@ def _compare(
         edge_deviation_m=deviation,
         edge_place=frozen(place),
         missing_layer=_missing_layer(height, moved, view, step, R, t, settings),
+        hollow=_hollow(height, moved, view, step, R, t, settings),
         left_behind=_left_behind(view, mask, where, step, settings),
         diagnosis=None,
         confidence=1.0,
@@ -211,6 +216,9 @@ def diagnose(
     """What went wrong, if anything, and how sure that is (0..1: how far beyond its threshold it lies)."""
     shape_good = seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
     lag = _lag(seen)
+    least = _least_left(seen)
+    if not shape_good and least > settings.left_behind:
+        return FailureKind.MISSED_LAYER, _surety(least, settings.left_behind)
     # Cloth that a dropped corner leaves behind also stands up in folds: the corner is named first.
     if not shape_good and lag > settings.left_behind:
         return FailureKind.DROPPED_CORNER, _surety(lag, settings.left_behind)
@@ -220,6 +228,8 @@ def diagnose(
         kind = _edge_defect(seen, step, settings)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _surety(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
+    if np.isfinite(seen.hollow) and seen.hollow > settings.hollow:
+        return FailureKind.SAG, _surety(seen.hollow, settings.hollow)
     if np.isfinite(seen.missing_layer) and seen.missing_layer > settings.missing_share:
         return FailureKind.DROPPED_CORNER, 0.5 * _surety(seen.missing_layer, settings.missing_share) + 0.2
     if seen.drift_m > settings.drift or abs(seen.drift_rad) > settings.drift_angle:
@@ -241,6 +251,11 @@ def _lag(seen: Inspection) -> float:
     """How far the garment at one grasp lies behind that at the other [m]; NaN for a fold with one arm."""
     ends = [reach for name, reach in seen.left_behind.items() if name != "middle"]
     return max(ends) - min(ends) if len(ends) == 2 else float("nan")
+
+
+def _least_left(seen: Inspection) -> float:
+    """How far the garment lies behind everywhere along the fold [m]; NaN where that is not seen."""
+    return min(seen.left_behind.values()) if seen.left_behind else float("nan")
 
 
 def _edge_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
@@ -418,6 +433,43 @@ def _missing_layer(
         if planned >= settings.layer_height:
             shares.append(1.0 - float(have[patch].mean()) / planned)
     return max(shares) if shares else float("nan")
+
+
+def _hollow(
+    height: NDArray[np.float32],
+    moved: NDArray[np.float32],
+    view: TableView,
+    step: FoldStep | None,
+    R: Array,
+    t: Array,
+    settings: InspectionSettings,
+) -> float:
+    """How much more of the predicted height the moved edge lacks in its middle than at its ends.
+
+    Where the edge came to lie on cloth, a middle that stayed behind shows in no silhouette: only one layer less
+    in a strip along the edge, which is less than the depth noise of a pixel, but not of the strip.
+    """
+    if step is None or len(step.targets) != 2:
+        return float("nan")
+    a, b = (R @ target[:2] + t for target in step.targets.values())
+    span = float(np.linalg.norm(b - a))
+    along = (b - a) / max(span, 1e-9)
+    inward = R @ step.line.normal
+    rows, columns = np.nonzero(np.isfinite(moved) & np.isfinite(height))
+    xy = view.to_table(np.stack([columns, rows], axis=1)) - a
+    share, depth = xy @ along / max(span, 1e-9), xy @ inward
+    parts = (np.abs(share - 0.5) < 0.25, np.abs(share - 0.05) < 0.1, np.abs(share - 0.95) < 0.1)
+    hollows = []
+    for near, far in ((-0.008, 0.025), (0.020, 0.050)):  # at the edge; further in, where a deep sag reaches
+        lacks = []
+        for part in parts:
+            where = part & (depth > near) & (depth < far)
+            planned = moved[rows[where], columns[where]]
+            if np.count_nonzero(where) < 100 or float(planned.mean()) < settings.layer_height:
+                return float("nan")
+            lacks.append(1.0 - float(height[rows[where], columns[where]].mean() / planned.mean()))
+        hollows.append(lacks[0] - max(lacks[1:]))
+    return max(hollows)
 
 
 def _left_behind(

@@ -27,7 +27,15 @@ from skills.perception.energy import (
 )
 from skills.perception.template import GarmentOutline, polygon_area, symmetries
 
-__all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "register"]
+__all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "fit", "register"]
+
+
+_NOTCH = 5.6
+"""Interior angle from which a corner is a notch between two limbs [rad]."""
+_SHARP = 0.7
+"""Sine of the angle from which a corner is sharp."""
+_SMOOTHED = 0.004
+"""What segmentation takes off a very acute corner [m]."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,15 @@ class RegistrationSettings:
     candidates: int = 3
     snap: float = 0.03
     """A corner is moved by at most this much at the end [m]; 0 leaves the registered ones."""
+    notch: float = 0.08
+    """As `snap`, for a crotch."""
+    edge: float = 0.08
+    notch_edge: float = 0.16
+    """How far from a corner, and from a crotch, the edges are looked at [m]."""
+    line_sigma: float = 0.0025
+    """How well a line through the boundary is known where it meets another [m]."""
+    template_sigma: float = 0.006
+    """How well the template's proportions hold from one corner to its neighbours [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +110,7 @@ def register(
     names = garment.keypoints[::-1] if clockwise else garment.keypoints
     open_to = symmetries(polygon)
     starts = best_starts(polygon, boundary, settings)
-    fits = [(_fit(start.polygon, boundary, settings), start) for start in starts]
+    fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
     (X, feature, history), start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
     if settings.snap > 0:
         X = _snap_corners(X, feature, polygon, boundary, settings)
@@ -119,7 +136,7 @@ def best_starts(polygon: Array, boundary: Boundary, settings: RegistrationSettin
 
 def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
     """The placed template bent onto the boundary, without snapping its corners: (n, 2) [m]."""
-    return _fit(polygon, boundary, settings)[0]
+    return fit(polygon, boundary, settings)[0]
 
 
 # --- where to start ------------------------------------------------------------------------------------
@@ -205,7 +222,7 @@ def _judge(
 # --- the fit -------------------------------------------------------------------------------------------
 
 
-def _fit(
+def fit(
     polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> tuple[Array, NDArray[np.intp], list[float]]:
     """Registered contour (n, 2), which key point each vertex is (-1: none), and the energies."""
@@ -252,13 +269,12 @@ def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSet
 
 def _subdivide(X: Array, feature: NDArray[np.intp], longest: float) -> tuple[Array, NDArray[np.intp]]:
     """Split each segment that is longer than `longest` into equal parts."""
-    points, ids = [], []
-    for i, length in enumerate(segment_lengths(X)):
-        parts = max(int(np.ceil(length / longest)), 1)
-        t = np.arange(parts)[:, None] / parts
-        points.append((1 - t) * X[i] + t * X[(i + 1) % len(X)])
-        ids.append(np.r_[feature[i], np.full(parts - 1, -1)])
-    return np.concatenate(points), np.concatenate(ids).astype(np.intp)
+    parts = np.maximum(np.ceil(segment_lengths(X) / longest).astype(np.intp), 1)
+    segment = np.repeat(np.arange(len(X)), parts)
+    k = np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)
+    t = (k / parts[segment])[:, None]
+    points = (1 - t) * X[segment] + t * X[(segment + 1) % len(X)]
+    return points, np.where(k == 0, feature[segment], -1).astype(np.intp)
 
 
 def _merge(X: Array, feature: NDArray[np.intp], shortest: float) -> tuple[Array, NDArray[np.intp]]:
@@ -278,31 +294,102 @@ def _merge(X: Array, feature: NDArray[np.intp], shortest: float) -> tuple[Array,
 def _snap_corners(
     X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> Array:
-    """Each corner of the template to where straight lines through the boundary beside it meet."""
-    X = X.copy()
+    """Each sharp corner of the template to the tip of the boundary's corner; a blunt one to between where it was
+    registered and where the others would have it.
+
+    Straight lines through the boundary on both sides say where the edges meet. A sewn corner is round, and its tip
+    lies where the boundary comes nearest to that. Only between two legs, where the table is too narrow to be seen
+    near the crotch, it is where the edges meet; as they do so at an acute angle, the template has a say.
+    """
+    moved = X.copy()
     corners = np.flatnonzero(feature >= 0)
+    angles = interior_angles(polygon)[feature[corners]]
+    clear = np.sin(angles) ** 2
+    shape = polygon[feature[corners]]
+    shape = shape * np.sqrt(abs(polygon_area(X[corners]) / polygon_area(shape)))
     q, normals = boundary.points[::2], boundary.normals[::2]
     segment, t, _ = closest_segments(X, q, normals, settings.weights.normal_reach)
-    along = _arc_position(X, segment, t)
+    along, at = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
     total = float(segment_lengths(X).sum())
-    at = _arc_position(X, corners, np.zeros(len(corners)))
-    sharp = np.abs(interior_angles(polygon) - np.pi) > 0.35
-    moved = {}
     for k, vertex in enumerate(corners):
-        if not sharp[feature[vertex]]:
+        notch = bool(angles[k] > _NOTCH)
+        if not notch and abs(np.sin(angles[k])) < _SHARP:
+            between = 0.3 * X[vertex] + 0.7 * _by_template(k, shape, X[corners], clear)
+            moved[vertex] = boundary.points[boundary.nearest(between[None])[1][0]]
             continue
-        lines = []
-        for sign, other in ((-1.0, at[k - 1]), (1.0, at[(k + 1) % len(at)])):
-            span = (sign * (other - at[k])) % total
-            distance = (sign * (along - at[k])) % total
-            chosen = (distance > min(0.014, 0.25 * span)) & (distance < min(0.55 * span, 0.12))
-            lines.append(_line(q[chosen]))
-        meeting = _meet(*lines)
-        if meeting is not None and np.linalg.norm(meeting - X[vertex]) <= settings.snap:
-            moved[vertex] = meeting
-    for vertex, place in moved.items():
-        X[vertex] = place
-    return X
+        lines = _edges(k, at, total, q, along, settings.notch_edge if notch else settings.edge)
+        if len(lines) < 2:
+            continue
+        if notch:
+            tip = _most_likely(lines, _by_template(k, shape, X[corners], clear), settings)
+        else:
+            meeting = _meet(lines)
+            tip = X[vertex] if meeting is None else _round_tip(meeting, angles[k], boundary)
+        if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
+            moved[vertex] = tip
+    return moved
+
+
+def _edges(k: int, at: Array, total: float, q: Array, along: Array, reach: float) -> list[tuple[Array, Array]]:
+    """Lines (point, unit direction) through the boundary up to `reach` before and after the k-th corner.
+
+    at: (c,) arc positions of the corners, along: (m,) of the boundary's points q (m, 2), of `total` length.
+    """
+    lines = []
+    for sign, other in ((-1.0, at[k - 1]), (1.0, at[(k + 1) % len(at)])):
+        span = (sign * (other - at[k])) % total
+        distance = (sign * (along - at[k])) % total
+        chosen = (distance > min(0.014, 0.25 * span)) & (distance < min(0.55 * span, reach))
+        line = _line(q[chosen])
+        if line is not None:
+            lines.append(line)
+    return lines
+
+
+def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
+    """Where the other corners have the k-th: the rigid motion that lays `shape` on `placed`, near corners best.
+
+    clear: (n,) 0..1, how well each corner is seen by itself.
+    """
+    weight = clear / np.maximum(np.linalg.norm(shape - shape[k], axis=1), 1e-2) ** 3
+    weight[k] = 0.0
+    weight /= weight.sum()
+    from_, to = weight @ shape, weight @ placed
+    a, b = shape - from_, placed - to
+    along = float((weight[:, None] * a * b).sum())
+    across = float((weight * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])).sum())
+    R = np.array([[along, -across], [across, along]]) / np.hypot(along, across)
+    return np.asarray(to + R @ (shape[k] - from_))
+
+
+def _most_likely(lines: list[tuple[Array, Array]], wanted: Array, settings: RegistrationSettings) -> Array:
+    """The maximum a posteriori of a point on two lines, each known to `line_sigma`, near `wanted`, to
+    `template_sigma`."""
+    A, b = np.eye(2) / settings.template_sigma**2, wanted / settings.template_sigma**2
+    for point, direction in lines:
+        normal = np.array([-direction[1], direction[0]])
+        A = A + np.outer(normal, normal) / settings.line_sigma**2
+        b = b + normal * float(normal @ point) / settings.line_sigma**2
+    return np.asarray(np.linalg.solve(A, b))
+
+
+def _meet(lines: list[tuple[Array, Array]]) -> Array | None:
+    (a, u), (b, v) = lines
+    cross = u[0] * v[1] - u[1] * v[0]
+    if abs(cross) < 0.25:
+        return None
+    d = b - a
+    return np.asarray(a + u * (d[0] * v[1] - d[1] * v[0]) / cross)
+
+
+def _round_tip(corner: Array, angle: float, boundary: Boundary) -> Array:
+    """The tip of a round corner: the boundary there, less what smoothing the picture took off it."""
+    _, nearest = boundary.nearest(corner[None])
+    tip = boundary.points[nearest[0]]
+    missing = corner - tip
+    far = float(np.linalg.norm(missing))
+    cut = _SMOOTHED * abs(float(np.cos(0.5 * angle)))
+    return np.asarray(tip + missing * min(1.0, cut / max(far, 1e-9)))
 
 
 def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:
@@ -321,13 +408,3 @@ def _line(points: Array) -> tuple[Array, Array] | None:
         off = np.abs((points - middle) @ np.array([-axes[0, 1], axes[0, 0]]))
         points = points[off <= np.quantile(off, 0.8) + 1e-9]
     return middle, axes[0]
-
-
-def _meet(a: tuple[Array, Array] | None, b: tuple[Array, Array] | None) -> Array | None:
-    if a is None or b is None:
-        return None
-    cross = a[1][0] * b[1][1] - a[1][1] * b[1][0]
-    if abs(cross) < 0.25:
-        return None
-    d = b[0] - a[0]
-    return a[0] + a[1] * (d[0] * b[1][1] - d[1] * b[1][0]) / cross

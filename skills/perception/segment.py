@@ -39,6 +39,14 @@ _FLOOR = -18.0
 """No colour is less likely than this (log density): there are always surprises."""
 
 
+_STRIDE = 3
+"""Of the pixels by which the box around the garment is found."""
+_LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
+_OPPONENT = np.array(
+    [[1 / 3, 1 / 3, 1 / 3], [0.5**0.5, -(0.5**0.5), 0.0], [6**-0.5, 6**-0.5, -2 * 6**-0.5]], np.float32
+)
+
+
 @dataclass(frozen=True)
 class SegmentationSettings:
     """Lengths in view pixels, colours in units of the natural logarithm of intensity."""
@@ -65,11 +73,13 @@ class Segmentation:
 
     confidence: 0..1, the share of the boundary where cloth and table could be told apart, times the share
     of the foreground that this one region holds. An empty mask has confidence 0 and no contour.
+    others: (H, W) bool, what else lies there that is not the table, larger than a tenth of the smallest garment.
     """
 
     mask: Mask
     contour: Array
     confidence: float
+    others: Mask
 
     @property
     def found(self) -> bool:
@@ -91,23 +101,49 @@ def segment_reference(
     """
     settings = settings or SegmentationSettings()
     image, table = _log_colour(rgb), _log_colour(reference)
-    table = table + _light_change(image - table, valid)
+    light = _light_change(image, table, valid)
+    few = np.s_[::_STRIDE, ::_STRIDE]
+    sparse = _opponent(image[few] - table[few] - _plane(light, valid.shape, few))
+    sparse_noise = _noise_scale(rgb)[few]
+    spread = _table_spread(sparse, sparse_noise, valid[few])
+    box = _changed(sparse, sparse_noise, spread, valid[few], settings)
+    if box is None:
+        return _nothing(valid.shape)
+    lit = table[box] + _plane(light, valid.shape, box)
+    inside = None if height is None else height[box]
+    found = _in_box(rgb[box], image[box], lit, valid[box], inside, spread, settings)
+    if not found.found:
+        return _nothing(valid.shape)
+    contour = found.contour + np.array([box[1].start, box[0].start])
+    mask, others = np.zeros(valid.shape, bool), np.zeros(valid.shape, bool)
+    mask[box], others[box] = found.mask, found.others
+    return Segmentation(mask, contour, found.confidence, others)
+
+
+def _in_box(
+    rgb: Image,
+    image: Field,
+    table: Field,
+    valid: Mask,
+    height: Field | None,
+    spread: tuple[float, float],
+    settings: SegmentationSettings,
+) -> Segmentation:
+    """The garment in a part of the view; image, table: log colours (h, w, 3)."""
     noise = _noise_scale(rgb)
-    spread = _table_spread(image - table, noise, valid)
-    core = _core(image - table, noise, spread, valid, height, settings)
+    difference = _opponent(image - table)
+    core = _core(difference, noise, spread, valid, height, settings)
     if np.count_nonzero(core) < settings.smallest_area // 4:
         return _nothing(valid.shape)
-    box = _surroundings(core)
-    odds = np.full(valid.shape, _FLOOR, np.float32)
-    odds[box] = _garment_likelihood(image[box], noise[box], core[box])
-    odds[box] -= _table_likelihood((image - table)[box], noise[box], spread, settings)
+    odds = _garment_likelihood(image, noise, core)
+    odds -= _table_likelihood(difference, noise, spread, settings)
     if height is not None:
-        odds[box] += _height_odds(height[box], core[box])
-    mask, share = _clean((cv2.GaussianBlur(odds, (0, 0), 0.8) > 0) & valid, settings)
+        odds += _height_odds(height, core)
+    mask, others, share = _clean((cv2.GaussianBlur(odds, (0, 0), 0.8) > 0) & valid, settings)
     if not mask.any():
         return _nothing(valid.shape)
     contour, clear = refine_boundary(mask, rgb, np.exp(table))
-    return Segmentation(_filled(contour, valid), contour, share * clear)
+    return Segmentation(_filled(contour, valid), contour, share * clear, others)
 
 
 def segment_plain(
@@ -133,15 +169,15 @@ def segment_watershed(
     cv2.circle(markers, (int(left + right) // 2, int(top + bottom) // 2), int(radius), 2, -1)
     markers[~valid] = 1
     labels = cv2.watershed(np.ascontiguousarray(cv2.medianBlur(rgb, 5)), markers)
-    mask, share = _clean(labels == 2, settings)
+    mask, others, share = _clean(labels == 2, settings)
     if not mask.any():
         return _nothing(valid.shape)
     contour, clear = refine_boundary(mask, rgb, None)
-    return Segmentation(_filled(contour, valid), contour, share * clear)
+    return Segmentation(_filled(contour, valid), contour, share * clear, others)
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:
-    return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0)
+    return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0, np.zeros(shape, bool))
 
 
 def _filled(contour: Array, valid: Mask) -> Mask:
@@ -155,8 +191,7 @@ def _filled(contour: Array, valid: Mask) -> Mask:
 
 def _log_colour(rgb: Image) -> Field:
     """The offset keeps the noise of dark pixels finite."""
-    smooth = cv2.GaussianBlur(rgb, (0, 0), 0.8).astype(np.float32)
-    return np.log(smooth + 8.0)
+    return np.asarray(cv2.LUT(cv2.GaussianBlur(rgb, (0, 0), 0.8), _LOG), dtype=np.float32)
 
 
 def _noise_scale(rgb: Image) -> Field:
@@ -165,16 +200,16 @@ def _noise_scale(rgb: Image) -> Field:
     return 128.0 / (grey + 8.0)
 
 
-def _light_change(difference: Field, valid: Mask) -> Field:
-    """How the light (or the exposure) changed since the reference: a plane per channel, (H, W, 3).
+def _light_change(image: Field, table: Field, valid: Mask) -> Field:
+    """How the light (or the exposure) changed since the reference: a plane per channel, (3, 3), see `_plane`.
 
     Fitted to the pixels that agree with the commonest change; the garment is an outlier.
     """
     rows, columns = valid.shape
     r, c = np.mgrid[0:rows:6, 0:columns:6]
     keep = valid[r, c]
+    d = (image[::6, ::6] - table[::6, ::6])[keep].astype(float)
     r, c = r[keep], c[keep]
-    d = difference[r, c].astype(float)
     basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
     centre = np.array([_mode(channel) for channel in d.T])
     plane = np.zeros((3, 3))
@@ -184,10 +219,33 @@ def _light_change(difference: Field, valid: Mask) -> Field:
         if np.count_nonzero(inlier) < 50:
             break
         plane = np.linalg.lstsq(basis[inlier], d[inlier], rcond=None)[0]
-    along = (np.arange(rows) / rows - 0.5).astype(np.float32)[:, None, None]
-    across = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, :, None]
-    p = plane.astype(np.float32)
-    return p[0] + along * p[1] + across * p[2]
+    return np.asarray(plane, dtype=np.float32)
+
+
+def _plane(plane: Field, shape: tuple[int, ...], where: tuple[slice, slice]) -> Field:
+    """A plane per channel (value in the middle, slopes down and right) in a part of the view: (h, w, 3)."""
+    rows, columns = shape
+    along = (np.arange(rows) / rows - 0.5).astype(np.float32)[where[0], None, None]
+    across = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, where[1], None]
+    return np.asarray((plane[0] + along * plane[1]) + across * plane[2], dtype=np.float32)
+
+
+def _changed(
+    difference: Field, noise: Field, spread: tuple[float, float], valid: Mask, settings: SegmentationSettings
+) -> tuple[slice, slice] | None:
+    """The box, in view pixels, around all that is no lit table; `difference` is every `_STRIDE`-th pixel."""
+    light, chroma = difference[..., 0], np.hypot(difference[..., 1], difference[..., 2])
+    darker = np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
+    odd = (chroma > 4.0 * spread[1] * noise) | (np.abs(light) > darker)
+    odd = _open(_close(odd & valid, 3), 3)
+    rows, columns = np.flatnonzero(odd.any(axis=1)), np.flatnonzero(odd.any(axis=0))
+    if not len(rows):
+        return None
+    margin = 40
+    return (
+        slice(max(int(rows[0]) * _STRIDE - margin, 0), int(rows[-1]) * _STRIDE + margin + 1),
+        slice(max(int(columns[0]) * _STRIDE - margin, 0), int(columns[-1]) * _STRIDE + margin + 1),
+    )
 
 
 def _mode(values: Array) -> float:
@@ -199,15 +257,14 @@ def _mode(values: Array) -> float:
     return float(np.median(near)) if len(near) else 0.0
 
 
-def _opponent(colour: Field) -> tuple[Field, Field, Field]:
-    """Log luminance and the two log chromaticities, which no change of light's strength alters."""
-    r, g, b = colour[..., 0], colour[..., 1], colour[..., 2]
-    return (r + g + b) / 3.0, (r - g) / np.float32(2**0.5), (r + g - 2.0 * b) / np.float32(6**0.5)
+def _opponent(colour: Field) -> Field:
+    """Log luminance and the two log chromaticities, which no change of light's strength alters: (..., 3)."""
+    return np.asarray(cv2.transform(colour, _OPPONENT), dtype=np.float32)
 
 
 def _table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, float]:
     """Standard deviations of the bare table's log luminance and log chromaticity, over the noise scale."""
-    light, c1, c2 = _opponent(difference)
+    light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
     chroma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006)
     return max(_spread(light, noise, table), 0.008), chroma
@@ -215,7 +272,7 @@ def _table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, 
 
 def _spread(values: Field, noise: Field, where: Mask) -> float:
     """Robust standard deviation of values / noise."""
-    sample = (values[where] / noise[where])[::7]
+    sample = values[where] / noise[where]
     return float(1.4826 * np.median(np.abs(sample - np.median(sample)))) if len(sample) > 20 else 0.03
 
 
@@ -228,7 +285,7 @@ def _core(
     settings: SegmentationSettings,
 ) -> Mask:
     """What is surely garment: no shade of the table, or a wide dark region that stands above it."""
-    light, c1, c2 = _opponent(difference)
+    light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = max(spread[0], 0.02) * noise, spread[1] * noise
     beyond = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
     doubt = np.sqrt((c1 * c1 + c2 * c2) / chroma_sigma**2 + (beyond / light_sigma) ** 2)
@@ -257,20 +314,11 @@ def _stands_up(region: Mask, height: Field | None, settings: SegmentationSetting
     return len(samples) < 50 or float(samples.mean()) > settings.garment_height
 
 
-def _surroundings(core: Mask, margin: int = 80) -> tuple[slice, slice]:
-    """The box around what is surely garment; nothing is looked for outside."""
-    rows, columns = np.flatnonzero(core.any(axis=1)), np.flatnonzero(core.any(axis=0))
-    return (
-        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
-        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
-    )
-
-
 def _table_likelihood(
     difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
 ) -> Field:
     """Log density of each pixel's colour as lit table, or as table in a shadow of any depth."""
-    light, c1, c2 = _opponent(difference)
+    light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
     lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)
     shaded = (light < 0) & (light > -settings.deepest_shadow)
@@ -283,7 +331,7 @@ def _garment_likelihood(image: Field, noise: Field, core: Mask) -> Field:
     """Log density of each pixel's colour under a mixture of three colours learnt inside `core`."""
     inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     where = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
-    channels = np.stack(_opponent(image), axis=-1)
+    channels = _opponent(image)
     sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
     weights, centres, covariances = _colours(sample)
     level = float(np.median(noise.ravel()[where]))
@@ -338,20 +386,22 @@ def _open(mask: Mask, size: int) -> Mask:
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, ball) > 0
 
 
-def _clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, float]:
-    """The largest region, closed, opened and without holes; and its share of all the foreground."""
+def _clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float]:
+    """The largest region, closed, opened and without holes; other large ones; its share of all the foreground."""
     ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    work = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ball)
+    # Closed by no more than a pixel: the table between two legs is narrow.
+    work = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
     work = cv2.morphologyEx(work, cv2.MORPH_OPEN, ball)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(work)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < settings.smallest_area:
-        return np.zeros(mask.shape, bool), 0.0
+        return np.zeros(mask.shape, bool), np.zeros(mask.shape, bool), 0.0
     largest = (labels == 1 + int(np.argmax(areas))).astype(np.uint8)
     contours, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(largest, contours, -1, 1, thickness=cv2.FILLED)
-    rivals = areas[areas > settings.smallest_area // 10].sum()
-    return largest > 0, float(areas.max() / max(rivals, areas.max()))
+    large = np.flatnonzero(areas > settings.smallest_area // 10)
+    others = np.isin(labels, 1 + large[large != int(np.argmax(areas))]) & (largest == 0)
+    return largest > 0, others, float(areas.max() / max(areas[large].sum(), areas.max()))
 
 
 def _fitted_table(rgb: Image, valid: Mask) -> Image:

@@ -114,8 +114,8 @@ class TableView:
         """Where the camera's picture covers the view, one camera pixel inside its border."""
         k = self._calibration.intrinsics
         rows, columns = self.shape
-        c, r = np.arange(columns)[None, :], np.arange(rows)[:, None]
-        u, v, w = (h[0] * c + h[1] * r + h[2] for h in self.homography)
+        c, r = np.arange(columns, dtype=np.float32)[None, :], np.arange(rows, dtype=np.float32)[:, None]
+        u, v, w = (h[0] * c + (h[1] * r + h[2]) for h in self.homography.astype(np.float32))
         inside = (w > 0) & (u >= w) & (u <= (k.width - 2) * w) & (v >= w) & (v <= (k.height - 2) * w)
         inside.setflags(write=False)
         return inside

@@ -93,6 +93,32 @@ def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
     assert seen.left_behind["left"] > 0.08 > 0.03 > seen.left_behind["right"]
 
 
+def test_a_sag_that_lies_on_cloth_shows_in_the_height_of_a_strip():
+    """The silhouette is as predicted; along the moved edge's middle there is one layer instead of two."""
+    towards = (HALF[1] + HALF[0]) / 2 - (HALF[2] + HALF[3]) / 2
+    middle = (HALF[2] + HALF[3]) / 2 + 0.01 * towards / np.linalg.norm(towards)
+    along = (HALF[2] - HALF[3]) / 0.4
+    hollow = [(*(middle + s * along), 0.03, -0.3 * HEIGHT) for s in (-0.09, -0.05, 0.0, 0.05, 0.09)]
+    line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
+    seen = look([HALF], hollow, step=replace(STEP, line=line)).unwrap()
+    good = look([HALF], step=replace(STEP, line=line)).unwrap()
+    assert seen.iou_aligned > 0.97 and seen.diagnosis is FailureKind.SAG
+    assert good.accepted and abs(good.hollow) < 0.1
+
+
+def test_a_layer_left_where_it_lay_is_a_missed_layer():
+    """Behind the fold line the garment reaches as far as ever, along the whole fold."""
+    line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
+    back = HALF[0] - HALF[3]
+    grasps = {
+        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+    }
+    lower = np.array([HALF[0] + back * 0.9, HALF[1] + back * 0.9, HALF[1], HALF[0]])
+    seen = look([HALF, lower], step=replace(STEP, line=line, grasps=grasps)).unwrap()
+    assert min(seen.left_behind.values()) > 0.2
+    assert seen.diagnosis is FailureKind.MISSED_LAYER
+
+
 def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
     """All cloth stands 3 mm higher than the mesh; the flat picture told so."""
     scene = Scene(seed=4, polygons=[HALF], thickness=0.0045, wobble=0.001)

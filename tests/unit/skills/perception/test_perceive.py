@@ -53,6 +53,21 @@ def test_out_of_view(calibration, towels):
     assert failure(outcome) is FailureKind.OUT_OF_VIEW
 
 
+def test_two_garments_are_refused(calibration, towels):
+    scene = Scene(seed=3, polygons=[place(TOWEL * 0.6, 0.6, 0.25, 0.1), place(TOWEL * 0.5, 0.6, -0.2, 0.0)])
+    outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
+    assert failure(outcome) is FailureKind.UNKNOWN_GARMENT
+    assert "more than one" in outcome.failure.what and "single" in outcome.failure.hint
+
+
+def test_a_hand_in_the_picture_is_refused(calibration, towels):
+    arm = np.array([[0.21, 0.45], [0.21, 0.53], [0.42, 0.50], [0.42, 0.46]])
+    scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0), arm])
+    outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
+    assert failure(outcome) is FailureKind.OUT_OF_VIEW
+    assert "hands" in outcome.failure.hint
+
+
 def test_not_flat(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0)], bumps=[(0.6, 0.05, 0.09, 0.07)])
     assert failure(perceive(render(scene), calibration, TABLE, empty(scene), towels)) is FailureKind.NOT_FLAT

@@ -1,0 +1,100 @@
+"""Fabrics and light of the labelled scenes: more of them than the cell's own world draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.fabric import SIZE, fabric_texture
+from robots.ports import Array
+
+__all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
+
+Texture = NDArray[np.uint8]
+
+LEAST_DIFFERENCE = 15.0
+"""Nineteen twentieths of a fabric differ from the table's mean colour by at least this [CIE 1976 delta E]."""
+LOOKS = ("contrast", "table_hue", "neutral", "stripes", "checks")
+SHARES = (0.35, 0.15, 0.20, 0.15, 0.15)
+
+
+def draw_fabric(rng: np.random.Generator, surface: str, table: Texture) -> tuple[Texture, str, float]:
+    """A fabric (SIZE, SIZE, 3) RGB, its look, and its colour difference from the table's picture."""
+    for _ in range(200):
+        look = str(rng.choice(LOOKS, p=SHARES))
+        texture = _fabric(rng, look, surface)
+        difference = colour_difference(texture, table)
+        if difference >= LEAST_DIFFERENCE:
+            return texture, look, difference
+    raise RuntimeError(f"no fabric differs from {surface} by {LEAST_DIFFERENCE}")
+
+
+def colour_difference(texture: Texture, table: Texture) -> float:
+    """CIE 1976 delta E between the table's mean colour and the fabric's nearest twentieth."""
+    away = np.linalg.norm(_lab(texture)[::4, ::4] - _lab(table).reshape(-1, 3).mean(axis=0), axis=-1)
+    return float(np.quantile(away, 0.05))
+
+
+def _lab(rgb: Texture) -> Array:
+    return np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB), dtype=np.float64)
+
+
+def _fabric(rng: np.random.Generator, look: str, surface: str) -> Texture:
+    if look in ("contrast", "table_hue"):
+        return fabric_texture(rng, look, surface)
+    weave = cv2.GaussianBlur(rng.standard_normal((SIZE, SIZE)), (0, 0), 0.8)
+    weave *= 5.0 / weave.std()
+    if look == "neutral":
+        level = float(rng.choice([35.0, 60.0, 210.0, 235.0])) + rng.uniform(-10, 10)
+        return np.clip(level + weave[..., None] + rng.uniform(-3, 3, 3), 0, 255).astype(np.uint8)
+    u = np.linspace(0.0, 1.0, SIZE, endpoint=False)
+    bands = (np.sin(2 * np.pi * rng.uniform(3, 14) * u + rng.uniform(0, 6)) > rng.uniform(-0.5, 0.5)).astype(float)
+    where = np.broadcast_to(bands[:, None], (SIZE, SIZE))
+    if look == "checks":
+        where = 0.5 * (where + where.T)
+    elif rng.random() < 0.5:
+        where = where.T
+    a, b = (np.asarray(_colour(rng), dtype=float) for _ in range(2))
+    return np.clip(a + where[..., None] * (b - a) + weave[..., None], 0, 255).astype(np.uint8)
+
+
+def _colour(rng: np.random.Generator) -> NDArray[np.uint8]:
+    hsv = np.uint8([[[rng.integers(180), rng.integers(20, 220), rng.integers(40, 235)]]])
+    return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), dtype=np.uint8)[0, 0]
+
+
+@dataclass(frozen=True)
+class Light:
+    """What falls on the table besides the renderer's lamp.
+
+    slope: relative change of light from the picture's middle to its right and its lower border. shade: a soft
+    shadow that was not there when the empty table was photographed: depth (0: none), centre (column, row) and
+    size, both relative to the picture.
+    """
+
+    slope: tuple[float, float]
+    shade: float
+    centre: tuple[float, float]
+    size: float
+
+    @staticmethod
+    def draw(rng: np.random.Generator) -> Light:
+        slope = rng.uniform(-0.12, 0.12, 2)
+        shade = float(rng.uniform(0.10, 0.30)) if rng.random() < 0.3 else 0.0
+        u, v = rng.uniform(0.0, 1.0, 2)
+        size = float(rng.uniform(0.15, 0.4))
+        return Light((float(slope[0]), float(slope[1])), shade, (float(u), float(v)), size)
+
+    def on(self, rgb: Texture, shaded: bool) -> Texture:
+        """The picture (h, w, 3) in this light; shaded: with the soft shadow."""
+        h, w = rgb.shape[:2]
+        v, u = np.mgrid[0:h, 0:w].astype(np.float32)
+        u, v = u / w, v / h
+        gain = 1.0 + 2 * self.slope[0] * (u - 0.5) + 2 * self.slope[1] * (v - 0.5)
+        if shaded and self.shade > 0:
+            r = np.hypot(u - self.centre[0], (v - self.centre[1]) * h / w) / self.size
+            gain *= 1.0 - self.shade / (1.0 + np.exp(np.clip(8.0 * (r - 1.0), -30, 30)))
+        return np.clip(np.rint(rgb * gain[..., None]), 0, 255).astype(np.uint8)

@@ -1,0 +1,232 @@
+"""Folded towels with a defect of known size, seen through the simulated camera: what does inspection say?
+
+A fold is the isometry of the flat piece in the plan's lines; a defect is a displacement of what moved. Sizes are
+lengths on the table [m]: how far everything drifted, how far the middle of the moved edge or a lost corner stayed
+behind, how high a ridge stands. Every fold, good ones too, has a small error of its own, a bulging crease and
+wrinkles. The cell's cloth solver has no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.perception.pieces import Laying, dense, wrinkles
+from benchmarks.perception.scenes import TABLE, Studio, open_studio
+from cell.camera import nominal_calibration
+from cell.garments import load_garment
+from cell.simulation.fabric import garment_uv
+from cell.simulation.noise import load_noise
+from cell.simulation.outline import draw_outline
+from robots.errors import FailureKind
+from robots.ports import Array, CameraFrame
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.garments.garment import Garment
+from skills.perception.inspect import inspect
+from skills.perception.refine import refine_calibration
+from skills.planning.folding import fold_xy, target_vertices
+from skills.planning.plan import plan_folds
+from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen
+
+__all__ = ["CURVES", "Folded", "measure_inspection", "open_folded"]
+
+TOWELS = ("small_towel", "medium_towel", "large_towel")
+CURVES: Mapping[FailureKind, tuple[float, ...]] = {
+    FailureKind.DRIFT: (0.010, 0.020, 0.030, 0.040, 0.060),
+    FailureKind.PILING: (0.010, 0.015, 0.020, 0.030, 0.045),
+    FailureKind.SAG: (0.010, 0.020, 0.030, 0.040, 0.060),
+    FailureKind.DROPPED_CORNER: (0.040, 0.060, 0.080, 0.120),
+    FailureKind.MISSED_LAYER: (1.0,),
+}
+"""Severities [m]; a missed layer has none: one layer of two was left where it lay."""
+JUDGED_AT = {
+    FailureKind.DRIFT: 0.040,
+    FailureKind.PILING: 0.030,
+    FailureKind.SAG: 0.040,
+    FailureKind.DROPPED_CORNER: 0.080,
+    FailureKind.MISSED_LAYER: 1.0,
+}
+TOWELS_SEEN, QUICK_TOWELS_SEEN = 60, 3
+GOOD_LOOKS = 4
+"""Pictures of good folds for each towel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """One towel before the camera. `look` photographs it folded by `step`, with a defect of a severity."""
+
+    garment: Garment
+    step: FoldStep
+    predicted: PredictedShape
+    calibration: CameraCalibration
+    reference: CameraFrame
+    flat_top: float
+    mesh: ClothMesh
+    studio: Studio
+    rng: np.random.Generator
+
+    def look(self, defect: FailureKind | None = None, severity: float = 0.0) -> CameraFrame:
+        return self.studio.shoot(_folded(self, defect, severity))
+
+
+def measure_inspection(tell: Callable[[str], None], quick: bool) -> dict[str, Any]:
+    """Rates of right diagnoses over severity, and of false alarms over good folds."""
+    said: dict[tuple[FailureKind | None, float], list[FailureKind | str | None]] = {}
+    count = QUICK_TOWELS_SEEN if quick else TOWELS_SEEN
+    for seed in range(count):
+        for folded in open_folded(TOWELS[seed % len(TOWELS)], seed, index=seed // len(TOWELS) % 2):
+            cases: list[tuple[FailureKind | None, float]] = [(None, 0.0)] * GOOD_LOOKS
+            cases += [(kind, s) for kind, sizes in CURVES.items() for s in sizes]
+            for kind, size in cases:
+                if kind is FailureKind.MISSED_LAYER and folded.step.index == 0:
+                    continue  # a single layer cannot be missed in part
+                said.setdefault((kind, size), []).append(judge(folded, folded.look(kind, size)))
+        if (seed + 1) % 10 == 0:
+            tell(f"{seed + 1}/{count} folded towels")
+    rates = {key: float(np.mean([k is key[0] for k in kinds])) for key, kinds in said.items()}
+    at = {kind: rates[kind, size] for kind, size in JUDGED_AT.items() if (kind, size) in rates}
+    return {
+        "inspection_pictures": sum(len(v) for v in said.values()),
+        "inspection_detection_rate": float(np.mean(list(at.values()))),
+        "inspection_false_alarm_rate": 1.0 - rates[None, 0.0],
+        **{f"inspection_{kind.value}_rate": rate for kind, rate in at.items()},
+        "inspection_curves": [
+            {
+                "defect": kind.value, "severity_mm": 1e3 * size if kind is not FailureKind.MISSED_LAYER else None,
+                "pictures": len(said[kind, size]), "diagnosed_rightly_rate": rates[kind, size],
+                "noticed_rate": float(np.mean([k is not None for k in said[kind, size]])),
+                "said": _counts(said[kind, size]),
+            }
+            for kind, sizes in CURVES.items() for size in sizes if (kind, size) in said
+        ],
+        "inspection_good_folds_said": _counts(said[None, 0.0]),
+    }  # fmt: skip
+
+
+def judge(folded: Folded, frame: CameraFrame) -> FailureKind | str | None:
+    """What inspection says: a failure's kind, None for a good fold, or why it cannot be judged."""
+    seen = inspect(
+        frame, folded.calibration, TABLE, folded.reference, folded.predicted, folded.step, flat_top=folded.flat_top
+    )
+    return str(seen.failure.kind) if seen.failure else seen.unwrap().diagnosis
+
+
+def _counts(kinds: list[FailureKind | str | None]) -> dict[str, int]:
+    named = ["good" if k is None else str(k) for k in kinds]
+    return {name: named.count(name) for name in sorted(set(named))}
+
+
+def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
+    """The one towel of a seed, about to be judged after fold `index`; its renderer is closed afterwards."""
+    rng = np.random.default_rng([seed, 11])
+    garment = load_garment(name)
+    pose = garment.poses.sample(rng)
+    outline = draw_outline(garment, load_noise().garment, rng)
+    mesh = mesh_from_contour(_placed(dense(outline.contour, 0.006), pose), 0.018, garment.layers, 0.4)
+    lying = {name: _placed(p[None], pose)[0] for name, p in outline.keypoints.items()}
+    known = {name: frozen(p + rng.normal(0.0, 0.0015, 2)) for name, p in lying.items()}
+    contour = np.array([known[n] for n in garment.keypoints])
+    state = GarmentState(garment.category, contour, known, 1.0)
+    step = plan_folds(state, garment).unwrap()[index]
+    believed = mesh_from_contour(contour, garment.mesh_edge_m, garment.layers, 0.1)
+    predicted = PredictedShape(
+        target_vertices(believed, step.lines, garment.material), believed.triangles, believed.rest
+    )
+    with open_studio(garment_uv(mesh.rest, mesh.layer), mesh.triangles, seed) as studio:
+        reference = studio.shoot(None)
+        drawn = nominal_calibration(TABLE)
+        held = refine_calibration(reference, drawn, TABLE).value or drawn
+        top = float(np.mean(wrinkles(np.random.default_rng([seed, 12]), WRINKLED)(mesh.rest)))
+        yield Folded(
+            garment, step, predicted, held, reference, top + garment.material.thickness, mesh, studio, rng
+        )
+
+
+WRINKLED = Laying(wrinkle=0.0015)
+
+
+def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
+    x, y, angle = pose
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (x, y))
+
+
+def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Array:
+    """(n, 3) the piece after the fold, table frame."""
+    rng, step, mesh = folded.rng, folded.step, folded.mesh
+    thickness = folded.garment.material
+    before = fold_xy(step.earlier, mesh.rest)
+    stays = np.zeros(len(before), bool)
+    if defect is FailureKind.MISSED_LAYER:  # only the upper one was taken
+        stays = ~_moved(step, mesh.rest)
+    x = target_vertices(mesh, step.lines, thickness)
+    unfolded = target_vertices(mesh, step.earlier, thickness)
+    d = np.maximum(step.line.signed_distance(before), 0.0)
+    x[stays] = unfolded[stays]
+    d[stays] = 0.0
+    x += _bulge(d, x[:, 2])
+    x[:, :2] += step.line.normal * (d / d.max() * _behind(folded, before, defect, severity))[:, None]
+    if defect is FailureKind.PILING:
+        x += _ridge(folded, before, d, severity)
+    x[:, 2] += wrinkles(rng, WRINKLED)(mesh.rest)
+    return _drifted(x, rng, severity if defect is FailureKind.DRIFT else 0.0)
+
+
+def _moved(step: FoldStep, rest: Array) -> NDArray[np.bool_]:
+    """What earlier folds turned over, which lies on top now."""
+    turned = np.zeros(len(rest), bool)
+    p = np.array(rest)
+    for line in step.earlier:
+        moving = line.signed_distance(p) > 0
+        turned |= moving
+        p = np.where(moving[:, None], line.reflect(p), p)
+    return turned
+
+
+def _behind(folded: Folded, before: Array, defect: FailureKind | None, severity: float) -> Array:
+    """(n,) how far what moved stays behind at its far edge [m], by where it is along the fold line."""
+    rng, step = folded.rng, folded.step
+    along = (before - step.line.point) @ step.line.direction
+    a, b = sorted(float((g.point - step.line.point) @ step.line.direction) for g in step.grasps.values())
+    t = np.clip((along - a) / (b - a), 0.0, 1.0)
+    own = rng.normal(0.0, 0.002, 3)  # that any fold has
+    behind = own[0] * t + own[1] * (1.0 - t) + abs(own[2]) * np.sin(np.pi * t)
+    if defect is FailureKind.SAG:
+        behind = behind + severity * np.sin(np.pi * t)
+    if defect is FailureKind.DROPPED_CORNER:
+        lost = t if rng.random() < 0.5 else 1.0 - t
+        behind = behind + severity * lost**1.5
+    return np.asarray(behind)
+
+
+def _bulge(d: Array, z: Array) -> Array:
+    """An unpressed crease: upper layers stand off near the line."""
+    rise = 0.006 * np.exp(-((d / 0.015) ** 2)) * (d > 0)
+    return np.column_stack([np.zeros((len(z), 2)), rise])
+
+
+def _ridge(folded: Folded, before: Array, d: Array, height: float) -> Array:
+    """Cloth heaped up near the target: a ridge, and as much less reach as it takes."""
+    step = folded.step
+    along = (before - step.line.point) @ step.line.direction
+    a, b = sorted(float((g.point - step.line.point) @ step.line.direction) for g in step.grasps.values())
+    centre, spread = a + folded.rng.uniform(0.25, 0.75) * (b - a), 0.35 * (b - a)
+    window = np.exp(-(((along - centre) / spread) ** 4))
+    at, half = 0.75 * d.max(), 0.030
+    up = height * window * np.exp(-(((d - at) / half) ** 2))
+    taken = 1.2 * (height * window) ** 2 / half * (1.0 / (1.0 + np.exp(-(d - at) / (0.4 * half))))
+    return np.column_stack([step.line.normal[None] * np.minimum(taken, 0.04)[:, None], up * (d > 0)])
+
+
+def _drifted(x: Array, rng: np.random.Generator, severity: float) -> Array:
+    direction = rng.uniform(0, 2 * np.pi)
+    shift = severity * np.array([np.cos(direction), np.sin(direction)]) + rng.normal(0.0, 0.003, 2)
+    turn = rng.normal(0.0, 0.008)
+    c, s = np.cos(turn), np.sin(turn)
+    middle = x[:, :2].mean(axis=0)
+    x[:, :2] = (x[:, :2] - middle) @ np.array([[c, s], [-s, c]]) + middle + shift
+    return x

@@ -1,0 +1,64 @@
+"""The paper's own way from a picture to key points, as it is written there: the baseline.
+
+Marker-based watershed with the corners as background and the centre as foreground; the template, told which
+garment it is, laid over the mask by a similarity; the one-way energy, without corner snapping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.perception.scenes import TABLE, LabelledScene
+from robots.ports import Array
+from skills.perception.energy import Boundary, EnergyWeights
+from skills.perception.register import RegistrationSettings, fit
+from skills.perception.segment import segment_watershed
+from skills.perception.template import GarmentOutline, polygon_area
+from skills.perception.view import TableView
+
+__all__ = ["paper_keypoints"]
+
+SETTINGS = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), snap=0.0, updates=40, reduction=0.01)
+
+
+def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[str, Array]:
+    """Name -> (2,) [m]; empty where no region is found."""
+    view = TableView(scene.calibration, TABLE)
+    seen = view.rectify(scene.frame)
+    found = segment_watershed(seen.rgb, seen.valid)
+    if not found.found:
+        return {}
+    contour = view.to_table(found.contour)
+    contour = contour if polygon_area(contour) > 0 else contour[::-1]
+    boundary = Boundary(contour)
+    X, feature, _ = fit(_similar(np.asarray(garment.template), boundary.points), boundary, SETTINGS)
+    return {garment.keypoints[feature[i]]: X[i] for i in np.flatnonzero(feature >= 0)}
+
+
+def _similar(template: Array, observed: Array) -> Array:
+    """The template by a similarity: same centre of area, same area, long axes along each other, upright."""
+    scale = np.sqrt(polygon_area(observed) / polygon_area(template))
+    turn = _axis(observed) - _axis(template)
+    turn = (turn + np.pi / 2) % np.pi - np.pi / 2
+    c, s = np.cos(turn), np.sin(turn)
+    moved = scale * (template - _centre(template)) @ np.array([[c, s], [-s, c]])
+    return np.asarray(moved + _centre(observed))
+
+
+def _axis(polygon: Array) -> float:
+    _, axes = np.linalg.eigh(np.cov(_even(polygon).T))
+    return float(np.arctan2(axes[1, 1], axes[0, 1]))
+
+
+def _centre(polygon: Array) -> Array:
+    return np.asarray(_even(polygon).mean(axis=0))
+
+
+def _even(polygon: Array) -> Array:
+    closed = np.vstack([polygon, polygon[:1]])
+    arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
+    s = np.linspace(0.0, arc[-1], 400, endpoint=False)
+    return np.stack([np.interp(s, arc, closed[:, k]) for k in range(2)], axis=1)

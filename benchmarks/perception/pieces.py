@@ -1,0 +1,196 @@
+"""Pieces of the shipped garments as a person lays them: their own outline, swung limbs, wrinkles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.noise import load_noise
+from cell.simulation.outline import draw_outline
+from robots.ports import Array
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.garments.garment import Garment
+
+__all__ = ["Laying", "Piece", "dense", "draw_piece", "wrinkles"]
+
+Map = Callable[[Array], Array]
+MESH_EDGE = 0.026  # [m]
+
+
+@dataclass(frozen=True)
+class Laying:
+    """How roughly a garment is laid. swing: largest turn of a sleeve, and of a leg [rad]; distortion: largest
+    smooth shift of the fabric [m]; rim: standard deviation of the outline's small waves [m]; wrinkle: of a
+    wrinkle's height [m]."""
+
+    sleeve: float = float(np.deg2rad(12.0))
+    leg: float = float(np.deg2rad(3.5))
+    distortion: float = 0.003
+    rim: float = 0.0008
+    wrinkle: float = 0.0025
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """mesh: at rest, in the garment's own frame. vertices: (n, 3) as it lies, table frame. keypoints: name -> (3,)
+    of the point of the fabric."""
+
+    mesh: ClothMesh
+    vertices: Array
+    keypoints: Mapping[str, Array]
+
+
+def draw_piece(garment: Garment, rng: np.random.Generator, laying: Laying | None = None) -> Piece:
+    """One piece of `garment`, laid within the poses that its file allows."""
+    laying = laying or Laying()
+    outline = draw_outline(garment, load_noise().garment, rng)
+    limbs, distorted = _limbs(garment, rng, laying), _distortion(rng, laying)
+    contour = _wavy(dense(outline.contour, 0.006), rng, laying.rim)
+    mesh = mesh_from_contour(
+        distorted(limbs(contour)),
+        MESH_EDGE * rng.uniform(0.95, 1.05),
+        garment.layers,
+        float(rng.uniform(0.2, 0.8)),
+    )
+    place, height = garment.poses.sample(rng), wrinkles(rng, laying)
+    top = garment.material.thickness * (0.5 + mesh.layer)
+    vertices = np.column_stack((_placed(mesh.rest, place), top + height(mesh.rest)))
+    border = _border(mesh)
+    keypoints = {
+        name: _nearest(mesh.rest[border], vertices[border], distorted(limbs(point[None]))[0])
+        for name, point in outline.keypoints.items()
+    }
+    return Piece(mesh, vertices, keypoints)
+
+
+def _border(mesh: ClothMesh) -> NDArray[np.intp]:
+    """The vertices along the outline, in order: a mesh numbers them first."""
+    edges = {tuple(sorted(e)) for t in mesh.triangles.tolist() for e in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0]))}
+    n = next(i for i in range(2, len(mesh.rest)) if (i, i + 1) not in edges and (0, i) in edges) + 1
+    return np.arange(n)
+
+
+def _nearest(rest: Array, lying: Array, point: Array) -> Array:
+    """(3,) where the outline's point nearest to `point` (2,) lies. rest: (n, 2), lying: (n, 3), closed."""
+    edge = np.roll(rest, -1, axis=0) - rest
+    t = np.clip(((point - rest) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+    i = int(np.argmin(np.linalg.norm(rest + t[:, None] * edge - point, axis=1)))
+    return np.asarray((1.0 - t[i]) * lying[i] + t[i] * lying[(i + 1) % len(lying)])
+
+
+def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
+    x, y, angle = pose
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
+    """Sleeves or legs turned about where they are sewn on, more and more over the first centimetres."""
+    at = dict(zip(garment.keypoints, np.asarray(garment.template), strict=True))
+    turns: list[Map] = []
+    if "armpit_left" in at:
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            armpit, shoulder = at[f"armpit_{side}"], at[f"shoulder_{side}"]
+            cuff = 0.5 * (at[f"cuff_lower_{side}"] + at[f"cuff_upper_{side}"])
+            seam = (shoulder - armpit) / np.linalg.norm(shoulder - armpit)
+            outward = sign * np.array([-seam[1], seam[0]])
+            turns.append(_turn(0.5 * (armpit + shoulder), outward, cuff, laying.sleeve * rng.uniform(-1, 1), 0.07))
+    if "crotch" in at:
+        crotch = at["crotch"]
+        for side in ("near", "far"):
+            ankle = 0.5 * (at[f"ankle_outer_{side}"] + at[f"ankle_inner_{side}"])
+            waist = at[f"waist_{side}"]
+            sign = np.sign(waist[0] - crotch[0])
+            spread = -sign * laying.leg * rng.uniform(-0.4, 1.0)  # turned outwards, seen from above
+            down = np.array([0.0, np.sign(ankle[1] - crotch[1])])
+            hip = np.array([0.5 * (crotch[0] + waist[0]), crotch[1]]) + 0.03 * down  # the crotch stays sewn
+            turns.append(_turn(hip, down, ankle, -spread, 0.20, side=(crotch, np.array([sign, 0.0]))))
+
+    def apply(points: Array) -> Array:
+        for turn in turns:
+            points = turn(points)
+        return points
+
+    return apply
+
+
+def _turn(
+    pivot: Array, outward: Array, end: Array, angle: float, over: float, side: tuple[Array, Array] | None = None
+) -> Map:
+    """Points beyond the line through `pivot` across `outward` turned about it, fully `over` [m] further."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, s], [-s, c]])
+    if (end - pivot) @ outward < 0:
+        outward = -outward
+
+    def apply(points: Array) -> Array:
+        share = np.clip((points - pivot) @ outward / over, 0.0, 1.0)
+        share = share * share * (3.0 - 2.0 * share)
+        if side is not None:
+            share = np.where((points - side[0]) @ side[1] > 0, share, 0.0)
+        return points + share[:, None] * ((points - pivot) @ R + pivot - points)
+
+    return apply
+
+
+def _distortion(rng: np.random.Generator, laying: Laying) -> Map:
+    """Smooth shifts of the fabric: three waves a fifth of a metre to half a metre long."""
+    waves = [
+        (rng.uniform(0, np.pi), 2 * np.pi / rng.uniform(0.25, 0.6), rng.uniform(0, 6), rng.uniform(-1, 1, 2) / 3)
+        for _ in range(3)
+    ]
+
+    def apply(points: Array) -> Array:
+        out = points.copy()
+        for angle, k, phase, amount in waves:
+            wave = np.sin(k * points @ (np.cos(angle), np.sin(angle)) + phase)
+            out += laying.distortion * wave[:, None] * amount
+        return out
+
+    return apply
+
+
+def wrinkles(rng: np.random.Generator, laying: Laying) -> Callable[[Array], Array]:
+    """Height above the flat garment [m]: crests of three long wrinkles, and the small creases that the cell's
+    own world has."""
+    noise = load_noise().garment
+    long = [_wave(rng, rng.uniform(0.10, 0.30), abs(rng.normal()) * laying.wrinkle) for _ in range(3)]
+    relief = noise.relief / np.sqrt(3.0)
+    short = [_wave(rng, noise.relief_length * rng.uniform(0.8, 2.0), relief) for _ in range(6)]
+
+    def height(points: Array) -> Array:
+        crests = np.maximum(sum(wave(points) for wave in long), 0.0)
+        creases = np.asarray(sum(wave(points) for wave in short))
+        return np.asarray(crests + np.maximum(creases + 2.0 * noise.relief, 0.0))
+
+    return height
+
+
+def _wave(rng: np.random.Generator, length: float, amount: float) -> Callable[[Array], Array]:
+    angle, phase, k = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi), 2 * np.pi / length
+    along = np.array([np.cos(angle), np.sin(angle)])
+    return lambda points: amount * np.sin(k * points @ along + phase)
+
+
+def dense(contour: Array, step: float) -> Array:
+    out = []
+    for a, b in zip(contour, np.roll(contour, -1, axis=0), strict=True):
+        n = max(int(np.linalg.norm(b - a) / step), 1)
+        out.append(a + np.arange(n)[:, None] / n * (b - a))
+    return np.concatenate(out)
+
+
+def _wavy(contour: Array, rng: np.random.Generator, rim: float) -> Array:
+    """The outline moved along its normals by waves some centimetres long."""
+    tangent = np.roll(contour, -1, axis=0) - np.roll(contour, 1, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    length = np.linalg.norm(np.roll(contour, -1, axis=0) - contour, axis=1)
+    s = 2 * np.pi * np.r_[0.0, np.cumsum(length)[:-1]] / length.sum()
+    wave = np.zeros(len(contour))
+    for _ in range(8):
+        k = round(float(length.sum()) / rng.uniform(0.05, 0.2))
+        wave += rng.normal() * np.sin(k * s + rng.uniform(0, 6))
+    return contour + (rim / 2.0 * wave)[:, None] * np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
