@@ -13,7 +13,7 @@ from cell.execution import stopped
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
-from robots.errors import DriverError, Failure, FailureKind
+from robots.errors import DriverError
 from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
@@ -21,21 +21,23 @@ from skills.garments.garment import Garment
 from skills.motion.plan import FoldMotion, plan_fold_motion
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.trajectory.acceptance import acceptance_limit, judge_prediction
+from skills.trajectory.bezier import evaluate
 from skills.trajectory.library import lookup, trajectory_from
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import tool_paths
-from skills.trajectory.problem import Predictor
+from skills.trajectory.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 
 INWARD = 0.012
 """How much further inside each further try takes hold [m]."""
-POOR = 0.06
-"""A fold predicted to miss the ideal one by more than this share of the garment's diagonal is not worth making."""
 KEY_FRAMES = 6
 LIFT_SPEED = 0.04  # [m/s]
+_ARC = np.linspace(0.0, 1.0, 40)
+"""Where on a curve the view's points lie."""
 
 
 def plan_steps(cell: Workcell, context: Context) -> Result:
@@ -59,42 +61,56 @@ def plan_steps(cell: Workcell, context: Context) -> Result:
 
 
 def choose_trajectory(cell: Workcell, context: Context) -> Result:
-    """Look the arc up; optimise it where the library has none, or where a recovery asks for it."""
+    """The step's arcs: those of the library where they keep their promise, or else the best that is found.
+
+    Where a recovery asks for it the library's are only where the search begins, or nothing is searched at all.
+    """
     garment, step = context.known_garment, context.step
     settings = cell.settings.optimiser
     cell.recorder.plan(cell.ports.clock.now(), step)
-    if settings.use_library and not context.adjustments_of(Adjustment.OPTIMISE, Adjustment.PLAIN_ARC):
-        found = _look_up(cell, garment, step)
-        if found is not None:
-            cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
-            return Result(Event.DONE, replace(context, trajectory=found), _described(found))
-    mesh, vertices = context.mesh, context.vertices
-    assert mesh is not None and vertices is not None
     method = "initial" if context.count(Adjustment.PLAIN_ARC) else settings.method
-    now = cell.ports.clock.now()
-
-    def progress(done: int, budget: int, best: float) -> None:
-        cell.recorder.optimiser(now + done * cell.settings.computing.simulation_s, done, best)
-        cell.tell(f"simulation {done} of {budget}: best D {best * 1e3:.1f} mm")
-
-    def charge(outcome: Outcome[GraspTrajectory]) -> float:
-        return float(outcome.notes.get("simulations", 1)) * cell.settings.computing.simulation_s
-
-    outcome = cell.compute(
-        charge,
-        lambda: optimise_fold(
-            step, mesh, vertices, garment.material, method,
-            None if method == "initial" else settings.simulations,
-            threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
-            predict=_until_stopped(cell),
-        ),
-    )  # fmt: skip
+    found = _look_up(cell, garment, step) if settings.use_library and not context.count(Adjustment.PLAIN_ARC) else None
+    if found is not None:
+        cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
+    trusted = found is not None and not context.count(Adjustment.OPTIMISE)
+    outcome = _optimise(cell, context, method, found, trusted)
     failure = stopped(cell.ports) or outcome.failure  # what a stop has cut short is no trajectory to keep
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
-    cell.keep(trajectory, step, garment, outcome.notes)
+    if trajectory.source == "optimised":
+        cell.keep(trajectory, step, garment, outcome.notes)
     return Result(Event.DONE, replace(context, trajectory=trajectory), {**_described(trajectory), **outcome.notes})
+
+
+def _optimise(
+    cell: Workcell, context: Context, method: str, found: GraspTrajectory | None, trusted: bool
+) -> Outcome[GraspTrajectory]:
+    """Optimise the step, from the arcs that were `found`; when they are trusted, only if they disappoint here."""
+    garment, settings = context.known_garment, cell.settings.optimiser
+    mesh, vertices = context.mesh, context.vertices
+    assert mesh is not None and vertices is not None
+    now, each = cell.ports.clock.now(), cell.settings.computing.simulation_s
+
+    def progress(done: int, budget: int, best: float) -> None:
+        cell.tell(f"simulation {done} of {budget}: best D {best * 1e3:.1f} mm")
+
+    def watch(done: int, candidate: Candidate, best: Candidate) -> None:
+        arcs = {side: evaluate(c, _ARC) for side, c in candidate.controls.items()}
+        cell.recorder.candidate(
+            now + done * each, done, arcs, (candidate.dissimilarity, candidate.cost), (best.dissimilarity, best.cost)
+        )
+
+    return cell.compute(
+        lambda outcome: float(outcome.notes.get("simulations", 1)) * each,
+        lambda: optimise_fold(
+            context.step, mesh, vertices, garment.material, method,
+            None if method == "initial" else settings.simulations,
+            threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
+            predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
+            promised=found.dissimilarity if found is not None and trusted else None, watch=watch,
+        ),
+    )  # fmt: skip
 
 
 def _until_stopped(cell: Workcell) -> Predictor:
@@ -136,7 +152,7 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, context, motion))
     context, missed = _believed(context, prediction)
-    assert context.predicted is not None
+    assert context.predicted is not None and context.mesh is not None
     cell.recorder.predicted(cell.ports.clock.now(), context.predicted)
     record = {
         "postures": {s.value: {"path": p.path.value, "turned": p.turned, "pitch_rad": p.pitch, "roll_rad": p.roll}
@@ -145,13 +161,8 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
         "dissimilarity_m": missed,
         "search": dict(planned.notes),
     }  # fmt: skip
-    if missed > POOR * float(np.linalg.norm(np.ptp(garment.template, axis=0))):
-        failure = Failure(
-            FailureKind.PREDICTION_POOR,
-            f"fold {step.name} would miss its target by {missed * 1e3:.0f} mm on average",
-            "another trajectory, or a garment laid flatter",
-            {"dissimilarity_m": missed},
-        )
+    failure = judge_prediction(step.name, missed, acceptance_limit(context.mesh.rest))
+    if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
 

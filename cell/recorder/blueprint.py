@@ -57,7 +57,10 @@ def _series() -> rrb.Tabs:
         rrb.TimeSeriesView(origin="opening", name="Opening [mm]", plot_legend=legend),
         rrb.TimeSeriesView(origin="joints/left", name="Left joints [rad]", plot_legend=legend),
         rrb.TimeSeriesView(origin="joints/right", name="Right joints [rad]", plot_legend=legend),
-        rrb.TimeSeriesView(origin="optimiser", name="Optimiser", plot_legend=legend),
+        rrb.TimeSeriesView(
+            origin="optimiser", contents=["+ optimiser/**", "- optimiser/simulations"], name="Optimiser",
+            plot_legend=legend,
+        ),
         active_tab=0,
     )
 

@@ -192,9 +192,18 @@ class Recorder:
         """A contour (n, 2) or height points (n, 3) [m]."""
         self._submit(partial(scene.observed_entries, t, _copy(points)), points.nbytes)
 
-    def optimiser(self, t: float, simulations: int, best: float) -> None:
-        """Progress of an optimisation: count of simulations, best dissimilarity D so far [m]."""
-        self._submit(partial(self._optimiser_entries, t, simulations, best))
+    def candidate(
+        self,
+        t: float,
+        simulations: int,
+        arcs: Mapping[Side, Array],
+        own: tuple[float, float],
+        best: tuple[float, float],
+    ) -> None:
+        """One more simulated fold of an optimisation. arcs: (n, 3) of its arms; own, best: its dissimilarity D [m]
+        and cost C [m], and those of the best so far."""
+        entries = partial(scene.candidate_entries, t, simulations, _kept(arcs), own, best)
+        self._submit(entries, sum(arc.nbytes for arc in arcs.values()) + 200.0)
 
     def joints(self, state: JointState) -> None:
         self._submit(partial(self._series_entries, state.stamp, self._series_of("joints"), state), 400.0)
@@ -265,10 +274,6 @@ class Recorder:
         if overlay is not None:
             yield Log("perception/overlay", t, (scene.jpeg(overlay),))
         yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))
-
-    def _optimiser_entries(self, t: float, simulations: int, best: float) -> Iterable[Entry]:
-        yield Log("optimiser/dissimilarity_mm", t, (rr.Scalars(best * 1000.0),))
-        yield Log("optimiser/simulations", t, (rr.Scalars(float(simulations)),))
 
     def _truth_entries(self, t: float, vertices: Array, triangles: NDArray) -> Iterable[Entry]:
         """At most TRUTH_RATE, and only while something moves: the garment is most of the file."""

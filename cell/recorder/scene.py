@@ -22,7 +22,7 @@ from skills.perception.view import TableView
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
 
 __all__ = [
-    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "arc_entries", "camera_entries", "cell_entries",
+    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "arc_entries", "camera_entries", "candidate_entries", "cell_entries",
     "facing_normals", "joint_names_entries", "jpeg", "log_entries", "mask_entries",
     "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
     "target_entries", "truth_entries", "vertex_normals",
@@ -82,8 +82,12 @@ def _series_entries() -> list[Entry]:
         ):
             look = rr.SeriesLines(names=f"{side} {name}", colors=[(*colour, alpha)], widths=[width])
             entries.append(Log(path, None, (look,), essential=True))
-    look = rr.SeriesLines(names="best D [mm]", colors=[style.ARC_PLANNED], widths=[2.0])
-    entries.append(Log("optimiser/dissimilarity_mm", None, (look,), essential=True))
+    for path, name, colour in (("dissimilarity_mm", "best D [mm]", style.ARC_PLANNED),
+                               ("cost", "best cost C [mm of D + m of path]", style.PREDICTED)):  # fmt: skip
+        look = rr.SeriesLines(names=name, colors=[colour], widths=[2.0])
+        entries.append(Log(f"optimiser/{path}", None, (look,), essential=True))
+    dots = rr.SeriesPoints(names="candidate's D [mm]", colors=[style.CANDIDATE], marker_sizes=[3.0])
+    entries.append(Log("optimiser/candidate_mm", None, (dots,), essential=True))
     return entries
 
 
@@ -182,13 +186,42 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
 
 
 def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
-    """Tool paths (n, 3): planned in green, what was really driven darker and thinner."""
+    """Tool paths (n, 3): planned in green, what was really driven darker and thinner. A plan ends the search."""
     kind = "planned" if planned else "driven"
     colour, radius = (style.ARC_PLANNED, 0.005) if planned else (style.ARC_DONE, 0.003)
+    searched = ("candidate", "best") if planned else ()
     return [
-        Log(f"{TABLE}/arcs/{kind}/{side}", t, (rr.LineStrips3D([arc], radii=radius, colors=[colour]),))
+        *(Log(f"{TABLE}/arcs/{name}", t, (rr.Clear(recursive=True),)) for name in searched),
+        *(
+            Log(f"{TABLE}/arcs/{kind}/{side}", t, (rr.LineStrips3D([arc], radii=radius, colors=[colour]),))
+            for side, arc in arcs.items()
+        ),
+    ]
+
+
+def candidate_entries(
+    t: float,
+    simulations: int,
+    arcs: Mapping[Side, Array],
+    own: tuple[float, float],
+    best: tuple[float, float],
+) -> list[Entry]:
+    """A simulated candidate: its arcs (n, 3), thin, and where it and the best stand by D [m] and cost C [m].
+
+    The best's arc stays in view in green; C is the paths' length [m] and 1000 D, so both fit one scale with D in mm.
+    """
+    shown = [
+        Log(f"{TABLE}/arcs/candidate/{side}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
         for side, arc in arcs.items()
     ]
+    if own == best:
+        shown += [
+            Log(f"{TABLE}/arcs/best/{side}", t, (rr.LineStrips3D([arc], radii=0.003, colors=[style.ARC_PLANNED]),))
+            for side, arc in arcs.items()
+        ]
+    figures = {"candidate_mm": 1e3 * own[0], "dissimilarity_mm": 1e3 * best[0], "cost": best[1],
+               "simulations": float(simulations)}  # fmt: skip
+    return [*shown, *(Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items())]
 
 
 def target_entries(t: float, shape: PredictedShape) -> list[Entry]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from cell.states import State
 
 __all__ = [
-    "ARC_DONE", "ARC_PLANNED", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED", "PERCEIVED",
+    "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED", "PERCEIVED",
     "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "label",
 ]  # fmt: skip
 
 ARC_PLANNED = (48, 209, 88)
 """Green, as in the literature's figures of folding arcs."""
 ARC_DONE = (10, 110, 60)
+CANDIDATE = (160, 160, 170)
 FOLD_LINE = (255, 90, 180)
 GRASP = (48, 209, 88)
 KEYPOINT = (255, 69, 58)

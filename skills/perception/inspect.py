@@ -447,9 +447,10 @@ def _hollow(
     """How much more of the predicted height the moved edge lacks in its middle than at its ends.
 
     Where the edge came to lie on cloth, a middle that stayed behind shows in no silhouette: only one layer less
-    in a strip along the edge, which is less than the depth noise of a pixel, but not of the strip.
+    in a strip along the edge, which is less than the depth noise of a pixel, but not of the strip. After an
+    earlier fold nothing is said: there a crease crosses the edge, and its bulge is higher than a layer.
     """
-    if step is None or len(step.targets) != 2:
+    if step is None or step.earlier or len(step.targets) != 2:
         return float("nan")
     a, b = (R @ target[:2] + t for target in step.targets.values())
     span = float(np.linalg.norm(b - a))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from skills.cloth.predict import predict_fold
+from skills.trajectory.acceptance import acceptance_limit, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
 from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
 from skills.trajectory.paths import tool_paths
@@ -30,6 +31,9 @@ __all__ = ["METHODS", "ClothPredictor", "optimise_fold", "tool_paths"]
 
 Progress = Callable[[int, int, float], None]
 """Called after each simulation with: simulations done, budget, best D so far [m]."""
+
+Watch = Callable[[int, Candidate, Candidate], None]
+"""Called after each candidate with: simulations done, the candidate, the best so far."""
 
 PAPER_H = 1.0 / 3.0
 HEIGHTS = (PAPER_H, 0.5, 0.7)
@@ -58,9 +62,6 @@ PLAIN_H = 0.45
 """Height of both inner points of the plain arc, in units of the fold's distance: a middle
 choice: in 8 to 10 drawn worlds a setting, heights from 0.33 to 0.5 could not be told apart."""
 
-POOR_SHARE = 0.05
-"""D above this share of the garment's diagonal is a fold that is not worth making."""
-
 
 def optimise_fold(
     step: FoldStep,
@@ -76,17 +77,24 @@ def optimise_fold(
     max_tool_speed: float = 0.35,
     max_height: float = 0.40,
     start: Controls | None = None,
+    promised: float | None = None,
+    watch: Watch | None = None,
 ) -> Outcome[GraspTrajectory]:
     """The arcs, one for each arm of the step, that fold the mesh from `positions` (n, 3) best.
 
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
     points, secant Levenberg-Marquardt), 'default' (grid over height and skew, then a polish of variables that the
-    arms share). budget: simulations (default 1, 25, 120, 25). start: arcs to begin from besides (warm start).
-    predict: the simulation, default `ClothPredictor()`. max_height: of an arc over the table [m].
+    arms share). budget: simulations (default 1, 25, 120, 25). predict: the simulation, default `ClothPredictor()`.
+    max_height: of an arc over the table [m].
 
-    Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_initial_m
-    and dissimilarity_m, simulations, failed_simulations, method. Fails with OPTIMISER_FAILED when no simulation
-    came to an end, PREDICTION_POOR when the best fold is predicted to be bad. An unknown method is a ValueError.
+    start: arcs to begin from besides (warm start). promised: the D [m] that they are said to come to, of arcs from
+    the library: they are simulated first, besides the budget, and where they keep the promise they are the result,
+    with source 'library' and method 'library' in the notes. A look-up is an optimisation without iterations.
+
+    Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_m,
+    dissimilarity_initial_m (not of a look-up), simulations, failed_simulations, method. Fails with
+    OPTIMISER_FAILED when no simulation came to an end, PREDICTION_POOR when the best fold is predicted to be bad.
+    An unknown method is a ValueError.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
@@ -94,9 +102,14 @@ def optimise_fold(
     problem = FoldProblem(step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height)
     own = ThreadPoolExecutor(threads) if executor is None else None
     try:
-        evaluator = Evaluator(problem, budget or default_budget, executor or own, progress)  # type: ignore[arg-type]
-        evaluator.one(_initial(problem))
-        if start is not None and evaluator.left > 0:
+        total = (budget or default_budget) + (promised is not None)
+        evaluator = Evaluator(problem, total, executor or own, progress, watch)  # type: ignore[arg-type]
+        if start is not None and promised is not None:
+            looked_up = evaluator.one(start)
+            if looked_up.dissimilarity <= acceptance_limit(mesh.rest, promised):
+                return _looked_up(evaluator, looked_up)
+        evaluator.first = evaluator.one(_initial(problem))
+        if start is not None and promised is None and evaluator.left > 0:
             evaluator.one(start)
         plain = None
         if method == "default" and evaluator.left > 0:
@@ -124,6 +137,20 @@ class ClothPredictor:
         return prediction.vertices
 
 
+def _looked_up(evaluator: Evaluator, kept: Candidate) -> Outcome[GraspTrajectory]:
+    """Arcs from the library that do here what they were optimised for."""
+    trajectory = GraspTrajectory(
+        kept.controls, kept.duration, "library", kept.cost, kept.dissimilarity, evaluator.count
+    )
+    notes: dict[str, float | int | str] = {
+        "method": "library",
+        "dissimilarity_m": kept.dissimilarity,
+        "simulations": evaluator.count,
+        "failed_simulations": evaluator.failed,
+    }
+    return Outcome(trajectory, notes=notes)
+
+
 def _outcome(
     problem: FoldProblem, evaluator: Evaluator, method: str, plain: Candidate | None = None
 ) -> Outcome[GraspTrajectory]:
@@ -143,13 +170,9 @@ def _outcome(
         what = f"none of {evaluator.count} simulations of step {problem.step.name} came to an end"
         hint = "look again; check the garment's material figures"
         return Outcome(failure=Failure(FailureKind.OPTIMISER_FAILED, what, hint, notes), notes=notes)
-    limit = POOR_SHARE * float(np.linalg.norm(np.ptp(problem.mesh.rest, axis=0)))
-    if best.dissimilarity > limit:
-        missed = 1e3 * best.dissimilarity
-        what = f"the best arc of step {problem.step.name} would miss by {missed:.0f} mm on average"
-        hint = "lay the garment flatter or elsewhere, or give the optimiser a larger budget"
-        failure = Failure(FailureKind.PREDICTION_POOR, what, hint, {**notes, "limit_m": limit})
-        return Outcome(failure=failure, notes=notes)
+    failure = judge_prediction(problem.step.name, best.dissimilarity, acceptance_limit(problem.mesh.rest))
+    if failure is not None:
+        return Outcome(failure=replace(failure, values={**notes, **failure.values}), notes=notes)
     trajectory = GraspTrajectory(
         best.controls, best.duration, "optimised", best.cost, best.dissimilarity, evaluator.count
     )

@@ -107,7 +107,8 @@ class FoldProblem:
 
 
 class Evaluator:
-    """Evaluates candidates side by side, counts them, keeps the best and the first.
+    """Evaluates candidates side by side, counts them, keeps the best. first: the initial arc's, the first unless
+    the optimiser says otherwise.
 
     What it returns depends on the candidates only, never on which simulation ends first: batches are given and
     taken in order, ties go to the earlier candidate.
@@ -119,6 +120,7 @@ class Evaluator:
         budget: int,
         executor: Executor,
         progress: Callable[[int, int, float], None] | None,
+        watch: Callable[[int, Candidate, Candidate], None] | None = None,
     ) -> None:
         self.problem = problem
         self.budget = budget
@@ -129,16 +131,18 @@ class Evaluator:
         self.failed = 0
         self._executor = executor
         self._progress = progress
+        self._watch = watch
 
     @property
     def left(self) -> int:
         return self.budget - self.count
 
     def many(self, batch: Sequence[Controls]) -> list[Candidate]:
-        """Simulate a batch."""
-        candidates = list(self._executor.map(self.problem.evaluate, batch))
-        for candidate in candidates:
+        """Simulate a batch. Each is told of as soon as it and those before it are there."""
+        candidates = []
+        for candidate in self._executor.map(self.problem.evaluate, batch):
             self._take(candidate)
+            candidates.append(candidate)
         return candidates
 
     def confirm(self, most: int, friction: float) -> None:
@@ -167,6 +171,8 @@ class Evaluator:
         if self.best is None or candidate.cost < self.best.cost:
             self.best = candidate
         self._tick()
+        if self._watch is not None:
+            self._watch(self.count, candidate, self.best)
 
     def _tick(self) -> None:
         self.count += 1
