@@ -8,7 +8,8 @@ overhang is exact).
 
 Similarity: a strip's shape depends on overhang / c alone, and c goes with gravity to the power of -1/3. A soft
 fabric's overhang is as short as a mesh's edge; its virtual strip is therefore made several edges long and hangs
-in less gravity, with the fabric's own flexural rigidity.
+in less gravity, with the fabric's own flexural rigidity. A mesh bends over the triangles on both sides of an edge:
+those on the clamp's line lengthen what hangs free by half a triangle's height.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ CLAMPED = 2
 EDGE = 0.020
 RELAXATION = 15.0
 """The strip is watched for so many times sqrt(overhang / gravity)."""
+SUBSTEPS, SOFT = 20, 0.015
+"""Of a frame, up to this bending length [m]; beyond it as many more as the stiffer strip swings faster."""
 
 
 def bending_length(overhang: float) -> float:
@@ -62,25 +65,24 @@ def peirce(overhang: float, angle: float) -> float:
 @dataclass(frozen=True, eq=False)
 class BendingCalibration:
     """bending_length: half the measured overhang [m]. simulated: that of the virtual strip [m], brought back to
-    its size. angle: of the virtual tip [rad]. mesh, pictures (k, n, 3), times (k,) [s]: the test; overhang and
-    gravity: of the virtual strip [m, m/s2]."""
+    its size. angle: of the virtual tip [rad]. mesh, pictures (k, n, 3), times (k,) [s]: the test; overhang [m] and
+    gravity [m/s2] of the virtual strip, which hangs free from `behind` [m] before the edge."""
 
     bending_length: float
     simulated: float
     angle: float
     overhang: float
+    behind: float
     gravity: float
     mesh: ClothMesh
     pictures: Array
     times: Array
-
     plane: float = ANGLE
     """[rad] of the plane that the tip has to reach."""
 
     def tip_angle(self, positions: Array) -> float:
-        """[rad] from the platform's edge down to the tip, positions: (n, 3)."""
-        tip = positions[self.mesh.rest[:, 0] > self.overhang - 1e-6].mean(axis=0)
-        return math.atan2(float(positions[self.mesh.rest[:, 0] < 1e-6, 2].mean() - tip[2]), float(tip[0]))
+        """[rad] from where the strip hangs free down to its tip, positions: (n, 3)."""
+        return _tip_angle(self.mesh, positions, self.overhang, self.behind)
 
     @property
     def agrees(self) -> bool:
@@ -101,15 +103,14 @@ def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -
 
 
 def cantilever(
-    material: Material, edge: float = EDGE, substeps: int = 20, pictures: int = 61
+    material: Material, edge: float = EDGE, substeps: int | None = None, pictures: int = 61
 ) -> BendingCalibration:
-    """The virtual test of a fabric on a mesh of `edge` [m]."""
-    overhang = EDGES * edge
-    scale = 0.5 * overhang / material.bending_length
-    gravity = GRAVITY / scale**3
-    clamped, half = CLAMPED * edge, 0.5 * WIDTH * edge
-    lower = [(-clamped, -half), (0.0, -half), (overhang, -half)]
-    mesh = mesh_from_contour(np.array(lower + [(u, -v) for u, v in lower[::-1]]), edge)
+    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: of a frame; None: as the fabric needs."""
+    overhang, behind = EDGES * edge, np.sqrt(3.0) / 4.0 * edge
+    gravity = GRAVITY * (2.0 * material.bending_length / (overhang + behind)) ** 3
+    if substeps is None:
+        substeps = 4 * math.ceil(SUBSTEPS / 4 * max(1.0, material.bending_length / SOFT) ** 1.5)
+    mesh = _strip(overhang, edge)
     x = np.column_stack([mesh.rest, np.full(len(mesh.rest), 0.5 * overhang)])
     # clamped: on the platform, and so that the strip leaves it level
     fixed = mesh.rest[:, 0] < 1e-6
@@ -122,10 +123,22 @@ def cantilever(
     for step in np.diff(bounds):
         simulation.advance(int(step))
         taken.append(simulation.positions)
-    tip = taken[-1][mesh.rest[:, 0] > overhang - 1e-6].mean(axis=0)
-    angle = math.atan2(x[0, 2] - tip[2], tip[0])
+    angle = _tip_angle(mesh, taken[-1], overhang, behind)
     simulated = material.bending_length * peirce(1.0, angle) / peirce(1.0, ANGLE)
     return BendingCalibration(
-        material.bending_length, simulated, angle, overhang, gravity, mesh,
+        material.bending_length, simulated, angle, overhang, behind, gravity, mesh,
         frozen(np.array(taken)), frozen(bounds / settings.frame_rate),
     )  # fmt: skip
+
+
+def _strip(overhang: float, edge: float) -> ClothMesh:
+    """Over the edge at x = 0, with what lies clamped on the platform."""
+    clamped, half = CLAMPED * edge, 0.5 * WIDTH * edge
+    lower = [(-clamped, -half), (0.0, -half), (overhang, -half)]
+    return mesh_from_contour(np.array(lower + [(u, -v) for u, v in lower[::-1]]), edge)
+
+
+def _tip_angle(mesh: ClothMesh, positions: Array, overhang: float, behind: float) -> float:
+    tip = positions[mesh.rest[:, 0] > overhang - 1e-6].mean(axis=0)
+    platform = positions[mesh.rest[:, 0] < 1e-6, 2].mean()
+    return math.atan2(float(platform - tip[2]), float(tip[0]) + behind)

@@ -67,6 +67,14 @@ class HandEyeSettings:
     position_sigma: float = 0.004
     angle_sigma: float = float(np.deg2rad(0.3))
 
+    @classmethod
+    def with_lens_of_data_sheet(cls, views: int) -> HandEyeSettings:
+        """For intrinsics that nobody measured: a field of view in whole degrees, the centre anywhere near the
+        middle. The pose then takes up the lens's error and is that much less sure."""
+        return cls(
+            views, focal_sigma=0.01, centre_sigma=5.0, position_sigma=0.020, angle_sigma=float(np.deg2rad(1.5))
+        )
+
     def __post_init__(self) -> None:
         if self.views < FEWEST_VIEWS:
             raise ValueError(f"{self.views} views: hand-eye takes {FEWEST_VIEWS} or more in each hand")

@@ -2,7 +2,13 @@
 
 A fold that drags the cloth which should rest tells of the table's friction; a fold that drags nothing tells only
 that the friction was enough. A garment's stretch moves its outline by a fraction of a millimetre, less than
-a camera sees. The estimate therefore carries its uncertainty, and where the pictures say nothing it is the prior.
+a camera sees. Where the pictures say nothing the estimate is the prior.
+
+What holds (tested on folds simulated with another mesh): where cloth was dragged the estimate moves to the side of
+the prior on which the truth lies; where none was it stays with the prior. How far it moves is less sure: friction
+0.65, 0.8 and 1.2 times the believed one was read as 0.70, 0.83 and 1.49 times, because at which friction cloth
+begins to be dragged depends on the mesh. The deviations say how much was learned under `Noise`, which is assumed:
+they are no validated confidence bounds.
 
 Bayes on a grid: the signed distances of the observed outline from the predicted one are interpolated between
 the candidates (linear in the logarithms of friction and stretch), and weighed by a robust (Huber) likelihood with
@@ -49,7 +55,7 @@ class Noise:
     alike over `correlation` [m] of outline; huber [m]: beyond it a distance counts linearly. friction, stretch:
     relative standard deviation of what was believed before."""
 
-    # what a simulation gets wrong is mostly a drift that the whole outline shares: few independent points
+    # assumed: what a simulation gets wrong is mostly a drift that the whole outline shares
     sigma: float = 0.004
     correlation: float = 0.50
     huber: float = 0.012
@@ -69,8 +75,8 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Quantity:
-    """value and its standard deviation; learned: the share of the prior's variance that the pictures took away
-    (0: they say nothing, 1: all)."""
+    """value and its standard deviation under `Noise`, as it is assumed; learned: the share of the prior's variance
+    that the pictures took away (0: they say nothing, 1: all)."""
 
     value: float
     deviation: float

@@ -235,6 +235,12 @@ def _optimise(commands: Commands) -> None:
     _json_option(parser)
 
 
+def _cores() -> int:
+    import os
+
+    return os.cpu_count() or 1
+
+
 def _library(commands: Commands) -> None:
     parser = _add(commands, "library", "library", "the library of optimised trajectories")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
@@ -244,6 +250,7 @@ def _library(commands: Commands) -> None:
         "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
     )
     build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, among the logs)")
+    build.add_argument("--workers", type=_count, default=_cores(), metavar="N", help="processes (one a core)")
     show = _add(actions, "show", "library", "what the library holds")
     for action, name in ((build, "build"), (show, "show")):
         action.set_defaults(action=name)
@@ -369,9 +376,8 @@ def _replay(commands: Commands) -> None:
 
 def _bench(commands: Commands) -> None:
     parser = _add(commands, "bench", "bench", "measure a part of the program beside its peers")
-    parser.add_argument(
-        "name", choices=["cloth", "motion", "optimise", "perception"], metavar="NAME", help="%(choices)s"
-    )
+    names = ["cloth", "execution", "motion", "optimise", "perception"]
+    parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
     parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
     parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
     _json_option(parser)

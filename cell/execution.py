@@ -8,7 +8,7 @@ down, so that the arms come to rest on the path that was checked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,7 @@ __all__ = [
     "Tick",
     "Watch",
     "faded",
+    "followed",
     "fresh_state",
     "hold",
     "stream",
@@ -94,21 +95,51 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
     return Outcome(state)
 
 
+def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits) -> Outcome[JointState]:
+    """The arms' state a tick after the set-point q (14,), of which the driver sent `sent`.
+
+    Failures: STOPPED, STALE_STATE; LIMIT_EXCEEDED (an altered set-point) and TRACKING_ERROR, upon which the arms
+    are told to hold where they are.
+    """
+    halted = stopped(ports)
+    if halted:
+        return Outcome(failure=halted)
+    read = fresh_state(ports, limits)
+    if read.failure:
+        return read
+    astray = _altered(sent, q, limits) or _straying(read.unwrap(), q, limits)
+    if astray:
+        hold(ports)
+        return Outcome(failure=astray)
+    return read
+
+
 def hold(ports: Ports) -> None:
-    """Command the arms to stand where they are."""
-    q = ports.arms.state().q
-    ports.arms.command(q, np.zeros_like(q))
+    """Command the arms to stand where they are.
+
+    Arms of which nothing recent is known are told nothing: where they last were may be far from where they are,
+    and a driver that hears nothing for its command timeout holds them.
+    """
+    read = fresh_state(ports, ExecutionLimits())
+    if read.ok:
+        q = read.unwrap().q
+        ports.arms.command(q, np.zeros_like(q))
 
 
 def wait(ports: Ports, seconds: float, watch: Watch | None = None, sent: Sent | None = None) -> Failure | None:
-    """Hold where the arms stand for some cell time, watching. Ends early on a failure."""
+    """Hold where the arms stand for some cell time, watching. Ends early on a failure.
+
+    Arms of which nothing recent is known are told nothing, as in `hold`: the next motion refuses them.
+    """
     sent = sent or Sent()
-    q = ports.arms.state().q
-    offset = sent.offset(q)
+    read = fresh_state(ports, ExecutionLimits())
+    q = read.unwrap().q if read.ok else None
+    offset = np.zeros(14) if q is None else sent.offset(q)
     t0 = ports.clock.now()
     for k in range(max(1, round(seconds / TICK_S))):
-        sent.q = q + faded(k) * offset
-        ports.arms.command(sent.q, np.zeros_like(q))
+        if q is not None:
+            sent.q = q + faded(k) * offset
+            ports.arms.command(sent.q, np.zeros_like(q))
         ports.clock.sleep_until(t0 + (k + 1) * TICK_S)
         failure = stopped(ports) or (watch(Tick((k + 1) * TICK_S, ports.arms.state())) if watch else None)
         if failure:
@@ -143,14 +174,16 @@ class PathControl:
     """What can hold up a motion on its path, and the limits within which it then stops and starts.
 
     commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
-    the clock runs down and up. tell: says that the motion is paused. sent: remembers the set-points. waited_s:
-    cell time spent at rest in a pause, summed over the motions.
+    the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the ledger: paused
+    and resumed, both written while the arms rest. sent: remembers the set-points. waited_s: cell time spent at
+    rest in a pause, summed over the motions.
     """
 
     commands: CommandQueue | None
     stop: JointLimits
     go: JointLimits
     tell: Callable[[str], None] = lambda _: None
+    note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
     sent: Sent = field(default_factory=Sent)
     waited_s: float = 0.0
 
@@ -261,6 +294,8 @@ class _Motion:
         self._ending: Failure | None = None
         """Why the motion is being brought to rest, when that is to end it."""
         self._settling = 0.0
+        self._asked: float | None = None
+        """When the pause was asked for that is not in the ledger yet [s]."""
 
     def run(self) -> Outcome[JointState]:
         ports = self._ports
@@ -286,19 +321,14 @@ class _Motion:
 
     def _judge(self, q: Array, sent: JointSetpoint, t: float, arrived: bool) -> Outcome[JointState] | None:
         """After a tick: how the motion ended, or None while it goes on."""
-        halted = stopped(self._ports)
-        if halted:
-            return Outcome(failure=halted)
-        read = fresh_state(self._ports, self._limits)
+        read = followed(self._ports, q, sent, self._limits)
         if read.failure:
-            return self._bring_to_rest(read.failure)
-        state = read.unwrap()
-        astray = _altered(sent, q, self._limits) or _straying(state, q, self._limits)
-        if astray:
-            hold(self._ports)
+            if read.failure.kind is FailureKind.STALE_STATE:
+                return self._bring_to_rest(read.failure)
             if self._control:
                 self._control.sent.q = None
-            return Outcome(failure=astray)
+            return read
+        state = read.unwrap()
         failure = self._watch(Tick(t, state)) if self._watch and not self._ending else None
         if failure or self._ending:
             return self._bring_to_rest(failure or self._ending)
@@ -326,21 +356,31 @@ class _Motion:
             return None
         if self._path.resting:
             self._control.waited_s += TICK_S
+            self._keep_pause()
             said = self._control.answer()
             if said is Event.RESUME:
                 mismatch = _start_mismatch(state, q, self._limits)
                 if mismatch:
                     return Outcome(failure=mismatch)
+                self._control.note("resumed", {"path_s": self._path.t})
                 self._path.go()
             return Outcome(failure=ABORTED) if said is Event.ABORT else None
         if not self._path.stopping:
             said = self._control.wanted()
             if said is Event.PAUSE:
                 self._control.tell("paused on the way: resume or abort")
+                self._asked = self._ports.clock.now()
                 self._path.stop()
             if said is Event.ABORT:
                 return self._bring_to_rest(ABORTED)
         return None
+
+    def _keep_pause(self) -> None:
+        """In the ledger, once the arms rest: the disk does not keep moving arms waiting."""
+        assert self._control is not None and self._path is not None
+        if self._asked is not None:
+            self._control.note("paused", {"asked_s": self._asked, "path_s": self._path.t})
+            self._asked = None
 
 
 def _altered(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:

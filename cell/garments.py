@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
+from skills.planning.plan import plan_folds
 from skills.vocabulary import REFERENCE_DROP, Material, frozen
 
 __all__ = ["AVERAGE", "DEFAULT_SURFACE", "garment_path", "list_garments", "load_garment", "shipped_garment_path"]
@@ -56,7 +57,9 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
         file = _GarmentFile.model_validate(data)
     except ValidationError as error:
         raise _readable(path, data, error) from None
-    return _garment(path, file, surface)
+    garment = _garment(path, file, surface)
+    _check_lines(path, garment)
+    return garment
 
 
 def garment_path(name_or_path: str | Path) -> Path:
@@ -241,6 +244,15 @@ def _readable(path: Path, data: dict[str, Any], error: ValidationError) -> Confi
         hint = f"Did you mean {close[0]!r}?" if close else "Remove it; keys are never ignored."
     where = f"{path}: {key}{value}: " if key else f"{path}: "
     return ConfigurationError(f"{where}{message}{more}", hint, file=str(path), key=key)
+
+
+def _check_lines(path: Path, garment: Garment) -> None:
+    """Each fold line divides what the folds before it leave."""
+    failure = plan_folds(garment.flat_state(0.0, 0.0), garment).failure
+    if failure is not None:
+        key = f"plan.{failure.values['step']}.line"
+        hint = f"{failure.hint}; its two points lie apart, and the key points in `moves` on one side of it"
+        raise ConfigurationError(f"{path}: {key}: {failure.what}", hint, file=str(path), key=key)
 
 
 def _known_keys() -> list[str]:

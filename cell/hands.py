@@ -11,25 +11,33 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.execution import TICK_S, Watch, faded, stopped
+from cell.execution import TICK_S, Watch, faded, followed, fresh_state
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, JointState, Side, arm_slice
 from skills.grasping.reading import GripCommand, HandReading
+from skills.motion.follow import Follower, follow
 from skills.motion.ik import tool_pose
 from skills.vocabulary import Outcome
 
-__all__ = ["command_grip", "each_hand", "read_hand", "telemetry", "tool_height"]
+__all__ = ["command_grip", "each_hand", "lowered", "read_hand", "telemetry", "tool_height"]
 
 S = TypeVar("S")
 V = TypeVar("V")
 
 LONGEST_LOOP_S = 30.0
+HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
+"""Of a descending hand's set-point [m/s], [m/s2], [m/s3]: what the controller asks for may jump."""
 
 
 def tool_height(cell: Workcell, side: Side, q: Array) -> float:
     """Height of a tool centre point over the table [m] at joints q (14,)."""
     return float(tool_pose(cell.robot.chains[side], q[arm_slice(side)])[2, 3] - cell.table.height)
+
+
+def lowered(hand: Follower, depth: float, speed: float) -> Follower:
+    """A hand's set-point a tick later, on its way to a depth [m] that grows at `speed` [m/s]."""
+    return follow(hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK)
 
 
 def read_hand(cell: Workcell, side: Side, state: JointState) -> HandReading:
@@ -71,24 +79,27 @@ def each_hand(
 
     tick: (side, reading, state) -> next state or outcome. arms: the set-point (14,) to command given the
     states of the hands that still run, asked once a tick; None: the arms stand still. Failures: the first hand's
-    that fails, STOPPED.
+    that fails, STOPPED, STALE_STATE, LIMIT_EXCEEDED, TRACKING_ERROR.
     """
     ports = cell.ports
     running, values = dict(states), dict[Side, V]()
-    still = ports.arms.state().q
+    start = fresh_state(ports, cell.execution)
+    if start.failure:
+        return Outcome(failure=start.failure)
+    still = start.unwrap().q
     first = arms(running) if arms else still
     offset = cell.sent.offset(first)
     q = first + offset
     t0 = ports.clock.now()
     for k in range(1, round(LONGEST_LOOP_S / TICK_S)):
         goal = (still if not arms else first if k == 1 else arms(running)) + faded(k - 1) * offset
-        ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))
+        sent = ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))
         cell.sent.q = q = goal
         ports.clock.sleep_until(t0 + k * TICK_S)
-        failure = stopped(ports)
-        if failure:
-            return Outcome(failure=failure)
-        state = ports.arms.state()
+        read = followed(ports, goal, sent, cell.execution)
+        if read.failure:
+            return Outcome(failure=read.failure)
+        state = read.unwrap()
         cell.recorder.joints(state)
         for side in tuple(running):
             after = tick(side, read_hand(cell, side, state), running[side])

@@ -58,11 +58,12 @@ def record_friction(path: Path, test: FrictionCalibration) -> None:
 def record_bending(path: Path, test: BendingCalibration) -> None:
     """The strip that bends over the edge, and the plane of 41.5 degrees."""
     stream = _begin(path, "cantilever test", "angle")
-    far = test.overhang * np.array([math.cos(test.plane), 0.0, -math.sin(test.plane)])
+    near = np.array([-test.behind, 0.0, 0.0])
+    far = near + test.overhang * np.array([math.cos(test.plane), 0.0, -math.sin(test.plane)])
     top = test.pictures[0][:, 2].mean()
     stream.log(
         "test/plane",
-        rr.LineStrips3D([[(0.0, y, top), (far[0], y, top + far[2])] for y in (-0.03, 0.03)], radii=0.001,
+        rr.LineStrips3D([[(near[0], y, top), (far[0], y, top + far[2])] for y in (-0.03, 0.03)], radii=0.001,
                         colors=[style.TARGET]), static=True,
     )  # fmt: skip
     for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):

@@ -60,12 +60,13 @@ class Runner:
         commands: CommandQueue,
         observers: tuple[Observer, ...] = (),
     ) -> None:
-        self._cell = workcell
+        self._cell = replace(workcell, note=self._note)
         self._effects = effects
         self._journal = journal
         self._commands = commands
         self._observers = observers
         self._machine = Executive()
+        self._state = State.IDLE
 
     def run(self, context: Context | None = None) -> RunEnd:
         """From START to a declared end. Returns however it ended; raises only what the ledger raises."""
@@ -87,7 +88,12 @@ class Runner:
             for o in self._observers:
                 o.performed(clock.now(), step, result)
 
+    def _note(self, name: str, values: Mapping[str, float]) -> None:
+        """Something that happened within an effect."""
+        self._journal.event(self._cell.ports.clock.now(), self._state.value, name, values)
+
     def _note_entry(self, t: float, step: Step) -> None:
+        self._state = step.target
         self._journal.event(t, step.target.value, step.event.value, {"from": step.source.value})
         for o in self._observers:
             o.entered(t, step)

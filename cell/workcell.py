@@ -63,6 +63,8 @@ class Workcell:
     """Says how far a long computation is."""
     rng: Callable[[], np.random.Generator]
     """Makes the motion planner's generator, always from the same seed."""
+    note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
+    """Keeps in the ledger what happens within an effect: name, figures."""
     sent: Sent = field(default_factory=Sent)
     """What the arms were last told."""
 

@@ -26,8 +26,8 @@ __all__ = ["STATE", "Performer"]
 STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
-ENDING = frozenset({FailureKind.STOPPED, FailureKind.ABORTED, FailureKind.STALE_STATE, FailureKind.TRACKING_ERROR})
-"""Failures that no procedure may answer: it ends."""
+ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
+"""Failures found in planning, before anything moved: a procedure may try something else. All others end it."""
 
 T = TypeVar("T")
 
@@ -63,7 +63,7 @@ class Performer:
             effect = next(procedure)
             while True:
                 answer = self._perform(effect)
-                if answer.failure and answer.failure.kind in ENDING:
+                if answer.failure and answer.failure.kind not in ANSWERABLE:
                     procedure.close()
                     return Outcome(failure=answer.failure)
                 effect = procedure.send(answer)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from calibration.effects import Touch, Touched
 from cell.effects.moving import move
-from cell.execution import fresh_state, wait
-from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
+from cell.execution import TICK_S, fresh_state, wait
+from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side, arm_slice
@@ -19,6 +18,7 @@ from skills.grasping.reading import GripCommand, HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.motion import ik
+from skills.motion.follow import Follower
 from skills.motion.plan import Descent, GraspMotion, plan_free_motion, plan_grasp, plan_lift
 from skills.motion.posture import Posture
 from skills.vocabulary import Outcome, ToolPath, tool_rotation
@@ -146,31 +146,56 @@ def _descend(
     bottom: float,
     felt: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
-    """Guarded, slowly all the way where the table may be; every new tactile reading goes to `felt`."""
-    state = cell.ports.arms.state()
-    q0 = np.array(state.q)
-    top = np.array(q0)
-    top[arm_slice(side)] = way.q[0]
-    high = tool_height(cell, side, top)
+    """Guarded, slowly all the way where the table may be, to rest; every new tactile reading goes to `felt`."""
+    hand = _Lowering(cell, side, way)
     settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
     goal = DescentGoal(contact=0.0, bottom=bottom)
-    begun = start_descent(settings, goal, zeroed, read_hand(cell, side, state))
-    height = begun.target
+    begun = start_descent(settings, goal, zeroed, read_hand(cell, side, cell.ports.arms.state()))
+    height = before_last = begun.target
+    ended: Outcome[Contact] | None = None
 
     def tick(_: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
-        nonlocal height
+        nonlocal height, before_last, ended
+        if ended:
+            return ended if hand.rests else before
         if not felt or reading.tactile.stamp > felt[-1].tactile.stamp:
             felt.append(reading)
         command, after = descend(reading, before)
-        height = command.height
+        before_last, height = height, command.height
+        if isinstance(after, Outcome):
+            ended, height, before_last = after, hand.height, hand.height
+            return before
         return after
 
-    def arms(_: Mapping[Side, DescentState]) -> Array:
-        q = np.array(q0)
-        q[arm_slice(side)] = way.at(high - height)
-        return q
+    return each_hand(cell, {side: begun}, tick, lambda _: hand.towards(height, (before_last - height) / TICK_S))
 
-    return each_hand(cell, {side: begun}, tick, arms)
+
+class _Lowering:
+    """One hand's set-point on its straight way down, without jumps."""
+
+    def __init__(self, cell: Workcell, side: Side, way: Descent) -> None:
+        q = cell.ports.arms.state().q
+        self._q0, self._side, self._way = q + cell.sent.offset(q), side, way
+        top = np.array(self._q0)
+        top[arm_slice(side)] = way.q[0]
+        self._top = tool_height(cell, side, top)
+        self._hand = Follower(self._top - tool_height(cell, side, self._q0))
+
+    @property
+    def height(self) -> float:
+        """Of the set-point over the table [m]."""
+        return self._top - self._hand.position
+
+    @property
+    def rests(self) -> bool:
+        return abs(self._hand.velocity) < 1e-4 and abs(self._hand.acceleration) < 1e-2
+
+    def towards(self, height: float, speed: float) -> Array:
+        """(14,) a tick later, on its way to a height [m] that falls at `speed` [m/s]."""
+        self._hand = lowered(self._hand, self._top - height, speed)
+        q = np.array(self._q0)
+        q[arm_slice(self._side)] = self._way.at(self._hand.position)
+        return q
 
 
 def _explained(failure: Failure, effect: Touch) -> Failure:

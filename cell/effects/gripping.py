@@ -9,8 +9,8 @@ import numpy as np
 
 from cell.context import Context, Result
 from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
-from cell.execution import TICK_S, Tick, Watch, faded, stopped, stream
-from cell.hands import command_grip, each_hand, read_hand, telemetry, tool_height
+from cell.execution import TICK_S, Tick, Watch, faded, followed, stream
+from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
@@ -25,9 +25,9 @@ from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
 from skills.grasping.zero import start_zero, zero
-from skills.motion.follow import Follower, follow
+from skills.motion.follow import Follower
 from skills.motion.plan import Descent, plan_arc, plan_lift
-from skills.vocabulary import Outcome
+from skills.vocabulary import Grasp, Outcome
 
 __all__ = ["fold", "grasp", "lift", "release_garment"]
 
@@ -39,8 +39,6 @@ DEEPER = 0.002
 """How much lower each further try presses [m]."""
 STRONGER = 1.4
 PRESS_S = 0.4
-HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
-"""Of a descending hand's set-point [m/s], [m/s2], [m/s3]: what the controller asks for may jump."""
 
 
 def grip_settings(cell: Workcell, context: Context) -> GraspSettings:
@@ -152,7 +150,7 @@ def _descend(
 
     def arms(_: Mapping[Side, DescentState]) -> Array:
         for s, h in heights.items():
-            hands[s] = _followed(hands[s], top[s] - h, (before_last[s] - h) / TICK_S)
+            hands[s] = lowered(hands[s], top[s] - h, (before_last[s] - h) / TICK_S)
         return _lowered(q0, ways, {s: hand.position for s, hand in hands.items()})
 
     return each_hand(cell, states, tick, arms)
@@ -169,11 +167,6 @@ def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, floa
     for side, way in ways.items():
         q[arm_slice(side)] = way.at(depths[side])
     return q
-
-
-def _followed(hand: Follower, depth: float, speed: float) -> Follower:
-    """A hand's set-point a tick later, on its way to a depth [m] that grows at `speed` [m/s]."""
-    return follow(hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK)
 
 
 def _press(
@@ -199,14 +192,15 @@ def _press(
         left, left_before = faded(k, PRESS_S), faded(k - 1, PRESS_S)
         for s in ways:
             way = depth1[s] - depth0[s]
-            hands[s] = _followed(hands[s], depth1[s] - left * way, (left_before - left) * way / TICK_S)
+            hands[s] = lowered(hands[s], depth1[s] - left * way, (left_before - left) * way / TICK_S)
         q = _lowered(last, ways, {s: hand.position for s, hand in hands.items()})
-        cell.ports.arms.command(q, (q - last) / TICK_S)
+        sent = cell.ports.arms.command(q, (q - last) / TICK_S)
         cell.sent.q = last = q
         cell.ports.clock.sleep_until(t0 + k * TICK_S)
-        if stopped(cell.ports):
-            return stopped(cell.ports)
-        record(Tick(k * TICK_S, cell.ports.arms.state()))
+        read = followed(cell.ports, q, sent, cell.execution)
+        if read.failure:
+            return read.failure
+        record(Tick(k * TICK_S, read.unwrap()))
     return None
 
 
@@ -231,10 +225,16 @@ def _close_and_confirm(cell: Workcell, context: Context, settings: GraspSettings
         return Outcome(failure=closed.failure)
     thickness = context.known_garment.material.thickness
     confirmations = {
-        s: start_confirm(settings, zero, Expectation(thickness, context.grasp_of(s).layers))
+        s: start_confirm(settings, zero, _expected(context.grasp_of(s), thickness))
         for s, zero in context.zeros.items()
     }
     return each_hand(cell, confirmations, lambda side, r, s: confirm(r, s))
+
+
+def _expected(grasp: Grasp, thickness: float) -> Expectation:
+    """The planned layers; a hand that goes under the whole stack takes what the stack has."""
+    whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
+    return Expectation(thickness, grasp.layers, or_more=whole_stack)
 
 
 def _slip_watch(cell: Workcell, context: Context) -> Watch:

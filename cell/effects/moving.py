@@ -41,7 +41,7 @@ PREGRASP_OPENING = PadGeometry().stroke
 
 def pausable(cell: Workcell) -> PathControl:
     """For motions that the operator may pause or end on their way."""
-    return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.sent)
+    return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note, cell.sent)
 
 
 def unhindered(cell: Workcell) -> PathControl:

@@ -30,6 +30,11 @@ from skills.vocabulary import Array
 __all__ = ["run"]
 
 Provenance = dict[str, dict[str, Any]]
+DATA_SHEET = "data sheet"
+DOUBTFUL_LENS = (
+    "the lens is the data sheet's and the pose takes up its error. For a sure one run foldcell calibrate camera,"
+    " name its file in cell.yaml, and run this again"
+)
 S = TypeVar("S")
 
 
@@ -44,6 +49,7 @@ class _Calibration:
     figures: Callable[[Any], dict[str, Any]]
     error: Callable[[Any, Truth], dict[str, float]]
     text: Callable[[Any, Provenance], str]
+    warning: str = ""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -70,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     report: dict[str, Any] = {"calibration": options.action, "seed": options.seed, "driver": options.driver}
     report |= end.as_json()
     if end.value is not None:
-        report |= figures(end.value, end.truth)
+        report |= figures(end.value, end.truth) | {"warning": chosen.warning or None}
         report["file"] = str(_write(options, chosen, end, report))
     if options.json:
         print_json(report)
@@ -113,14 +119,23 @@ def _summary(chosen: _Calibration, end: CalibrationEnd[Any], report: Mapping[str
             print(f"  {name:<28} {_shown(value)}")
         for name, value in (report["simulated_truth"] or {}).items():
             print(f"  simulated truth: {name:<11} {_shown(value)}")
-        print(f"  file  {report['file']}\n  name it in cell.yaml: {chosen.setting}")
+        print(f"  file  {report['file']}")
+        print(f"  next: in cell.yaml, {_named(chosen.setting, report['file'])}")
+        if chosen.warning:
+            print(f"  mind: {chosen.warning}")
     print(f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s")
     print(f"  run   {end.run_dir}")
 
 
+def _named(setting: str, path: str) -> str:
+    """A file as it stands in cell.yaml."""
+    group, key = setting.split(".")
+    return f"{group}: {{{key}: {path}}}"
+
+
 def _shown(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value + 0.0:.6g}"  # no -0
     if isinstance(value, list | tuple):
         return ", ".join(_shown(v) for v in value)
     return str(value)
@@ -198,8 +213,10 @@ def _camera(options: argparse.Namespace, settings: CellSettings) -> _Calibration
 
 
 def _hand_eye(options: argparse.Namespace, settings: CellSettings) -> _Calibration:
-    wanted = _settings(HandEyeSettings, views=options.views)
     believed, table, told = camera_calibration(settings), settings.table, _camera_provenance(settings)
+    measured = told.get("intrinsics", {}).get("by") != DATA_SHEET
+    kind = HandEyeSettings if measured else HandEyeSettings.with_lens_of_data_sheet
+    wanted = _settings(kind, views=options.views)
 
     def pose(c: HandEyeCalibration) -> Array:
         return np.asarray(np.linalg.inv(table.T_base_table) @ c.T_base_camera)
@@ -228,6 +245,7 @@ def _hand_eye(options: argparse.Namespace, settings: CellSettings) -> _Calibrati
         text=lambda c, provenance: calibration_text(
             replace(believed, T_table_camera=pose(c)), table.height, told | provenance
         ),
+        warning="" if measured else DOUBTFUL_LENS,
     )
 
 
@@ -256,7 +274,7 @@ def _tactile(options: argparse.Namespace, settings: CellSettings) -> _Calibratio
 
 def _camera_provenance(settings: CellSettings) -> Provenance:
     """Of the parts of the camera's calibration as they are believed now."""
-    told: Provenance = {"intrinsics": {"by": "data sheet"}, "pose": {"by": "drawing of the bracket"}}
+    told: Provenance = {"intrinsics": {"by": DATA_SHEET}, "pose": {"by": "drawing of the bracket"}}
     if settings.camera.calibration is None:
         return told
     kept = read_camera_file(settings.camera.calibration).provenance

@@ -23,10 +23,14 @@ MOST_LAYERS = 12
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the pinch shall hold. layers: as planned; None: any number will do. thickness: of one layer [m]."""
+    """What the pinch shall hold. layers: as planned; None: any number will do. thickness: of one layer [m].
+
+    or_more: a hand set down on the table takes all that lies there: more layers than believed are then no fault.
+    """
 
     thickness: float
     layers: int | None = None
+    or_more: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,8 +132,8 @@ def _judge(reading: HandReading, state: Confirmation) -> Outcome[Held]:
         what = f"the {side} pads closed on nothing" if force >= s.held_force else f"the {side} pads feel no cloth"
         return Outcome(failure=Failure(FailureKind.MISSED_GRASP, what, "grasp lower or further in", values))
     wanted = state.expected.layers
-    if wanted is not None and count.of(wanted) < s.layer_doubt:
-        fewer = count.layers < wanted
+    fewer = wanted is not None and count.layers < wanted
+    if wanted is not None and count.of(wanted) < s.layer_doubt and (fewer or not state.expected.or_more):
         return Outcome(
             failure=Failure(
                 FailureKind.MISSED_GRASP if fewer else FailureKind.MISSED_LAYER,

@@ -49,6 +49,8 @@ TICK = 0.01
 """Longest time between samples [s]."""
 STOP_TIME = 0.6
 """In which a running clock comes to rest, or starts again [s]."""
+LENGTHENED = (1.0, 1.25, 1.6, 2.0, 2.8, 4.0)
+"""Of STOP_TIME, tried in turn where the joints need longer."""
 HEADROOM = 0.98
 """Share of the limits that is planned with: the Hermite interpolant between samples takes the rest."""
 GRID = 100
@@ -211,8 +213,9 @@ class ClockWarp:
 
 
 def warp_clock(trajectory: ArmTrajectory, warp: ClockWarp, limits: JointLimits) -> ClockWarp:
-    """`warp`, lengthened (up to four times) as far as the trajectory's joints need to keep `limits`."""
-    for factor in (1.0, 1.25, 1.6, 2.0, 2.8, 4.0):
+    """`warp`, lengthened as far as the trajectory's joints need to keep `limits`: a stop up to four times, a
+    start, which can wait, up to sixteen times."""
+    for factor in LENGTHENED if warp.goal == 0.0 else (*LENGTHENED, 5.6, 8.0, 16.0):
         longer = replace(warp, duration=factor * warp.duration)
         if peaks(warped(trajectory, longer), limits).worst <= 1.0:
             break

@@ -104,6 +104,18 @@ def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
         assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
+def test_a_lens_that_nobody_measured_draws_the_pose_along_and_the_deviation_tells(robot: RobotModel) -> None:
+    """A focal length 1 % off looks like a camera that hangs higher: the fit is as good, the pose is not."""
+    sheet = replace(INTRINSICS, fx=1.01 * INTRINSICS.fx, fy=1.01 * INTRINSICS.fy)
+    cell = Cell(robot, 1)
+    views = cell.views(8)
+    sure = fit_hand_eye(robot, sheet, views, HandEyeSettings(8)).unwrap()
+    unsure = fit_hand_eye(robot, sheet, views, HandEyeSettings.with_lens_of_data_sheet(8)).unwrap()
+    error = 1e-3 * off(cell.X, unsure.T_base_camera)[0]
+    assert unsure.T_base_camera == pytest.approx(sure.T_base_camera) and error > 0.004
+    assert sure.position_sigma < 0.5 * error < 1.5 * unsure.position_sigma
+
+
 def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: RobotModel) -> None:
     errors = []
     for seed in range(6):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.effects import Grip
+from calibration.effects import Grip, Listen, Reach, Touch
 from calibration.table import TableSettings, calibrate_table
 from cell.assembly import load_robot
 from cell.calibrating.reaching import holding_board
@@ -25,8 +25,10 @@ from cell.calibration_file import (
 )
 from cell.cli import main
 from cell.config import load_settings
+from cell.execution import TICK_S
 from cell.journal import Journal
 from cell.paths import ledger_path
+from cell.simulation.ports import _Arms
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Ports, Side, arm_slice
 from skills.motion import ik
@@ -40,17 +42,23 @@ def foldcell(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[in
     return code, json.loads(out.splitlines()[-1]), err
 
 
-def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path, capsys) -> None:
+def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path, capsys, monkeypatch) -> None:
+    told: list[np.ndarray] = []
+    command = _Arms.command
+    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(np.array(q)), command(self, q, qd))[1])
     code, report, err = foldcell(capsys, "calibrate", "table", "--seed", 3, "--points", 3, "--logs", tmp_path)
     assert code == 0 and report["result"] == "done" and "point 3 of 3" in err
     assert abs(report["simulated_truth"]["height_error_mm"]) < 1.5 < abs(report["change_mm"])
+
+    acceleration = np.abs(np.diff(told, n=2, axis=0)).max(axis=0) / TICK_S**2
+    assert (acceleration <= load_robot(load_settings()).planning.acceleration).all(), "a set-point that jumps"
 
     (tmp_path / "cell.yaml").write_text(f"table: {{calibration: {report['file']}}}\n")
     settings = load_settings(tmp_path / "cell.yaml")
     assert settings.table.height == pytest.approx(report["height_m"], abs=1e-6)
     assert settings.drawn_table.height == -0.10 and settings.calibrated
-    told = yaml.safe_load(Path(report["file"]).read_text())["provenance"]["height"]
-    assert told["simulated"] is True and told["figures"]["points"] == 3 and told["run"] in report["run_dir"]
+    origin = yaml.safe_load(Path(report["file"]).read_text())["provenance"]["height"]
+    assert origin["simulated"] is True and origin["figures"]["points"] == 3 and origin["run"] in report["run_dir"]
 
     with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
@@ -89,6 +97,25 @@ def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
     with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
         last = journal.entries(journal.run("last").id, "result")[-1]
     assert last.name == "make_safe" and last.payload["event"] == "held"
+
+
+def test_only_a_refused_plan_is_for_the_procedure_to_answer(tmp_path: Path) -> None:
+    asked: list[object] = []
+
+    def stubborn(_: object):  # type: ignore[no-untyped-def]
+        far = np.eye(4)
+        far[:3, 3] = 5.0, 0.0, 0.0
+        asked.append((yield Reach(Side.LEFT, far)).failure.kind)
+        asked.append((yield Touch(Side.LEFT, 0.55, 0.25, search=0.002)))
+        asked.append((yield Listen(1.0)))
+
+    (tmp_path / "table.yaml").write_text(table_text(-0.055))
+    (tmp_path / "cell.yaml").write_text("table: {calibration: table.yaml}\n")
+    settings = load_settings(tmp_path / "cell.yaml")
+    request = CalibrationRequest("table", 0, "sim", settings, tmp_path, False, lambda text: None)
+    end = calibrate(request, stubborn, lambda c, t: {})
+    assert asked == [FailureKind.UNREACHABLE] and end.failure and end.failure.kind is FailureKind.NO_CONTACT
+    assert end.safe and end.exit_code == 2
 
 
 def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:

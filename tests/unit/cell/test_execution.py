@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.commands import CommandQueue
-from cell.execution import TICK_S, ExecutionLimits, PathControl, stream, wait
+from cell.execution import TICK_S, ExecutionLimits, PathControl, hold, stream, wait
 from cell.states import Event
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
@@ -163,6 +163,36 @@ def test_arms_that_were_moved_in_a_pause_do_not_go_on() -> None:
     cell.at(1.6, lambda: commands.put(Event.RESUME))
     failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
     assert failure is not None and failure.kind is FailureKind.START_MISMATCH
+
+
+def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
+    cell, commands, kept = FakeCell(), CommandQueue(), []
+    held = control(commands)
+    held.note = lambda name, values: kept.append((name, cell.now, dict(values), abs(derivatives(cell)[1][-1])))
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(1.5, lambda: commands.put(Event.RESUME))
+    assert stream(cell.ports(), ramp(duration=1.5), LIMITS, control=held).ok
+    (paused, rested, told, speed), (resumed, went_on, from_there, still) = kept
+    assert (paused, resumed) == ("paused", "resumed")
+    assert speed < 2e-3 and still < 1e-9, "kept in the last tick of the way to rest, and before the first away"
+    assert told["asked_s"] == pytest.approx(0.5, abs=2 * TICK_S) and 1.0 <= rested <= 1.2
+    assert went_on == pytest.approx(1.5, abs=2 * TICK_S) and from_there["path_s"] == told["path_s"]
+
+
+def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    for t, said in ((0.2, Event.RESUME), (0.3, Event.PAUSE), (2.5, Event.RESUME)):
+        cell.at(t, lambda said=said: commands.put(said))
+    assert stream(cell.ports(), ramp(), LIMITS, control=control(commands)).ok
+    assert cell.now > 2.5
+
+
+@pytest.mark.parametrize("act", [hold, lambda ports: wait(ports, 0.3)])
+def test_arms_of_which_nothing_recent_is_known_are_told_nothing(act) -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.0
+    act(cell.ports())
+    assert not cell.commands
 
 
 @pytest.mark.parametrize("rested", [False, True])

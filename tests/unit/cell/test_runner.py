@@ -310,6 +310,20 @@ def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
     assert rig.cell.commands == []
 
 
+def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_result(rig: Rig) -> None:
+    def fold(cell: Any, context: Context) -> Result:
+        cell.note("paused", {"path_s": 1.25})
+        return Result(Event.DONE, context)
+
+    rig.special[Effect.FOLD] = fold
+    rig.run()
+    entries = list(rig.journal.entries(rig.ledger.id))
+    k = next(k for k, e in enumerate(entries) if e.name == "paused")
+    assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25
+    assert (entries[k - 1].kind, entries[k + 1].kind) == ("intent", "result")
+    assert entries[k + 1].answers == entries[k - 1].sequence
+
+
 def test_the_motion_that_a_pause_put_off_is_begun_anew(rig: Rig) -> None:
     rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))

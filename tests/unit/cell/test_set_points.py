@@ -8,6 +8,7 @@ import pytest
 from cell import hands
 from cell.execution import ExecutionLimits, PathControl, Sent, faded, stream, wait
 from cell.hands import each_hand
+from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
@@ -52,6 +53,23 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
     assert cell.commands[-1][1] == pytest.approx(0.0, abs=1e-9)
     assert np.abs(accelerations(cell)).max() <= MOST
     assert sent.q == pytest.approx(cell.commands[-1][1])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: setattr(c, "stop_reason", "button"), FailureKind.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
+        (lambda c: setattr(c, "q", c.q + 0.2), FailureKind.TRACKING_ERROR),
+    ],
+)
+def test_hands_at_work_are_watched_as_a_motion_is(spoil, kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.follows = False
+    cell.at(0.3, lambda: spoil(cell))
+    failure = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state).failure
+    assert failure is not None and failure.kind is kind and cell.now < 0.5
 
 
 def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:

@@ -137,6 +137,17 @@ def test_a_hand_that_feels_no_force_holds_nothing(scale: float) -> None:
         assert confirm_on(hand, pads).failure is not None
 
 
+@pytest.mark.parametrize(("wanted", "got", "fails"), [(2, 4, False), (2, 2, False), (4, 2, True), (2, 0, True)])
+def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, got: int, fails: bool) -> None:
+    hand, pads = grasp(3, 1.0, got)
+    state = start_confirm(SETTINGS, pads, Expectation(NOMINAL, wanted, or_more=True))
+    while not isinstance(state, Outcome):
+        state = confirm(hand.read(), state)
+    assert (state.failure is not None) == fails
+    if not fails:
+        assert state.unwrap().count.layers == got
+
+
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 2), (2.0, 4)])
 @pytest.mark.parametrize(("wanted", "got"), [(1, 2), (2, 1), (2, 4), (4, 2)])
 def test_another_number_of_layers_is_told(scale: float, wrong: int, wanted: int, got: int) -> None:

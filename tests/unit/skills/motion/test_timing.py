@@ -160,6 +160,14 @@ def test_joined_motions_have_to_meet():
         join([first, hold(c)])
 
 
+def test_a_start_after_a_pause_keeps_the_limits_wherever_the_path_was_left():
+    """Where a joint runs at its limit of acceleration a start has no headroom: it takes longer instead."""
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    for t in np.linspace(0.0, motion.duration, 25)[:-1]:
+        warp = warp_clock(motion, ClockWarp(float(t), 0.6, 1.0, rate=0.0), LIMITS)
+        assert peaks(warped(motion, warp), LIMITS).worst <= TOLERANCE
+
+
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 0.97])
 def test_a_stop_stays_on_the_path_and_ends_at_rest(share):
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)

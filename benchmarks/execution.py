@@ -1,0 +1,112 @@
+"""What the arms' lag, jitter and sudden drops do to a fold: whole runs with the robot's errors scaled.
+
+    foldcell bench execution        or  python -m benchmarks.execution
+
+The same worlds (garment, noise, and the moments of the drops, by seed) are folded with the lag, jitter and depth
+of drops of cell/simulation/noise.yaml times 0, 1 and 2. Everything is simulated, and the errors' sizes are
+assumed there.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from cell import execution
+from cell.config import load_settings
+from cell.run import FoldRequest, FoldResult, fold_once
+from cell.simulation.noise import NoiseTable, Range, load_noise
+from robots.baxter.model import load_model
+from robots.model import RobotModel
+from robots.ports import Array, JointSetpoint, JointState, Ports, Side, arm_slice
+from skills.motion.ik import tool_pose
+from skills.vocabulary import Outcome
+
+__all__ = ["measure", "scaled_errors"]
+
+GARMENT = "medium_towel"
+SCALES = (0, 1, 2)
+SCORES = ("iou", "correspondence_m", "edges_m", "drift_m")
+
+
+def scaled_errors(noise: NoiseTable, scale: float) -> NoiseTable:
+    """The noise table with lag, jitter and depth of drops times `scale`."""
+    robot = noise.robot
+    lag, depth = (Range(scale * r.low, scale * r.high) for r in (robot.lag, robot.drop_depth))
+    return replace(noise, robot=replace(robot, lag=lag, jitter=scale * robot.jitter, drop_depth=depth))
+
+
+def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
+    """Means over the seeds at each scale, flat, units in the keys. quick: one seed."""
+    seeds = range(1 if quick else 5)
+    return compare(tell, seeds)
+
+
+def compare(tell: Callable[[str], None], seeds: range) -> dict[str, Any]:
+    figures: dict[str, Any] = {"garment": GARMENT, "seeds": len(seeds), "simulated": True}
+    model = load_model()
+    for scale in SCALES:
+        runs = [_fold(model, seed, scale) for seed in seeds]
+        name = f"errors_x{scale}"
+        figures[f"{name}_folded"] = sum(result.result == "folded" for result, _ in runs)
+        recovered = [text for result, _ in runs for step in result.steps for text in step["recoveries"]]
+        figures |= {f"{name}_recoveries": len(recovered), f"{name}_recovered_from": recovered}
+        scores = [result.score for result, _ in runs if result.score]
+        for key in SCORES:
+            figures[f"{name}_{key}"] = float(np.mean([s[key] for s in scores])) if scores else None
+        off = 1e3 * np.concatenate([tools for _, tools in runs])
+        figures[f"{name}_tool_error_mm_rms"] = float(np.sqrt((off**2).mean()))
+        figures[f"{name}_tool_error_mm_p99"] = float(np.quantile(off, 0.99))
+        figures[f"{name}_tool_error_mm_max"] = float(off.max())
+        tell(f"errors x {scale}: {figures[f'{name}_folded']} of {len(seeds)} folded")
+    return figures
+
+
+def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array]:
+    """One run, and how far each tool was read from where it is sent to at every tick of its motions (n,) [m]."""
+    noise = scaled_errors(load_noise(), scale)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        patch("cell.simulation.world.load_noise", lambda: noise),
+        _tools_watched(model) as off,
+    ):
+        request = FoldRequest(GARMENT, seed, "sim", load_settings(), None, Path(folder), quiet=True, record=False)
+        result = fold_once(request)
+    return result, np.array(off)
+
+
+@contextmanager
+def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
+    """Collects the distances between each set-point of a streamed motion and the reading at the moment when it is
+    sent: with ideal arms what is left is the encoders' error."""
+    off: list[float] = []
+    before: JointState | None = None
+    judged = execution.followed
+
+    def followed(
+        ports: Ports, q: Array, sent: JointSetpoint, limits: execution.ExecutionLimits
+    ) -> Outcome[JointState]:
+        nonlocal before
+        read = judged(ports, q, sent, limits)
+        if before is not None and sent.stamp - before.stamp < execution.TICK_S / 2:  # else the first of a motion
+            for side in Side:
+                cut, chain = arm_slice(side), model.chains[side]
+                gap = tool_pose(chain, before.q[cut]) - tool_pose(chain, q[cut])
+                off.append(float(np.linalg.norm(gap[:3, 3])))
+        before = read.value
+        return read
+
+    with patch.object(execution, "followed", followed):
+        yield off
+
+
+if __name__ == "__main__":
+    for name, value in compare(print, range(2)).items():
+        print(f"{name:<36} {value:.4g}" if isinstance(value, float) else f"{name:<36} {value}")
