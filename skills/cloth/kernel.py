@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import os
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -24,13 +25,17 @@ from skills.cloth.contact import (
     OVERLAP_SPEED,
     PARKED,
     narrow_edge_edge,
+    apply_impulses,
+    average_impulses,
     narrow_vertex_triangle,
+    remember_impulses,
     solve_contacts,
 )
 from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
 from skills.cloth.tree import Tree, fit_tree, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
+EXPO = bool(int(os.environ.get("EXPO", "0")))
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
 SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
@@ -46,7 +51,7 @@ CAPSULE_FRICTION = 0.3
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES = range(6, 13)  # what is up to date, where the loop stands
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14)  # what is up to date, where the loop stands
 
 
 class Body(NamedTuple):
@@ -105,6 +110,7 @@ class State(NamedTuple):
     stale: NDArray[np.bool_]
     wa: Array
     wc: Array
+    press: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
     woken: NDArray[np.bool_]
@@ -131,10 +137,12 @@ class Pairs(NamedTuple):
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
     vt_due: NDArray[np.int32]
+    vt_j: Array
     ee: NDArray[np.int32]
     near: NDArray[np.bool_]
     normal: Array
     ee_due: NDArray[np.int32]
+    ee_j: Array
     new_vt: NDArray[np.int32]
     new_ee: NDArray[np.int32]
     met: NDArray[np.int32]
@@ -146,6 +154,9 @@ class Pairs(NamedTuple):
     act_n: Array
     act_d: Array
     act_w: Array
+    act_j: Array
+    act_m: Array
+    act_c: NDArray[np.int32]
 
 
 class Holds(NamedTuple):
@@ -412,24 +423,32 @@ def _empty_table(key, kept):
 def _renew_vertex_triangle(tree, width, pairs, count, n_new):
     """Pairs of stale patches out, the new ones in, with the side of those that were there."""
     vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    borne, memory = pairs.vt_j, pairs.kept
     stale, of_vertex, of_tri = tree.stale, tree.of_vertex, tree.of_tri
     kept = n = 0
     for c in range(count[VT]):
         if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
             if side[c] != 0:
                 scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
+                for m in range(3):
+                    memory[kept, m] = borne[c, m]
                 kept += 1
         else:
             if n < c:
                 vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
             n += 1
     size = _empty_table(pairs.key, kept)
     key, row = pairs.key[:size], pairs.row[:size]
     for c in range(kept):
-        _put(key, row, scratch[c, 0] * width + scratch[c, 1], scratch[c, 2])
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
     for c in range(n_new):
         vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
-        side[n] = _get(key, row, vt[n, 0] * width + vt[n, 1], 0)
+        r = _get(key, row, vt[n, 0] * width + vt[n, 1], -1)
+        side[n] = scratch[r, 2] if r >= 0 else 0
+        for m in range(3):
+            borne[n, m] = memory[r, m] if r >= 0 else 0.0
         due[n] = count[NOW]
         n += 1
     count[VT] = n
@@ -439,7 +458,7 @@ def _renew_vertex_triangle(tree, width, pairs, count, n_new):
 def _renew_edge_edge(tree, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
     ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    stale, of_edge, scratch, memory = tree.stale, tree.of_edge, pairs.act_i, pairs.kept
+    stale, of_edge, scratch, memory, borne = tree.stale, tree.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
     kept = n = 0
     for c in range(count[EE]):
         if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
@@ -447,13 +466,14 @@ def _renew_edge_edge(tree, width, pairs, count, n_new):
                 scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
                 for m in range(3):
                     memory[kept, m] = normal[c, m]
+                    memory[kept, m + 3] = borne[c, m]
                 kept += 1
         else:
             if n < c:
                 ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
-                if near[c]:
-                    for m in range(3):
-                        normal[n, m] = normal[c, m]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
+                    normal[n, m] = normal[c, m]
             n += 1
     size = _empty_table(pairs.key, kept)
     key, row = pairs.key[:size], pairs.row[:size]
@@ -463,8 +483,9 @@ def _renew_edge_edge(tree, width, pairs, count, n_new):
         ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
         r = _get(key, row, ee[n, 0] * width + ee[n, 1], -1)
         near[n] = r >= 0
-        if r >= 0:
-            for m in range(3):
+        for m in range(3):
+            borne[n, m] = memory[r, m + 3] if r >= 0 else 0.0
+            if r >= 0:
                 normal[n, m] = memory[r, m]
         due[n] = count[NOW]
         n += 1
@@ -498,7 +519,7 @@ def _weigh(index, n_awake, x, wa, wc, table):
     come up to it. One sweep then carries a stack of layers (shock propagation, Guendelman et al. 2003)."""
     for c in range(n_awake):
         i = index[c]
-        wc[i] = wa[i] * np.exp(min(max(x[i, 2], 0.0), STACK_HEIGHT) / STACK_SCALE) if table else wa[i]
+        wc[i] = wa[i] * (np.exp(min(max(x[i, 2], 0.0), STACK_HEIGHT) / STACK_SCALE) if EXPO else 1.0) if table else wa[i]
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -567,30 +588,47 @@ def _bend(rules, state):
             x[i, m] = (u[i, m] + g * xp[i, m]) * scale
 
 
-@njit(nogil=True, fastmath={"contract"})
-def _table_and_speed(rules, state):
-    """The table (a plane at z = 0) with Coulomb friction, then velocities from displacements."""
-    low = 0.5 * rules.thickness
-    inv_h = 1.0 / rules.h
-    x, xp, v = state.x, state.xp, state.v
+@njit(nogil=True)
+def _clear_press(state):
     for c in range(state.counts[AWAKE]):
         i = state.awake_list[c]
-        if rules.table and x[i, 2] < low:
-            old = xp[i, 2]
-            floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
-            press = floor - x[i, 2]
-            if press > 0.0:
-                dx, dy = x[i, 0] - xp[i, 0], x[i, 1] - xp[i, 1]
-                slip = np.sqrt(dx * dx + dy * dy)
-                if slip <= rules.mu_static * press:
-                    x[i, 0], x[i, 1] = xp[i, 0], xp[i, 1]
-                else:
-                    k = min(rules.mu_dynamic * press / slip, 1.0)
-                    x[i, 0] -= k * dx
-                    x[i, 1] -= k * dy
-                x[i, 2] = floor
+        state.press[i, 0] = state.press[i, 1] = state.press[i, 2] = 0.0
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _table(rules, state):
+    """The table (a plane at z = 0) with Coulomb friction. It is asked before the contacts, so that layers rest on
+    what it holds, and after them, with the sum of what it bore: press, the displacements in this substep."""
+    if not rules.table:
+        return
+    low = 0.5 * rules.thickness
+    x, xp, press = state.x, state.xp, state.press
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
+        borne = press[i, 2]
+        if x[i, 2] >= low and borne == 0.0:
+            continue
+        old = xp[i, 2]
+        floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
+        up = max(0.0, borne + floor - x[i, 2])
+        sx, sy = press[i, 0] - x[i, 0] + xp[i, 0], press[i, 1] - x[i, 1] + xp[i, 1]
+        hold = np.sqrt(sx * sx + sy * sy)
+        if hold > rules.mu_static * up:
+            sx, sy = sx * rules.mu_dynamic * up / hold, sy * rules.mu_dynamic * up / hold
+        x[i, 0] += sx - press[i, 0]
+        x[i, 1] += sy - press[i, 1]
+        x[i, 2] += up - borne
+        press[i, 0], press[i, 1], press[i, 2] = sx, sy, up
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _take_speed(rules, state):
+    """Velocities from displacements."""
+    inv_h = 1.0 / rules.h
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         for m in range(3):
-            v[i, m] = (x[i, m] - xp[i, m]) * inv_h
+            state.v[i, m] = (state.x[i, m] - state.xp[i, m]) * inv_h
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -802,6 +840,7 @@ def _fingerprint() -> str:
     digest = hashlib.sha256()
     for name in ("contact.py", "elastic.py", "kernel.py", "tree.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
+    digest.update(os.environ.get("MEM","").encode()+os.environ.get("EXPO","").encode())
     return digest.hexdigest()
 
 
@@ -850,13 +889,17 @@ def _compile(sources: str) -> Callable[..., int]:
                             state.wc,
                             thick,
                             PHASE * h,
+                            pairs.vt_j,
                             pairs.act_i,
                             pairs.act_b,
                             pairs.act_n,
                             pairs.act_d,
                             pairs.act_w,
+                            pairs.act_m,
+                            pairs.act_c,
                             0,
                         )
+                        count[ACTIVE_VT] = n
                         count[ACTIVE] = narrow_edge_edge(
                             count[EE],
                             pairs.ee,
@@ -870,11 +913,14 @@ def _compile(sources: str) -> Callable[..., int]:
                             state.wc,
                             EDGE_SHARE * thick,
                             PHASE * h,
+                            pairs.ee_j,
                             pairs.act_i,
                             pairs.act_b,
                             pairs.act_n,
                             pairs.act_d,
                             pairs.act_w,
+                            pairs.act_m,
+                            pairs.act_c,
                             n,
                         )
                         count[NOW] += 1
@@ -884,6 +930,9 @@ def _compile(sources: str) -> Callable[..., int]:
                     _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
+                    apply_impulses(count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_m, pairs.act_j, state.wc, state.x)
+                    _clear_press(state)
+                    _table(rules, state)
                     solve_contacts(
                         count[ACTIVE],
                         pairs.act_i,
@@ -891,6 +940,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         pairs.act_n,
                         pairs.act_d,
                         pairs.act_w,
+                        pairs.act_j,
                         state.wc,
                         state.x,
                         state.xp,
@@ -898,9 +948,15 @@ def _compile(sources: str) -> Callable[..., int]:
                         h,
                         s,  # there in one substep and back in the next
                     )
+                    average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
-                    _table_and_speed(rules, state)
+                    _table(rules, state)
+                    _take_speed(rules, state)
+                    if s % PHASE == PHASE - 1:
+                        remember_impulses(
+                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
+                        )
             count[SUBSTEP] = 0
             for hand in range(2):
                 holds.age[hand] += frame

@@ -153,6 +153,12 @@ class ClothSimulation:
         """(n,) [1/kg]"""
         return self._body.w.copy()
 
+    @property
+    def table_force(self) -> Array:
+        """(3,) [N] force of the cloth on the table in the last substep, table frame."""
+        press = self._state.press / np.where(self._body.w > 0.0, self._body.w, np.inf)[:, None]
+        return -press.sum(axis=0) / self._rules.h**2
+
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth somewhere (n, 3), at rest or with `velocities` (n, 3); what was held is released."""
         x = np.asarray(positions, dtype=float)
@@ -163,6 +169,7 @@ class ClothSimulation:
         s.v[:] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.u[:], s.wc[:] = x, self._body.w
+        s.press[:] = 0.0
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
@@ -412,6 +419,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         stale=np.ones(n, np.bool_),
         wa=f(n),
         wc=f(n),
+        press=f(n, 3),
         quiet=np.zeros(n, np.int32),
         awake=np.ones(n, np.bool_),
         woken=np.zeros(n, np.bool_),
@@ -436,21 +444,26 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros((vt, 2), np.int32),
         np.zeros(vt, np.int8),
         np.zeros(vt, np.int32),
+        np.zeros((vt, 3)),
         np.zeros((ee, 2), np.int32),
         np.zeros(ee, np.bool_),
         np.zeros((ee, 3)),
         np.zeros(ee, np.int32),
+        np.zeros((ee, 3)),
         np.zeros((vt, 2), np.int32),
         np.zeros((ee, 2), np.int32),
         np.zeros((4 * vt, 2), np.int32),
         np.zeros(table, np.int64),
         np.zeros(table, np.int32),
-        np.zeros((ee, 3)),
+        np.zeros((m, 6)),
         np.zeros((m, 4), np.int32),
         np.zeros((m, 4)),
         np.zeros((m, 3)),
         np.zeros(m),
         np.zeros(m),
+        np.zeros((m, 3)),
+        np.zeros((m, 3)),
+        np.zeros(m, np.int32),
     )
 
 
