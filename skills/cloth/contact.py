@@ -7,7 +7,12 @@ next narrow phase. The side of a pair follows the geometry as long as it is apar
 near: a pair that was pressed through is pushed back to where it came from.
 
 Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
-Coulomb's at position level.
+Coulomb's at position level, bounded by all that a contact has borne in the substep.
+
+Every contact remembers, averaged over some substeps, what it bears, and begins with it (warm starting, as in
+sequential impulses: Catto 2005). Few sweeps then carry a stack of layers without creep, with true masses: the
+table bears the weight of all of them. The average, and not the last impulse, since the impulses and the speeds
+would otherwise be two integrators in a ring, which swing.
 """
 
 from __future__ import annotations
@@ -26,9 +31,8 @@ LEAST_SHARE = 0.25
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
+MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
-import os
-MEMORY = float(os.environ.get("MEM", "0.05"))
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
 
 
@@ -67,7 +71,26 @@ def _point_segment2(px, py, pz, x, i, j):
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_vertex_triangle(
-    count, pair, side, due, now, tri, x, v, w, thick, span, memory, act_i, act_b, act_n, act_d, act_w, act_m, act_c, n
+    count,
+    pair,
+    side,
+    due,
+    now,
+    tri,
+    x,
+    v,
+    w,
+    thick,
+    span,
+    memory,
+    act_i,
+    act_b,
+    act_n,
+    act_d,
+    act_w,
+    act_m,
+    act_c,
+    n,
 ):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
@@ -149,8 +172,27 @@ def narrow_vertex_triangle(
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_edge_edge(
-    count, pair, near, normal, due, now, edge, x, v, w, thick, span, memory, act_i, act_b, act_n, act_d, act_w, act_m, act_c,
-    n
+    count,
+    pair,
+    near,
+    normal,
+    due,
+    now,
+    edge,
+    x,
+    v,
+    w,
+    thick,
+    span,
+    memory,
+    act_i,
+    act_b,
+    act_n,
+    act_d,
+    act_w,
+    act_m,
+    act_c,
+    n,
 ):
     """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
@@ -289,6 +331,7 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, fricti
 
 @njit(nogil=True)
 def average_impulses(n, act_j, act_m):
+    """Let the memory of each contact follow what it bore in this substep."""
     for c in range(n):
         for m in range(3):
             act_m[c, m] += MEMORY * (act_j[c, m] - act_m[c, m])

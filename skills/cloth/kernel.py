@@ -13,7 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import os
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -24,9 +23,9 @@ from skills.cloth.contact import (
     OVERLAP_SHARE,
     OVERLAP_SPEED,
     PARKED,
-    narrow_edge_edge,
     apply_impulses,
     average_impulses,
+    narrow_edge_edge,
     narrow_vertex_triangle,
     remember_impulses,
     solve_contacts,
@@ -35,7 +34,7 @@ from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
 from skills.cloth.tree import Tree, fit_tree, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
-EXPO = bool(int(os.environ.get("EXPO", "0")))
+SWEEPS = 2  # over the contacts in a substep
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
 SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
@@ -43,15 +42,14 @@ CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers 
 STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
 HORIZON = 12  # narrow phases for which the search looks ahead
 CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
-STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
-STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14)  # what is up to date, where the loop stands
+# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14)
 
 
 class Body(NamedTuple):
@@ -93,7 +91,8 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep; wc: the same for contacts.
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
+    press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
     base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
     elsewhere; woken: in this frame."""
 
@@ -109,7 +108,6 @@ class State(NamedTuple):
     born: NDArray[np.int32]
     stale: NDArray[np.bool_]
     wa: Array
-    wc: Array
     press: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
@@ -131,8 +129,9 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: narrow phase at which a pair is to be looked at; new_vt, new_ee, met, key, row, kept:
-    scratch."""
+    vt_due, ee_due: narrow phase at which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; new_vt, new_ee, met, key,
+    row, kept: scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -234,7 +233,7 @@ def _stir_by_contact(n, act_i, stirred, near):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, wc, w):
+def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke."""
     changed = woke = False
@@ -250,7 +249,7 @@ def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, qu
                 ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
                 v[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
-            awake[i], wa[i], wc[i] = False, 0.0, 0.0
+            awake[i], wa[i] = False, 0.0
             changed = True
             for m in range(3):
                 stale[i] = stale[i] or course[i, m] != 0.0
@@ -300,7 +299,6 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.quiet,
         state.awake,
         state.wa,
-        state.wc,
         body.w,
     )
     if changed:
@@ -511,15 +509,6 @@ def _get(key, row, k, none):
             return row[at]
         at = (at + 1) & mask
     return none
-
-
-@njit(nogil=True)
-def _weigh(index, n_awake, x, wa, wc, table):
-    """Inverse masses for contacts: what lies lower on the table acts heavier, as if the table's hold had already
-    come up to it. One sweep then carries a stack of layers (shock propagation, Guendelman et al. 2003)."""
-    for c in range(n_awake):
-        i = index[c]
-        wc[i] = wa[i] * (np.exp(min(max(x[i, 2], 0.0), STACK_HEIGHT) / STACK_SCALE) if EXPO else 1.0) if table else wa[i]
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -840,7 +829,6 @@ def _fingerprint() -> str:
     digest = hashlib.sha256()
     for name in ("contact.py", "elastic.py", "kernel.py", "tree.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
-    digest.update(os.environ.get("MEM","").encode()+os.environ.get("EXPO","").encode())
     return digest.hexdigest()
 
 
@@ -876,7 +864,6 @@ def _compile(sources: str) -> Callable[..., int]:
                             if not _search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
-                        _weigh(state.awake_list, count[AWAKE], state.x, state.wa, state.wc, rules.table)
                         n = narrow_vertex_triangle(
                             count[VT],
                             pairs.vt,
@@ -886,7 +873,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             body.tri,
                             state.x,
                             state.v,
-                            state.wc,
+                            state.wa,
                             thick,
                             PHASE * h,
                             pairs.vt_j,
@@ -910,7 +897,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             body.edge,
                             state.x,
                             state.v,
-                            state.wc,
+                            state.wa,
                             EDGE_SHARE * thick,
                             PHASE * h,
                             pairs.ee_j,
@@ -930,24 +917,29 @@ def _compile(sources: str) -> Callable[..., int]:
                     _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
-                    apply_impulses(count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_m, pairs.act_j, state.wc, state.x)
+                    apply_impulses(
+                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_m, pairs.act_j, state.wa, state.x
+                    )
                     _clear_press(state)
                     _table(rules, state)
-                    solve_contacts(
-                        count[ACTIVE],
-                        pairs.act_i,
-                        pairs.act_b,
-                        pairs.act_n,
-                        pairs.act_d,
-                        pairs.act_w,
-                        pairs.act_j,
-                        state.wc,
-                        state.x,
-                        state.xp,
-                        rules.mu_layers,
-                        h,
-                        s,  # there in one substep and back in the next
-                    )
+                    for sw in range(SWEEPS):
+                        if sw > 0:
+                            _table(rules, state)
+                        solve_contacts(
+                            count[ACTIVE],
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            pairs.act_j,
+                            state.wa,
+                            state.x,
+                            state.xp,
+                            rules.mu_layers,
+                            h,
+                            s * SWEEPS + sw,  # there in one substep and back in the next
+                        )
                     average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
