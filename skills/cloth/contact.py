@@ -7,7 +7,12 @@ next narrow phase. The side of a pair follows the geometry as long as it is apar
 near: a pair that was pressed through is pushed back to where it came from.
 
 Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
-Coulomb's at position level.
+Coulomb's at position level, bounded by all that a contact has borne in the substep.
+
+Every contact remembers, averaged over some substeps, what it bears, and begins with it (warm starting, as in
+sequential impulses: Catto 2005). Few sweeps then carry a stack of layers without creep, with true masses: the
+table bears the weight of all of them. The average, and not the last impulse, since the impulses and the speeds
+would otherwise be two integrators in a ring, which swing.
 """
 
 from __future__ import annotations
@@ -26,6 +31,7 @@ LEAST_SHARE = 0.25
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
+MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
 
@@ -65,7 +71,26 @@ def _point_segment2(px, py, pz, x, i, j):
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_vertex_triangle(
-    count, pair, side, due, now, tri, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count,
+    pair,
+    side,
+    due,
+    now,
+    tri,
+    x,
+    v,
+    w,
+    thick,
+    span,
+    memory,
+    act_i,
+    act_b,
+    act_n,
+    act_d,
+    act_w,
+    act_m,
+    act_c,
+    n,
 ):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
@@ -77,6 +102,8 @@ def narrow_vertex_triangle(
         if w[i] + w[p] + w[q] + w[r] == 0.0:
             due[c] = PARKED
             continue
+        jx, jy, jz = memory[c, 0], memory[c, 1], memory[c, 2]
+        memory[c, 0] = memory[c, 1] = memory[c, 2] = 0.0
         ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
         vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -137,13 +164,35 @@ def narrow_vertex_triangle(
         act_n[n, 0], act_n[n, 1], act_n[n, 2] = s * nx * scale, s * ny * scale, s * nz * scale
         act_d[n] = thick
         act_w[n] = 1.0 / den
+        act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
+        act_c[n] = c
         n += 1
     return n
 
 
 @njit(nogil=True, fastmath={"contract"})
 def narrow_edge_edge(
-    count, pair, near, normal, due, now, edge, x, v, w, thick, span, act_i, act_b, act_n, act_d, act_w, n
+    count,
+    pair,
+    near,
+    normal,
+    due,
+    now,
+    edge,
+    x,
+    v,
+    w,
+    thick,
+    span,
+    memory,
+    act_i,
+    act_b,
+    act_n,
+    act_d,
+    act_w,
+    act_m,
+    act_c,
+    n,
 ):
     """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
@@ -155,6 +204,8 @@ def narrow_edge_edge(
         if w[i] + w[j] + w[k] + w[m] == 0.0:
             due[c] = PARKED
             continue
+        jx, jy, jz = memory[c, 0], memory[c, 1], memory[c, 2]
+        memory[c, 0] = memory[c, 1] = memory[c, 2] = 0.0
         s, t, dx, dy, dz = closest_on_segments(x, i, j, k, m)
         d2 = dx * dx + dy * dy + dz * dz
         sx = (1 - s) * v[i, 0] + s * v[j, 0] - (1 - t) * v[k, 0] - t * v[m, 0]
@@ -200,24 +251,46 @@ def narrow_edge_edge(
         act_n[n, 0], act_n[n, 1], act_n[n, 2] = nx, ny, nz
         act_d[n] = thick
         act_w[n] = 1.0 / den
+        act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
+        act_c[n] = c
         n += 1
     return n
 
 
 @njit(nogil=True, fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h, sweep):
-    """One sweep: no approach below the contact distance, old overlap released, Coulomb friction."""
+def apply_impulses(n, act_i, act_b, act_m, act_j, w, x):
+    """What the contacts have borne of late, to begin a substep with."""
+    for c in range(n):
+        for m in range(3):
+            act_j[c, m] = act_m[c, m]
+        jx, jy, jz = act_j[c, 0], act_j[c, 1], act_j[c, 2]
+        if jx == 0.0 and jy == 0.0 and jz == 0.0:
+            continue
+        for m in range(4):
+            i = act_i[c, m]
+            s = w[i] * act_b[c, m]
+            x[i, 0] += s * jx
+            x[i, 1] += s * jy
+            x[i, 2] += s * jz
+
+
+@njit(nogil=True, fastmath={"contract"})
+def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, friction, h, sweep):
+    """One sweep: no approach below the contact distance, old overlap released, Coulomb friction. act_j: (m, 3)
+    what each contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
     cap = OVERLAP_SPEED * h
     for row in range(n):
         c = row if sweep % 2 == 0 else n - 1 - row
         i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
         bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
         nx, ny, nz = act_n[c, 0], act_n[c, 1], act_n[c, 2]
+        jx, jy, jz = act_j[c, 0], act_j[c, 1], act_j[c, 2]
         rx = bi * x[i, 0] + bj * x[j, 0] + bk * x[k, 0] + bm * x[m, 0]
         ry = bi * x[i, 1] + bj * x[j, 1] + bk * x[k, 1] + bm * x[m, 1]
         rz = bi * x[i, 2] + bj * x[j, 2] + bk * x[k, 2] + bm * x[m, 2]
         d = nx * rx + ny * ry + nz * rz
-        if d >= act_d[c]:
+        borne = jx * nx + jy * ny + jz * nz
+        if borne <= 0.0 and d >= act_d[c]:
             continue
         px = bi * xp[i, 0] + bj * xp[j, 0] + bk * xp[k, 0] + bm * xp[m, 0]
         py = bi * xp[i, 1] + bj * xp[j, 1] + bk * xp[k, 1] + bm * xp[m, 1]
@@ -226,17 +299,18 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h, 
         inv = act_w[c]
         # an old overlap is released slowly: it must not become speed
         aim = min(act_d[c], dp + min(OVERLAP_SHARE * (act_d[c] - dp), cap)) if dp < act_d[c] else act_d[c]
-        approach = aim - d
-        if approach <= 0.0:
-            continue
-        # tangential motion of this substep, and how much of it friction takes
-        tx, ty, tz = rx - px - nx * (d - dp), ry - py - ny * (d - dp), rz - pz - nz * (d - dp)
-        slip = np.sqrt(tx * tx + ty * ty + tz * tz)
-        bound = friction * approach
-        hold = 1.0 if slip <= bound else bound / slip
-        gx = (approach * nx - hold * tx) * inv
-        gy = (approach * ny - hold * ty) * inv
-        gz = (approach * nz - hold * tz) * inv
+        press = max(0.0, borne + (aim - d) * inv)
+        # the tangential motion of this substep, and what friction would have to bear to undo it
+        tx = jx - nx * borne - inv * (rx - px - nx * (d - dp))
+        ty = jy - ny * borne - inv * (ry - py - ny * (d - dp))
+        tz = jz - nz * borne - inv * (rz - pz - nz * (d - dp))
+        hold = np.sqrt(tx * tx + ty * ty + tz * tz)
+        share = min(1.0, friction * press / hold) if hold > 0.0 else 0.0
+        gx = press * nx + share * tx
+        gy = press * ny + share * ty
+        gz = press * nz + share * tz
+        act_j[c, 0], act_j[c, 1], act_j[c, 2] = gx, gy, gz
+        gx, gy, gz = gx - jx, gy - jy, gz - jz
         s = w[i] * bi
         x[i, 0] += s * gx
         x[i, 1] += s * gy
@@ -253,3 +327,20 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, friction, h, 
         x[m, 0] += s * gx
         x[m, 1] += s * gy
         x[m, 2] += s * gz
+
+
+@njit(nogil=True)
+def average_impulses(n, act_j, act_m):
+    """Let the memory of each contact follow what it bore in this substep."""
+    for c in range(n):
+        for m in range(3):
+            act_m[c, m] += MEMORY * (act_j[c, m] - act_m[c, m])
+
+
+@njit(nogil=True)
+def remember_impulses(n_vt, n, act_c, act_m, vt_j, ee_j):
+    """Give what the contacts bear back to their pairs, until the next narrow phase."""
+    for c in range(n):
+        memory = vt_j if c < n_vt else ee_j
+        for m in range(3):
+            memory[act_c[c], m] = act_m[c, m]

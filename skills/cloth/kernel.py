@@ -23,14 +23,18 @@ from skills.cloth.contact import (
     OVERLAP_SHARE,
     OVERLAP_SPEED,
     PARKED,
+    apply_impulses,
+    average_impulses,
     narrow_edge_edge,
     narrow_vertex_triangle,
+    remember_impulses,
     solve_contacts,
 )
 from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
 from skills.cloth.tree import Tree, fit_tree, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
+SWEEPS = 2  # over the contacts in a substep
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
 SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
@@ -38,15 +42,14 @@ CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers 
 STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
 HORIZON = 12  # narrow phases for which the search looks ahead
 CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
-STACK_SCALE = 0.006  # [m] over which a contact's masses fall by e,
-STACK_HEIGHT = 0.018  # up to this height over the table
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES = range(6, 13)  # what is up to date, where the loop stands
+# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14)
 
 
 class Body(NamedTuple):
@@ -88,7 +91,8 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep; wc: the same for contacts.
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
+    press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
     base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
     elsewhere; woken: in this frame."""
 
@@ -104,7 +108,7 @@ class State(NamedTuple):
     born: NDArray[np.int32]
     stale: NDArray[np.bool_]
     wa: Array
-    wc: Array
+    press: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
     woken: NDArray[np.bool_]
@@ -125,16 +129,19 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: narrow phase at which a pair is to be looked at; new_vt, new_ee, met, key, row, kept:
-    scratch."""
+    vt_due, ee_due: narrow phase at which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; new_vt, new_ee, met, key,
+    row, kept: scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
     vt_due: NDArray[np.int32]
+    vt_j: Array
     ee: NDArray[np.int32]
     near: NDArray[np.bool_]
     normal: Array
     ee_due: NDArray[np.int32]
+    ee_j: Array
     new_vt: NDArray[np.int32]
     new_ee: NDArray[np.int32]
     met: NDArray[np.int32]
@@ -146,6 +153,9 @@ class Pairs(NamedTuple):
     act_n: Array
     act_d: Array
     act_w: Array
+    act_j: Array
+    act_m: Array
+    act_c: NDArray[np.int32]
 
 
 class Holds(NamedTuple):
@@ -223,7 +233,7 @@ def _stir_by_contact(n, act_i, stirred, near):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, wc, w):
+def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke."""
     changed = woke = False
@@ -239,7 +249,7 @@ def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, qu
                 ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
                 v[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
-            awake[i], wa[i], wc[i] = False, 0.0, 0.0
+            awake[i], wa[i] = False, 0.0
             changed = True
             for m in range(3):
                 stale[i] = stale[i] or course[i, m] != 0.0
@@ -289,7 +299,6 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.quiet,
         state.awake,
         state.wa,
-        state.wc,
         body.w,
     )
     if changed:
@@ -412,24 +421,32 @@ def _empty_table(key, kept):
 def _renew_vertex_triangle(tree, width, pairs, count, n_new):
     """Pairs of stale patches out, the new ones in, with the side of those that were there."""
     vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    borne, memory = pairs.vt_j, pairs.kept
     stale, of_vertex, of_tri = tree.stale, tree.of_vertex, tree.of_tri
     kept = n = 0
     for c in range(count[VT]):
         if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
             if side[c] != 0:
                 scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
+                for m in range(3):
+                    memory[kept, m] = borne[c, m]
                 kept += 1
         else:
             if n < c:
                 vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
             n += 1
     size = _empty_table(pairs.key, kept)
     key, row = pairs.key[:size], pairs.row[:size]
     for c in range(kept):
-        _put(key, row, scratch[c, 0] * width + scratch[c, 1], scratch[c, 2])
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
     for c in range(n_new):
         vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
-        side[n] = _get(key, row, vt[n, 0] * width + vt[n, 1], 0)
+        r = _get(key, row, vt[n, 0] * width + vt[n, 1], -1)
+        side[n] = scratch[r, 2] if r >= 0 else 0
+        for m in range(3):
+            borne[n, m] = memory[r, m] if r >= 0 else 0.0
         due[n] = count[NOW]
         n += 1
     count[VT] = n
@@ -439,7 +456,7 @@ def _renew_vertex_triangle(tree, width, pairs, count, n_new):
 def _renew_edge_edge(tree, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
     ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    stale, of_edge, scratch, memory = tree.stale, tree.of_edge, pairs.act_i, pairs.kept
+    stale, of_edge, scratch, memory, borne = tree.stale, tree.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
     kept = n = 0
     for c in range(count[EE]):
         if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
@@ -447,13 +464,14 @@ def _renew_edge_edge(tree, width, pairs, count, n_new):
                 scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
                 for m in range(3):
                     memory[kept, m] = normal[c, m]
+                    memory[kept, m + 3] = borne[c, m]
                 kept += 1
         else:
             if n < c:
                 ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
-                if near[c]:
-                    for m in range(3):
-                        normal[n, m] = normal[c, m]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
+                    normal[n, m] = normal[c, m]
             n += 1
     size = _empty_table(pairs.key, kept)
     key, row = pairs.key[:size], pairs.row[:size]
@@ -463,8 +481,9 @@ def _renew_edge_edge(tree, width, pairs, count, n_new):
         ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
         r = _get(key, row, ee[n, 0] * width + ee[n, 1], -1)
         near[n] = r >= 0
-        if r >= 0:
-            for m in range(3):
+        for m in range(3):
+            borne[n, m] = memory[r, m + 3] if r >= 0 else 0.0
+            if r >= 0:
                 normal[n, m] = memory[r, m]
         due[n] = count[NOW]
         n += 1
@@ -490,15 +509,6 @@ def _get(key, row, k, none):
             return row[at]
         at = (at + 1) & mask
     return none
-
-
-@njit(nogil=True)
-def _weigh(index, n_awake, x, wa, wc, table):
-    """Inverse masses for contacts: what lies lower on the table acts heavier, as if the table's hold had already
-    come up to it. One sweep then carries a stack of layers (shock propagation, Guendelman et al. 2003)."""
-    for c in range(n_awake):
-        i = index[c]
-        wc[i] = wa[i] * np.exp(min(max(x[i, 2], 0.0), STACK_HEIGHT) / STACK_SCALE) if table else wa[i]
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -567,30 +577,47 @@ def _bend(rules, state):
             x[i, m] = (u[i, m] + g * xp[i, m]) * scale
 
 
-@njit(nogil=True, fastmath={"contract"})
-def _table_and_speed(rules, state):
-    """The table (a plane at z = 0) with Coulomb friction, then velocities from displacements."""
-    low = 0.5 * rules.thickness
-    inv_h = 1.0 / rules.h
-    x, xp, v = state.x, state.xp, state.v
+@njit(nogil=True)
+def _clear_press(state):
     for c in range(state.counts[AWAKE]):
         i = state.awake_list[c]
-        if rules.table and x[i, 2] < low:
-            old = xp[i, 2]
-            floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
-            press = floor - x[i, 2]
-            if press > 0.0:
-                dx, dy = x[i, 0] - xp[i, 0], x[i, 1] - xp[i, 1]
-                slip = np.sqrt(dx * dx + dy * dy)
-                if slip <= rules.mu_static * press:
-                    x[i, 0], x[i, 1] = xp[i, 0], xp[i, 1]
-                else:
-                    k = min(rules.mu_dynamic * press / slip, 1.0)
-                    x[i, 0] -= k * dx
-                    x[i, 1] -= k * dy
-                x[i, 2] = floor
+        state.press[i, 0] = state.press[i, 1] = state.press[i, 2] = 0.0
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _table(rules, state):
+    """The table (a plane at z = 0) with Coulomb friction. It is asked before the contacts, so that layers rest on
+    what it holds, and after them, with the sum of what it bore: press, the displacements in this substep."""
+    if not rules.table:
+        return
+    low = 0.5 * rules.thickness
+    x, xp, press = state.x, state.xp, state.press
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
+        borne = press[i, 2]
+        if x[i, 2] >= low and borne == 0.0:
+            continue
+        old = xp[i, 2]
+        floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
+        up = max(0.0, borne + floor - x[i, 2])
+        sx, sy = press[i, 0] - x[i, 0] + xp[i, 0], press[i, 1] - x[i, 1] + xp[i, 1]
+        hold = np.sqrt(sx * sx + sy * sy)
+        if hold > rules.mu_static * up:
+            sx, sy = sx * rules.mu_dynamic * up / hold, sy * rules.mu_dynamic * up / hold
+        x[i, 0] += sx - press[i, 0]
+        x[i, 1] += sy - press[i, 1]
+        x[i, 2] += up - borne
+        press[i, 0], press[i, 1], press[i, 2] = sx, sy, up
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _take_speed(rules, state):
+    """Velocities from displacements."""
+    inv_h = 1.0 / rules.h
+    for c in range(state.counts[AWAKE]):
+        i = state.awake_list[c]
         for m in range(3):
-            v[i, m] = (x[i, m] - xp[i, m]) * inv_h
+            state.v[i, m] = (state.x[i, m] - state.xp[i, m]) * inv_h
 
 
 @njit(nogil=True, fastmath={"contract"})
@@ -837,7 +864,6 @@ def _compile(sources: str) -> Callable[..., int]:
                             if not _search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
-                        _weigh(state.awake_list, count[AWAKE], state.x, state.wa, state.wc, rules.table)
                         n = narrow_vertex_triangle(
                             count[VT],
                             pairs.vt,
@@ -847,16 +873,20 @@ def _compile(sources: str) -> Callable[..., int]:
                             body.tri,
                             state.x,
                             state.v,
-                            state.wc,
+                            state.wa,
                             thick,
                             PHASE * h,
+                            pairs.vt_j,
                             pairs.act_i,
                             pairs.act_b,
                             pairs.act_n,
                             pairs.act_d,
                             pairs.act_w,
+                            pairs.act_m,
+                            pairs.act_c,
                             0,
                         )
+                        count[ACTIVE_VT] = n
                         count[ACTIVE] = narrow_edge_edge(
                             count[EE],
                             pairs.ee,
@@ -867,14 +897,17 @@ def _compile(sources: str) -> Callable[..., int]:
                             body.edge,
                             state.x,
                             state.v,
-                            state.wc,
+                            state.wa,
                             EDGE_SHARE * thick,
                             PHASE * h,
+                            pairs.ee_j,
                             pairs.act_i,
                             pairs.act_b,
                             pairs.act_n,
                             pairs.act_d,
                             pairs.act_w,
+                            pairs.act_m,
+                            pairs.act_c,
                             n,
                         )
                         count[NOW] += 1
@@ -884,23 +917,38 @@ def _compile(sources: str) -> Callable[..., int]:
                     _bend(rules, state)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
-                    solve_contacts(
-                        count[ACTIVE],
-                        pairs.act_i,
-                        pairs.act_b,
-                        pairs.act_n,
-                        pairs.act_d,
-                        pairs.act_w,
-                        state.wc,
-                        state.x,
-                        state.xp,
-                        rules.mu_layers,
-                        h,
-                        s,  # there in one substep and back in the next
+                    apply_impulses(
+                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_m, pairs.act_j, state.wa, state.x
                     )
+                    _clear_press(state)
+                    _table(rules, state)
+                    for sw in range(SWEEPS):
+                        if sw > 0:
+                            _table(rules, state)
+                        solve_contacts(
+                            count[ACTIVE],
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            pairs.act_j,
+                            state.wa,
+                            state.x,
+                            state.xp,
+                            rules.mu_layers,
+                            h,
+                            s * SWEEPS + sw,  # there in one substep and back in the next
+                        )
+                    average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)
                     if len(busy):
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
-                    _table_and_speed(rules, state)
+                    _table(rules, state)
+                    _take_speed(rules, state)
+                    if s % PHASE == PHASE - 1:
+                        remember_impulses(
+                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
+                        )
             count[SUBSTEP] = 0
             for hand in range(2):
                 holds.age[hand] += frame

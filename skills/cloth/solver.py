@@ -153,6 +153,12 @@ class ClothSimulation:
         """(n,) [1/kg]"""
         return self._body.w.copy()
 
+    @property
+    def table_force(self) -> Array:
+        """(3,) [N] force of the cloth on the table in the last substep, table frame."""
+        press = self._state.press / np.where(self._body.w > 0.0, self._body.w, np.inf)[:, None]
+        return -press.sum(axis=0) / self._rules.h**2
+
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth somewhere (n, 3), at rest or with `velocities` (n, 3); what was held is released."""
         x = np.asarray(positions, dtype=float)
@@ -162,7 +168,8 @@ class ClothSimulation:
         s.x[:], s.xp[:], s.ref[:], s.last[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
-        s.u[:], s.wc[:] = x, self._body.w
+        s.u[:] = x
+        s.press[:] = 0.0
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
@@ -237,17 +244,29 @@ class ClothSimulation:
         frames = len(position) - 1
         p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
         p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
-        while (
-            kernel.run_frames(
-                self._body, self._rules, self._state, self._pairs, self._holds, p, r, p0, p1, radius, frames
-            )
-            == kernel.PAIRS_FULL
-        ):
-            self._grow_pairs()
+        lost = False
+        try:
+            while (
+                kernel.run_frames(
+                    self._body, self._rules, self._state, self._pairs, self._holds, p, r, p0, p1, radius, frames
+                )
+                == kernel.PAIRS_FULL
+            ):
+                self._grow_pairs()
+        except ZeroDivisionError:  # edges or relative speeds that are no longer numbers
+            lost = True
         self._tool_p[:], self._tool_r[:] = p[-1], r[-1]
         self.time += frames * self.settings.frame
-        if not np.isfinite(self._state.x).all():
-            raise InternalError("the cloth simulation lost its positions", time_s=self.time)
+        if lost or not np.isfinite(self._state.x).all():
+            raise InternalError(
+                "the cloth simulation lost its positions: its cloth is too stiff for so fine a mesh and so few "
+                "substeps, or a tool moved too far in a frame",
+                time_s=self.time,
+                substeps=self.substeps,
+                shortest_edge=float(self.mesh.edge_length.min()),
+                bending_length=self.material.bending_length,
+                fastest_m_s=float(np.abs(np.nan_to_num(self._state.v, posinf=0.0, neginf=0.0)).max()),
+            )
 
     def checkpoint(self) -> dict[str, Array]:
         """Everything that decides what comes next, as named arrays; `restore` takes it back bit for bit."""
@@ -411,7 +430,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         born=np.zeros(n, np.int32),
         stale=np.ones(n, np.bool_),
         wa=f(n),
-        wc=f(n),
+        press=f(n, 3),
         quiet=np.zeros(n, np.int32),
         awake=np.ones(n, np.bool_),
         woken=np.zeros(n, np.bool_),
@@ -436,21 +455,26 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros((vt, 2), np.int32),
         np.zeros(vt, np.int8),
         np.zeros(vt, np.int32),
+        np.zeros((vt, 3)),
         np.zeros((ee, 2), np.int32),
         np.zeros(ee, np.bool_),
         np.zeros((ee, 3)),
         np.zeros(ee, np.int32),
+        np.zeros((ee, 3)),
         np.zeros((vt, 2), np.int32),
         np.zeros((ee, 2), np.int32),
         np.zeros((4 * vt, 2), np.int32),
         np.zeros(table, np.int64),
         np.zeros(table, np.int32),
-        np.zeros((ee, 3)),
+        np.zeros((m, 6)),
         np.zeros((m, 4), np.int32),
         np.zeros((m, 4)),
         np.zeros((m, 3)),
         np.zeros(m),
         np.zeros(m),
+        np.zeros((m, 3)),
+        np.zeros((m, 3)),
+        np.zeros(m, np.int32),
     )
 
 

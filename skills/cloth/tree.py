@@ -90,8 +90,10 @@ def build_tree(mesh: ClothMesh, edge: NDArray[np.int32]) -> Tree:
         return -len(inner)
 
     roots = [split(np.flatnonzero(mesh.triangle_layer == k)) for k in np.unique(mesh.triangle_layer)]
-    if len(roots) == 2:
-        inner.append((roots[0], roots[1]))
+    top = roots[0]
+    for root in roots[1:]:
+        inner.append((top, root))
+        top = -len(inner)
     m = len(patches)
     nodes = m + len(inner)
     child = np.full((nodes, 2), -1, np.int32)

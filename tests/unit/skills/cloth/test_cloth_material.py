@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
-from robots.errors import ConfigurationError
+from robots.errors import ConfigurationError, InternalError
 from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.solver import ClothSimulation, SolverSettings
@@ -108,6 +108,56 @@ def test_a_layer_slides_on_a_layer_as_coulomb_says(mu):
     assert s.positions[n:, 0].mean() - x0 - v0 * t == pytest.approx(expected, rel=0.02)
 
 
+def pile(count):
+    """Sheets that lie on each other, their meshes turned against each other; which sheet each vertex is of."""
+    square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+    sheets = [mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(count)]
+    starts = np.cumsum([0, *(len(m.rest) for m in sheets)])
+    of_vertex = np.repeat(np.arange(count), [len(m.rest) for m in sheets]).astype(np.int32)
+    of_triangle = np.repeat(np.arange(count), [len(m.triangles) for m in sheets]).astype(np.int32)
+    triangles = np.vstack([m.triangles + k for m, k in zip(sheets, starts, strict=False)]).astype(np.int32)
+    rest = np.vstack([m.rest for m in sheets])
+    return of_vertex, ClothMesh(rest, of_vertex, triangles, of_triangle, np.zeros((0, 2), np.int32))
+
+
+def on_a_slope(count, mu, mu_layers, ratio):
+    """The pile on a table that is tilted to `ratio` times the critical slope, after 0.2 s: nothing sleeps."""
+    sheet, mesh = pile(count)
+    a = np.arctan(ratio * mu)
+    settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
+    material = replace(MATERIAL, friction_static=mu, friction_dynamic=mu, friction_layers=mu_layers)
+    x = np.column_stack([mesh.rest, material.thickness * (0.5 + sheet)])
+    s = ClothSimulation(mesh, material, x, settings)
+    s.advance(12)
+    weight = material.areal_mass * mesh.area.sum() * GRAVITY
+    return s, sheet, weight * np.sin(a), weight * np.cos(a)
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_pile_holds_below_the_friction_angle_and_the_table_bears_it(count, mu):
+    s, _, along, down = on_a_slope(count, mu, mu, 0.98)
+    before = s.positions
+    s.advance(60)
+    assert np.abs(s.positions - before)[:, 0].max() < 5e-5
+    assert s.table_force == pytest.approx([along, 0.0, -down], rel=0.01, abs=0.002 * down)
+
+
+@pytest.mark.parametrize(("mu", "mu_layers"), [(0.2, 5.0), (0.6, 5.0), (0.6, 0.6), (1.0, 1.0)])
+@pytest.mark.parametrize("ratio", [1.02, 1.1, 1.5])
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_pile_slides_as_coulomb_says(count, mu, mu_layers, ratio):
+    """As one block where its layers hold; with equal friction everywhere, no layer slides on another either."""
+    s, sheet, along, down = on_a_slope(count, mu, mu_layers, ratio)
+    x0, v0 = s.positions[:, 0], s.velocities[:, 0]
+    s.advance(36)
+    t = 36 / 60
+    expected = 0.5 * (along - mu * down) / (down / GRAVITY) * np.cos(np.arctan(ratio * mu)) * t * t
+    for k in range(count):
+        own = sheet == k
+        assert (s.positions[:, 0] - x0 - v0 * t)[own].mean() == pytest.approx(expected, rel=0.02)
+
+
 def test_substeps_are_chosen_for_the_stretch_and_reported():
     coarse = mesh_from_contour(np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), 0.026)
     fine = mesh_from_contour(np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), 0.015)
@@ -129,3 +179,17 @@ def test_substeps_are_chosen_for_the_stretch_and_reported():
         chosen(fine, 0.0005)  # nothing within reason would do
     with pytest.raises(ConfigurationError):
         chosen(fine, 0.01, stretch_tolerance=-1.0)
+
+
+def test_cloth_too_stiff_for_its_steps_is_a_typed_error_or_stays_finite():
+    """Bending a hundred times the usual one on a fine mesh: never a bare ZeroDivisionError, never a NaN."""
+    mesh = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.010)
+    x = mesh.lay_flat(0.003)
+    x[:, 2] += 0.02 * np.sin(30.0 * x[:, 0]) ** 2
+    s = ClothSimulation(mesh, replace(MATERIAL, bending_length=0.06, stretch_fraction=0.03), x)
+    try:
+        s.advance(60)
+    except InternalError as error:
+        assert error.values["substeps"] == s.substeps and error.values["bending_length"] == 0.06
+    else:
+        assert np.isfinite(s.positions).all()
