@@ -105,7 +105,7 @@ class CameraConfig(_Group):
 class PerceptionConfig(_Group):
     """When the recognised garment is believed (skills.perception.perceive)."""
 
-    method: Literal["reference", "plain", "watershed"] = Field(
+    method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
         description="segmentation: by a picture of the empty table, by the table's colour, or the paper's"
     )
     lowest_confidence: float = _number(0.0, 1.0, "", "least confidence of a recognised garment")

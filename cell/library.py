@@ -1,31 +1,24 @@
-"""The trajectory library's files: the shipped one, the user's own beside the logs, and how the first is built."""
+"""The trajectory library's files: the shipped one, the user's own, and what a build has finished."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 
 from robots.errors import StorageError
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
-from skills.trajectory.library import Library, LibraryEntry, Refusal, entry_from, from_json, to_json
-from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import tool_paths
-from skills.trajectory.problem import Predictor
-from skills.vocabulary import Array, Failure, FoldStep, GraspTrajectory, Outcome
+from skills.trajectory.library import Library, LibraryEntry, Refusal, from_json, to_json
 
 __all__ = [
-    "BuiltStep",
     "LoadedLibrary",
+    "UnfinishedBuild",
     "add_entry",
-    "build_garment",
-    "build_library",
     "load_library",
+    "put_garments",
     "shipped_library_path",
     "user_library_path",
     "write_library",
@@ -38,16 +31,6 @@ class LoadedLibrary:
 
     library: Library
     refused: tuple[tuple[Path, Refusal], ...] = ()
-
-
-@dataclass(frozen=True)
-class BuiltStep:
-    """What became of one step while a library was built: its entry, or why there is none."""
-
-    garment: str
-    step: str
-    entry: LibraryEntry | None
-    failure: Failure | None
 
 
 def shipped_library_path() -> Path:
@@ -80,6 +63,40 @@ def add_entry(logs: Path, entry: LibraryEntry) -> Path:
     return path
 
 
+def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
+    """Write `library` in place of what the file holds of these garments; what it holds of others stays.
+
+    Raises StorageError; a broken library is set aside, not lost.
+    """
+    there, refused = _load(path)
+    if refused:
+        _set_aside(path)
+    built = set(garments)
+    others = Library(tuple(e for e in there.entries if e.garment not in built))
+    write_library(path, library.merged(others))
+
+
+class UnfinishedBuild:
+    """The entries of a build that has not ended, beside the library that it is for: what a kill leaves.
+
+    A damaged entry counts as not yet built.
+    """
+
+    def __init__(self, library: Path) -> None:
+        self.path = library.with_name(library.name + ".part")
+        self.library = _load(self.path)[0]
+
+    def keep(self, entry: LibraryEntry) -> None:
+        """Raises StorageError."""
+        self.library = self.library.with_entry(entry)
+        write_library(self.path, self.library)
+
+    def end(self) -> None:
+        """The library itself is written: nothing is left to go on from."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+
 def write_library(path: Path, library: Library) -> None:
     """Write the whole file or none of it. Raises StorageError."""
     try:
@@ -102,72 +119,6 @@ def write_library(path: Path, library: Library) -> None:
             "Make its folder writable, or put the logs elsewhere with --logs.",
             path=str(path),
         ) from None
-
-
-def build_library(
-    garments: Iterable[Garment],
-    method: str = "default",
-    predict: Predictor | None = None,
-    report: Callable[[BuiltStep], None] | None = None,
-) -> Library:
-    """Optimise every step of every garment, laid in the middle of its poses, each after the steps before it."""
-    library = Library()
-    for garment in garments:
-        for built in build_garment(garment, method, predict):
-            if report is not None:
-                report(built)
-            if built.entry is not None:
-                library = library.with_entry(built.entry)
-    return Library(library.entries[::-1])
-
-
-def build_garment(garment: Garment, method: str = "default", predict: Predictor | None = None) -> list[BuiltStep]:
-    """The entries for one garment's plan. It ends at the first step that cannot be optimised."""
-    predict = predict or ClothPredictor()
-    state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
-    positions: Array = mesh.lay_flat(garment.material.thickness)
-    built: list[BuiltStep] = []
-    for step in plan_folds(state, garment).unwrap():
-        outcome = optimise_fold(
-            step, mesh, positions, garment.material, method,
-            predict=predict, max_tool_speed=garment.max_tool_speed,
-        )  # fmt: skip
-        if outcome.value is None:
-            built.append(BuiltStep(garment.name, step.name, None, outcome.failure))
-            break
-        entry = _entry(garment, step, outcome, method)
-        built.append(BuiltStep(garment.name, step.name, entry, None))
-        positions = _folded(mesh, positions, garment, step, outcome.value, predict)
-    return built
-
-
-def _folded(
-    mesh: ClothMesh,
-    positions: Array,
-    garment: Garment,
-    step: FoldStep,
-    trajectory: GraspTrajectory,
-    predict: Predictor,
-) -> Array:
-    return predict(mesh, positions, garment.material, tool_paths(trajectory, step))
-
-
-def _entry(garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str) -> LibraryEntry:
-    return entry_from(
-        outcome.unwrap(),
-        step,
-        category=garment.category,
-        variant=garment.plan[step.index].variants[0].name,
-        garment=garment.name,
-        material=garment.material,
-        size_m=garment.size_m,
-        edge_length=garment.mesh_edge_m,
-        method=method,
-        dissimilarity_initial=float(outcome.notes["dissimilarity_initial_m"]),
-        max_tool_speed=garment.max_tool_speed,
-        version=metadata.version("foldcell"),
-    )
 
 
 def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:

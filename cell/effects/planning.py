@@ -68,8 +68,9 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
     garment, step = context.known_garment, context.step
     settings = cell.settings.optimiser
     cell.recorder.plan(cell.ports.clock.now(), step)
-    method = "initial" if context.count(Adjustment.PLAIN_ARC) else settings.method
-    found = _look_up(cell, garment, step) if settings.use_library and not context.count(Adjustment.PLAIN_ARC) else None
+    plain = context.count(Adjustment.PLAIN_ARC) > 0
+    method = "initial" if plain else settings.method
+    found = _look_up(cell, garment, step) if settings.use_library and not plain else None
     if found is not None:
         cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
     trusted = found is not None and not context.count(Adjustment.OPTIMISE)
@@ -97,9 +98,8 @@ def _optimise(
 
     def watch(done: int, candidate: Candidate, best: Candidate) -> None:
         arcs = {side: evaluate(c, _ARC) for side, c in candidate.controls.items()}
-        cell.recorder.candidate(
-            now + done * each, done, arcs, (candidate.dissimilarity, candidate.cost), (best.dissimilarity, best.cost)
-        )
+        own, so_far = ((c.dissimilarity, c.cost) for c in (candidate, best))
+        cell.recorder.candidate(now + done * each, done, arcs, own, so_far)
 
     return cell.compute(
         lambda outcome: float(outcome.notes.get("simulations", 1)) * each,

@@ -58,7 +58,9 @@ def _series() -> rrb.Tabs:
         rrb.TimeSeriesView(origin="joints/left", name="Left joints [rad]", plot_legend=legend),
         rrb.TimeSeriesView(origin="joints/right", name="Right joints [rad]", plot_legend=legend),
         rrb.TimeSeriesView(
-            origin="optimiser", contents=["+ optimiser/**", "- optimiser/simulations"], name="Optimiser",
+            origin="optimiser",
+            contents=["+ optimiser/**", "- optimiser/simulations"],
+            name="Optimiser",
             plot_legend=legend,
         ),
         active_tab=0,

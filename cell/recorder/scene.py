@@ -22,8 +22,8 @@ from skills.perception.view import TableView
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
 
 __all__ = [
-    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "arc_entries", "camera_entries", "candidate_entries", "cell_entries",
-    "facing_normals", "joint_names_entries", "jpeg", "log_entries", "mask_entries",
+    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "arc_entries", "camera_entries", "candidate_entries",
+    "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries", "mask_entries",
     "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
     "target_entries", "truth_entries", "vertex_normals",
 ]  # fmt: skip
@@ -208,7 +208,7 @@ def candidate_entries(
 ) -> list[Entry]:
     """A simulated candidate: its arcs (n, 3), thin, and where it and the best stand by D [m] and cost C [m].
 
-    The best's arc stays in view in green; C is the paths' length [m] and 1000 D, so both fit one scale with D in mm.
+    The best's arc stays in view in green. C is the paths' length [m] and 1000 D: it fits one scale with D in mm.
     """
     shown = [
         Log(f"{TABLE}/arcs/candidate/{side}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))

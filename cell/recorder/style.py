@@ -5,8 +5,8 @@ from __future__ import annotations
 from cell.states import State
 
 __all__ = [
-    "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED", "PERCEIVED",
-    "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "label",
+    "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED",
+    "PERCEIVED", "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "label",
 ]  # fmt: skip
 
 ARC_PLANNED = (48, 209, 88)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import signal
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
-from cell.library import BuiltStep, build_library, load_library, user_library_path, write_library
+from cell.library import UnfinishedBuild, load_library, put_garments, user_library_path
+from cell.library_build import BuildProgress, BuiltStep, build_library
 from cell.paths import logs_directory, prepare_logs
+from cell.progress_bar import ProgressBar
 from cell.subcommands.output import print_json, print_table, progress_stream
 from skills.trajectory.library import LibraryEntry
 
@@ -25,17 +30,34 @@ def _build(options: argparse.Namespace) -> int:
     garments = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
     out = progress_stream(options.json)
+    unfinished = UnfinishedBuild(path)
+    bar = ProgressBar(out)
+    if unfinished.library.entries:
+        begun = len(unfinished.library.entries)
+        bar.line(f"goes on from the {begun} folds in {unfinished.path}; delete it to begin anew")
     failures: list[BuiltStep] = []
 
     def report(built: BuiltStep) -> None:
         if built.entry is None:
             failures.append(built)
-            print(f"{built.garment} {built.step}: {built.failure}", file=out, flush=True)
+            bar.line(f"{built.garment} {built.step}: {built.failure}")
         else:
-            print(f"{built.garment} {built.step}: {_gain(built.entry)}", file=out, flush=True)
+            bar.line(f"{built.garment} {built.step}: {_gain(built.entry)}" + (", kept" if built.kept else ""))
+            if not built.kept:
+                unfinished.keep(built.entry)
 
-    library = build_library(garments, options.method or settings.optimiser.method, report=report)
-    write_library(path, library)
+    def progress(now: BuildProgress) -> None:
+        best = f"{now.garment} {now.step}: best D {1e3 * now.dissimilarity:.1f} mm"
+        bar.update(now.done, now.total, f"simulations  {best}")
+
+    with _pool(options.workers) as pool:
+        library = build_library(
+            garments, options.method or settings.optimiser.method, report=report, executor=pool,
+            at_once=options.workers, finished=unfinished.library, progress=progress,
+        )  # fmt: skip
+    bar.clear()
+    put_garments(path, library, [g.name for g in garments])
+    unfinished.end()
     print(f"{len(library.entries)} folds  {path}", file=out)
     if options.json:
         print_json({
@@ -44,6 +66,16 @@ def _build(options: argparse.Namespace) -> int:
             "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
         })  # fmt: skip
     return 2 if failures else 0
+
+
+def _pool(workers: int) -> Executor:
+    # spawn: a forked child would share the parent's threads' locks and numba's state
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_leave_interrupts)
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C reaches every process of a terminal: the one that asked for the work ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _show(options: argparse.Namespace) -> int:

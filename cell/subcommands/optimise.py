@@ -7,19 +7,22 @@ import csv
 import io
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.journal import to_json
+from cell.progress_bar import ProgressBar
 from cell.subcommands.output import print_json, progress_stream, write_whole
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
+from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import tool_paths
-from skills.vocabulary import FoldStep, Outcome, ToolPath
+from skills.vocabulary import FoldStep, GarmentState, Outcome, ToolPath
 
 __all__ = ["export_text", "run"]
 
@@ -39,24 +42,29 @@ def run(options: argparse.Namespace) -> int:
     mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
     vertices = mesh.lay_flat(garment.material.thickness)
     predict = ClothPredictor()
+    bar = ProgressBar(out)
     told: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
-    for step in plan_folds(state, garment).unwrap()[: options.step]:
+    steps = _steps(state, garment)[: options.step]
+    for step in steps:
         wanted = options.step in (None, step.index + 1)
         began = time.monotonic()
         outcome = optimise_fold(
             step, mesh, vertices, garment.material, method if wanted else "initial", budget if wanted else None,
             threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
+            progress=partial(_show, bar, step),
         )  # fmt: skip
         if wanted or outcome.failure:
             told.append(_figures(step, outcome, time.monotonic() - began))
-            print(_line(told[-1]), file=out, flush=True)
+            bar.line(_line(told[-1]))
         if outcome.failure:
             break
         timed = tool_paths(outcome.unwrap(), step)
         if wanted:
             paths[step.name] = {side.value: path for side, path in timed.items()}
-        vertices = predict(mesh, vertices, garment.material, timed)
+        if step is not steps[-1]:
+            vertices = predict(mesh, vertices, garment.material, timed)
+    bar.clear()
     if options.export is not None:
         write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())
         print(f"tool poses and times  {options.export}", file=out)
@@ -64,6 +72,17 @@ def run(options: argparse.Namespace) -> int:
         export = str(options.export) if options.export else None
         print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
     return 2 if any(s["failure"] for s in told) else 0
+
+
+def _steps(state: GarmentState, garment: Garment) -> tuple[FoldStep, ...]:
+    planned = plan_folds(state, garment)
+    if planned.failure:
+        raise ConfigurationError(f"{garment.name}: {planned.failure.what}", planned.failure.hint)
+    return planned.unwrap()
+
+
+def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float) -> None:
+    bar.update(done, budget, f"simulations of fold {step.index + 1} {step.name}: best D {1e3 * best:.1f} mm")
 
 
 def _check_export(path: Path | None) -> None:

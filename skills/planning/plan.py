@@ -28,6 +28,9 @@ __all__ = ["RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
 RELEASE_CLEARANCE = 0.005
 """How far above the stack the tips let go [m]: a pinch driven into the stack pushes it away."""
 
+LEAST_FLAP = 0.02
+"""What a fold moves, and what it leaves, is wider than this [m]: two pads have to find room on it."""
+
 IN_LINE = 0.5
 """Two grasps count as one behind the other when they differ in y by less than this share of their distance."""
 
@@ -42,7 +45,8 @@ def plan_folds(
     earlier ones made of it. After a drift, move the plan with `translate_plan`.
 
     Fails with CATEGORY_MISMATCH when another category lies there, LOW_CONFIDENCE when key points are
-    missing or do not span the fold line. An unknown variant is a ValueError.
+    missing or do not span the fold line, or the line does not divide what the earlier folds leave. An unknown
+    variant is a ValueError.
     """
     failure = _mismatch(state, garment)
     if failure is not None:
@@ -54,6 +58,9 @@ def plan_folds(
         line = _fold_line(step, variant, state.keypoints)
         if line is None:
             return Outcome(failure=_degenerate(step))
+        missed = _missed(step, line, lines, state.keypoints, garment)
+        if missed is not None:
+            return Outcome(failure=missed)
         steps.append(_fold_step(step, variant, index, line, tuple(lines), state, garment))
         lines.append(line)
     return Outcome(tuple(steps[done:]), notes={"steps": len(steps) - done})
@@ -118,6 +125,24 @@ def _degenerate(step: PlanStep) -> Failure:
         f"the key points leave no fold line for step {step.name}",
         "look again; smooth the garment if this repeats",
         {"step": step.name},
+    )
+
+
+def _missed(
+    step: PlanStep, line: FoldLine, earlier: Sequence[FoldLine], keypoints: Mapping[str, Array], garment: Garment
+) -> Failure | None:
+    """Whether a line leaves too little of the garment, as the earlier folds left it, on one of its sides."""
+    away = line.signed_distance(silhouette(earlier, np.array([keypoints[name] for name in garment.keypoints])))
+    least = float(min(away.max(), -away.min()))
+    if least >= LEAST_FLAP:
+        return None
+    where = f"misses it by {-1e3 * least:.0f} mm" if least < 0 else f"cuts off {1e3 * least:.0f} mm of it"
+    folded = " as the earlier folds leave it" if earlier else ""
+    return Failure(
+        FailureKind.LOW_CONFIDENCE,
+        f"the line of step {step.name} does not divide the garment{folded}: it {where}",
+        f"a fold line leaves at least {1e3 * LEAST_FLAP:.0f} mm of the garment on either side",
+        {"step": step.name, "least_m": least},
     )
 
 

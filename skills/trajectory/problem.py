@@ -88,6 +88,10 @@ class FoldProblem:
     def headings(self) -> dict[Side, float]:
         return {side: grasp.heading for side, grasp in self.step.grasps.items()}
 
+    def prepare(self) -> None:
+        """Work out what every candidate needs, once: a process that is sent the problem gets it along."""
+        _ = self.target, self.frames, self.headings
+
     def evaluate(self, controls: Controls, friction: float = 1.0) -> Candidate:
         """Simulate one candidate, on a table with `friction` times the material's.
 
@@ -126,6 +130,8 @@ class Evaluator:
         self.budget = budget
         self.first: Candidate | None = None
         self.best: Candidate | None = None
+        self.plain: Candidate | None = None
+        """The arc that is kept where the best gains next to nothing."""
         self.seen: list[Candidate] = []
         self.count = 0
         self.failed = 0

@@ -230,7 +230,10 @@ class _Show:
         self.r.plan(self.t, step)
         self.state(State.OPTIMISING)
         for k in range(8):
-            self.r.optimiser(self.t, 6 * k, 0.03 * np.exp(-0.5 * k) + 0.006)
+            best = 0.03 * np.exp(-0.5 * k) + 0.006
+            arcs = {s: arc(step, s) * (1.0, 1.0, 1.0 + 0.05 * k) for s in step.grasps}
+            own = best if k % 2 == 0 else 1.3 * best
+            self.r.candidate(self.t, 6 * k, arcs, (own, 1.4 + 1e3 * own), (best, 1.4 + 1e3 * best))
             self.wait(0.2)
         start = self.vertices
         end = turned(start, step.line, np.pi, 0.003 * (step.index + 1))

@@ -13,18 +13,16 @@ import cell.library as files
 from cell.garments import load_garment
 from cell.library import (
     add_entry,
-    build_garment,
-    build_library,
     load_library,
     shipped_library_path,
     user_library_path,
     write_library,
 )
-from robots.errors import CellError, FailureKind, StorageError
+from cell.library_build import build_library
+from robots.errors import StorageError
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import Library, LibraryEntry, from_json, lookup, to_json, trajectory_from
-from skills.vocabulary import Side
 
 TOWELS = ("small_towel", "medium_towel", "large_towel")
 TOWEL = load_garment("medium_towel")
@@ -42,27 +40,6 @@ def perfect(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def
 @pytest.fixture(scope="module")
 def built() -> Library:
     return build_library([TOWEL], method="initial", predict=perfect)
-
-
-def test_building_makes_an_entry_for_every_step_with_its_provenance(built: Library) -> None:
-    assert [e.step for e in built.entries] == [s.name for s in TOWEL.plan]
-    for entry in built.entries:
-        assert entry.garment == "medium_towel" and entry.material == TOWEL.material
-        assert entry.dissimilarity == pytest.approx(0.003) == entry.dissimilarity_initial
-        assert entry.method == "initial" and entry.simulations == 1 and entry.version
-        assert set(entry.inner) == {Side.LEFT, Side.RIGHT}
-
-
-def test_building_ends_at_the_step_that_fails_and_says_why() -> None:
-    def fails(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
-        raise CellError("no")
-
-    (only,) = build_garment(TOWEL, "initial", fails)
-    assert only.entry is None and only.failure is not None
-    assert only.failure.kind is FailureKind.OPTIMISER_FAILED
-    reports: list[str] = []
-    library = build_library([TOWEL], "initial", fails, report=lambda b: reports.append(b.step))
-    assert library.entries == () and reports == ["half"]
 
 
 def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library) -> None:

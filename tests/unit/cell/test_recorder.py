@@ -129,6 +129,27 @@ def test_robot_is_drawn_where_its_joints_say(recorded):
         np.testing.assert_allclose(T, model.tool_pose(side, np.array(q)), atol=2e-6)
 
 
+def test_the_optimisers_curve_and_arcs_are_kept_and_end_with_the_plan(recorded):
+    """Every candidate's figures and arc, the best so far beside them; C is 1000 D and the paths' length."""
+    path, _, _ = recorded
+    found = rows(path)
+    series = {name: np.ravel(column(found[f"/optimiser/{name}"], "Scalars:scalars"))
+              for name in ("candidate_mm", "dissimilarity_mm", "cost", "simulations")}  # fmt: skip
+    assert {len(values) for values in series.values()} == {16}, "eight candidates in each of two folds"
+    best = series["dissimilarity_mm"].reshape(2, 8)
+    assert np.all(np.diff(best, axis=1) <= 0) and np.all(series["candidate_mm"].reshape(2, 8) >= best - 1e-9)
+    np.testing.assert_allclose(series["cost"], series["dissimilarity_mm"] + 1.4)
+    for side in Side:
+        arcs = {kind: column(found[f"/world/table/arcs/{kind}/{side}"], "LineStrips3D:strips")
+                for kind in ("candidate", "best", "planned")}  # fmt: skip
+        folds = len(arcs["planned"])
+        assert folds >= 1 and len(arcs["candidate"]) == 8 * folds and len(arcs["best"]) == 4 * folds
+        planned = times(found[f"/world/table/arcs/planned/{side}"])
+        for kind in ("candidate", "best"):
+            cleared = times(found[f"/world/table/arcs/{kind}"])
+            assert set(np.round(planned, 6)) <= set(np.round(cleared, 6)), "what was searched goes with the plan"
+
+
 def test_garment_truth_is_labelled_and_can_be_switched_off(recorded, tmp_path):
     path, _, _ = recorded
     assert any("truth (simulation)" in e.replace("\\", "") for e in rows(path))

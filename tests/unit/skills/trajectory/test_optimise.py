@@ -9,17 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from cell.garments import load_garment
 from robots.errors import CellError, FailureKind
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
 from skills.trajectory.bezier import evaluate, two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import triangle_areas
 from skills.trajectory.optimise import METHODS, optimise_fold
-from skills.trajectory.problem import Evaluator, FoldProblem
+from skills.trajectory.problem import Candidate, Evaluator, FoldProblem
 from skills.vocabulary import Side
 
 TOWEL = load_garment("medium_towel")
@@ -161,6 +164,52 @@ def test_a_warm_start_counts_as_a_candidate() -> None:
     outcome = run("initial", bowl, budget=2, start=bowl.wanted)
     assert outcome.notes["simulations"] == 2
     assert outcome.notes["dissimilarity_m"] == pytest.approx(0.002, abs=1e-4)
+
+
+def test_a_look_up_is_an_optimisation_without_iterations() -> None:
+    """Arcs that come to what they promised are the result after one simulation; where they do not, the search goes
+    on from them and is the same as one that they only began."""
+    bowl = Bowl()
+    outcome = run("default", bowl, start=bowl.wanted, promised=0.001)
+    assert bowl.calls == 1 == outcome.notes["simulations"] and outcome.notes["method"] == "library"
+    trajectory = outcome.unwrap()
+    assert trajectory.source == "library" and trajectory.dissimilarity == outcome.notes["dissimilarity_m"]
+    for side, control in trajectory.control_points.items():
+        assert np.array_equal(control, bowl.wanted[side])
+
+    low = {s: two_parameter_controls(f.start, f.end, 0.3, -0.3) for s, f in frames_of(HALF, 0.0025).items()}
+    seen: list[tuple[int, int, float]] = []
+    broken = run(
+        "default", Bowl(scale=0.5), start=low, promised=0.001, budget=20, progress=lambda *a: seen.append(a)
+    )
+    assert broken.unwrap().source == "optimised" and broken.notes["method"] == "default"
+    assert len(seen) == broken.notes["simulations"] <= 21 and all(total == 21 for _, total, _ in seen)
+    assert broken.notes["dissimilarity_m"] < broken.notes["dissimilarity_initial_m"] < seen[0][2]
+    assert broken.notes["dissimilarity_initial_m"] == run("initial", Bowl(scale=0.5)).notes["dissimilarity_m"]
+
+
+def test_every_candidate_is_shown_with_the_best_so_far() -> None:
+    seen: list[tuple[int, Candidate, Candidate]] = []
+    outcome = run("two_parameter", Bowl(), watch=lambda *a: seen.append(a))
+    assert [n for n, _, _ in seen] == list(range(1, outcome.notes["simulations"] + 1))
+    for k, (_, _, best) in enumerate(seen):
+        assert best.cost == min(candidate.cost for _, candidate, _ in seen[: k + 1])
+    assert seen[-1][2].dissimilarity == outcome.notes["dissimilarity_m"]
+
+
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0.05, 3), st.floats(0.05, 3))
+def test_acceptance_is_one_limit_that_a_promise_can_only_lower(
+    d: float, promised: float, a: float, b: float
+) -> None:
+    rest = np.array([[0, 0], [a, 0], [a, b], [0, b]])
+    own, with_promise = acceptance_limit(rest), acceptance_limit(rest, promised)
+    assert own == pytest.approx(POOR_SHARE * np.hypot(a, b)) and with_promise == min(own, promised + PROMISE_SLACK)
+    failure = judge_prediction("half", d, own)
+    assert (failure is None) == (d <= own)
+    if failure is not None:
+        assert failure.kind is FailureKind.PREDICTION_POOR and failure.values["limit_m"] == own
+    if judge_prediction("half", d, with_promise) is None:
+        assert failure is None, "what keeps a promise is accepted without one"
 
 
 def test_some_failed_simulations_are_borne_and_counted() -> None:

@@ -1,0 +1,185 @@
+"""The choice of a trajectory: the library's where it keeps its promise, or else optimised from there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config import load_settings
+from cell.context import Context, Result
+from cell.effects.planning import choose_trajectory
+from cell.garments import load_garment
+from cell.recovery import Adjustment
+from cell.states import Event
+from robots.errors import FailureKind
+from robots.ports import Array, Side
+from skills.cloth.mesh import mesh_from_contour
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK
+from skills.trajectory.bezier import two_parameter_controls
+from skills.trajectory.frame import frames_of
+from skills.trajectory.library import Library, entry_from
+from skills.vocabulary import GraspTrajectory
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+TOWEL = load_garment("medium_towel")
+STATE = TOWEL.flat_state(*TOWEL.poses.middle)
+HALF = plan_folds(STATE, TOWEL).unwrap()[0]
+MESH = mesh_from_contour(STATE.contour, 0.05, TOWEL.layers)
+TARGET = target_vertices(MESH, HALF.lines, TOWEL.material)
+PROMISED = 0.004
+LIBRARY_HEIGHT = 0.62
+DIAGONAL = float(np.linalg.norm(np.ptp(MESH.rest, axis=0)))
+
+
+def library(height: float = LIBRARY_HEIGHT) -> Library:
+    frames = frames_of(HALF, TOWEL.material.thickness)
+    controls = {s: two_parameter_controls(f.start, f.end, height, 0.0) for s, f in frames.items()}
+    return Library((
+        entry_from(
+            GraspTrajectory(controls, 2.0, "optimised", 5.0, PROMISED, 25), HALF, category="towel",
+            variant="left_onto_right", garment="medium_towel", material=TOWEL.material, size_m=TOWEL.size_m,
+            edge_length=0.02, method="default", dissimilarity_initial=0.01, max_tool_speed=0.35, version="0",
+        ),
+    ))  # fmt: skip
+
+
+class Cloth:
+    """Simulates: D is `others` for every arc but the library's, whose is `looked_up`. Keeps the tops seen."""
+
+    def __init__(self, looked_up: float, others: float) -> None:
+        self.looked_up, self.others = looked_up, others
+        self.tops: list[float] = []
+
+    def __call__(self, mesh: Any, positions: Array, material: Any, paths: Mapping[Side, Any], /) -> Array:
+        path = paths[Side.LEFT].position
+        top = (path[:, 2].max() - path[0, 2]) / np.linalg.norm(path[-1] - path[0])
+        self.tops.append(top)
+        own = abs(top - 0.75 * LIBRARY_HEIGHT) < 0.01
+        return TARGET + np.array([0.0, 0.0, self.looked_up if own else self.others])
+
+
+class Watcher:
+    """Takes the place of the recorder."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, int, Mapping[Side, Array], tuple[float, float], tuple[float, float]]] = []
+
+    def plan(self, *_: Any) -> None: ...
+
+    def candidate(self, *seen: Any) -> None:
+        self.seen.append(seen)
+
+
+@pytest.fixture
+def workers() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+class Choice:
+    """One choice by a workcell around that cloth."""
+
+    def __init__(
+        self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
+        shelf: Library | None = None,
+    ) -> None:  # fmt: skip
+        monkeypatch.setattr("cell.effects.planning.ClothPredictor", lambda: cloth)
+        self.cell, self.kept, self.watcher, self.cloth = FakeCell(), [], Watcher(), cloth
+        shelf = library() if shelf is None else shelf
+        self.settings = load_settings()
+        cell = fake_workcell(
+            self.cell, workers, expected=TOWEL, library=lambda: shelf, recorder=self.watcher,
+            keep=lambda *it: self.kept.append(it), settings=self.settings,
+        )  # fmt: skip
+        context = Context(
+            garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=MESH.lay_flat(TOWEL.material.thickness),
+            adjustments=changes,
+        )  # fmt: skip
+        self.result: Result = choose_trajectory(cell, context)
+
+    @property
+    def trajectory(self) -> GraspTrajectory:
+        assert self.result.context.trajectory is not None
+        return self.result.context.trajectory
+
+
+def test_a_look_up_that_keeps_its_promise_is_taken(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.001), workers, monkeypatch)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "library"
+    assert len(choice.cloth.tops) == 1 == choice.trajectory.simulations, "nothing is optimised"
+    assert choice.trajectory.dissimilarity == pytest.approx(PROMISED + 0.9 * PROMISE_SLACK), "as simulated here"
+    assert choice.kept == [], "what is in the library is not added to it"
+    costs = choice.settings.computing
+    assert choice.cell.now == pytest.approx(costs.library_s + costs.simulation_s)
+
+
+def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "optimised"
+    assert choice.trajectory.dissimilarity == pytest.approx(0.003)
+    assert choice.cloth.tops[0] == pytest.approx(0.75 * LIBRARY_HEIGHT, abs=0.01), "the look-up was tried first"
+    assert choice.trajectory.simulations == len(choice.cloth.tops) <= choice.settings.optimiser.simulations + 1
+    ((kept, _, _, notes),) = choice.kept
+    assert kept is choice.trajectory and notes["method"] == "default" and notes["dissimilarity_initial_m"]
+    costs = choice.settings.computing
+    spent = costs.library_s + len(choice.cloth.tops) * costs.simulation_s
+    assert choice.cell.now == pytest.approx(spent), "all simulations are charged"
+
+
+def test_the_looked_up_arc_stays_where_nothing_better_is_found(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The promise is broken, but the fold is still worth making: a warm start counts as a candidate."""
+    choice = Choice(Cloth(0.012, 0.030), workers, monkeypatch)
+    assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
+
+
+def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poor = 1.01 * POOR_SHARE * DIAGONAL
+    choice = Choice(Cloth(poor, poor), workers, monkeypatch)
+    failure = choice.result.context.failure
+    assert choice.result.event is Event.FAILED and failure is not None
+    assert failure.kind is FailureKind.PREDICTION_POOR
+    assert failure.values["limit_m"] == pytest.approx(POOR_SHARE * DIAGONAL)
+    assert failure.values["dissimilarity_m"] == pytest.approx(poor)
+
+
+def test_a_recovery_optimises_from_the_looked_up_arc_and_another_looks_nothing_up(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE)
+    assert len(again.cloth.tops) > 2 and again.trajectory.source == "optimised"
+    assert again.trajectory.dissimilarity == pytest.approx(PROMISED), "the warm start"
+    plain = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE, Adjustment.PLAIN_ARC)
+    assert len(plain.cloth.tops) == 1 and plain.trajectory.dissimilarity == pytest.approx(0.008)
+    empty = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library())
+    assert len(empty.cloth.tops) > 2 and empty.trajectory.source == "optimised"
+
+
+def test_the_view_is_shown_every_candidate_of_the_search(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(0.012, 0.006), workers, monkeypatch)
+    seen = choice.watcher.seen
+    times, counts = [s[0] for s in seen], [s[1] for s in seen]
+    assert counts[0] == 1 and counts == sorted(set(counts)) and times == sorted(times)
+    best = float("inf")
+    for _, _, arcs, (d, cost), (best_d, best_cost) in seen:
+        best = min(best, cost)
+        assert best_cost == best and d in (pytest.approx(0.012), pytest.approx(0.006)) and best_d <= 0.0121
+        for side, arc in arcs.items():
+            assert arc.shape[1] == 3
+            assert np.allclose(arc[0, :2], HALF.grasps[side].point) and np.allclose(arc[-1], HALF.targets[side])
