@@ -48,6 +48,7 @@ class Scene:
     seed: int = 0
     table_colour: tuple = (0.45, 0.35, 0.25)
     table_contrast: float = 0.12
+    planks: float = 0.0  # how much the boards of the table differ in brightness (sigma of the logarithm)
     polygons: list = field(default_factory=list)  # (k, 2) each, table frame, all of one fabric
     fabric: tuple = (0.15, 0.25, 0.55)
     stripes: float = 0.0
@@ -149,7 +150,8 @@ def _table(scene, points):
     streaks /= streaks.std()
     grid = np.float32((points * (350, 350)) % 512)
     texture = cv2.remap(streaks, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR)
-    colour = np.array(scene.table_colour) * (1 + scene.table_contrast * texture[..., None])
+    boards = np.exp(scene.planks * rng.standard_normal(64))[(np.floor(points[..., 0] / 0.12).astype(int)) % 64]
+    colour = np.array(scene.table_colour) * ((1 + scene.table_contrast * texture) * boards)[..., None]
     if scene.floor is None:
         return colour
     x, y = points[..., 0], points[..., 1]

@@ -20,6 +20,7 @@ from benchmarks.perception.fabrics import LEAST_DIFFERENCE
 from benchmarks.perception.folded import measure_inspection
 from benchmarks.perception.paper_method import paper_keypoints
 from benchmarks.perception.scenes import TABLE, LabelledScene, draw_scene
+from benchmarks.perception.strangers import measure_strangers
 from cell.garments import list_garments, load_garment
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -55,10 +56,12 @@ def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = F
     cv2.setNumThreads(1)
     try:
         judged = _scenes(tell, QUICK_SCENES if quick else SCENES)
+        garments = [load_garment(name) for name in list_garments()]
+        unknown = measure_strangers(tell, garments, quick)
         inspection = measure_inspection(tell, quick)
     finally:
         cv2.setNumThreads(threads)
-    return {**_figures(judged), **inspection}
+    return {**_figures(judged), **unknown, **inspection}
 
 
 def _scenes(tell: Callable[[str], None], count: int) -> list[Judged]:

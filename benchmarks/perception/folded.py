@@ -69,6 +69,14 @@ class Folded:
     studio: Studio
     rng: np.random.Generator
 
+    lower: Callable[[Array], Array]
+
+    def before(self) -> CameraFrame:
+        """The towel as it lay before this fold."""
+        x = target_vertices(self.mesh, self.step.earlier, self.garment.material)
+        x[:, 2] += self.lower(x[:, :2])
+        return self.studio.shoot(x)
+
     def look(self, defect: FailureKind | None = None, severity: float = 0.0) -> CameraFrame:
         return self.studio.shoot(_folded(self, defect, severity))
 
@@ -81,10 +89,11 @@ def measure_inspection(tell: Callable[[str], None], quick: bool) -> dict[str, An
         for folded in open_folded(TOWELS[seed % len(TOWELS)], seed, index=seed // len(TOWELS) % 2):
             cases: list[tuple[FailureKind | None, float]] = [(None, 0.0)] * GOOD_LOOKS
             cases += [(kind, s) for kind, sizes in CURVES.items() for s in sizes]
+            before = folded.before()
             for kind, size in cases:
                 if kind is FailureKind.MISSED_LAYER and folded.step.index == 0:
                     continue  # a single layer cannot be missed in part
-                said.setdefault((kind, size), []).append(judge(folded, folded.look(kind, size)))
+                said.setdefault((kind, size), []).append(judge(folded, folded.look(kind, size), before))
         if (seed + 1) % 10 == 0:
             tell(f"{seed + 1}/{count} folded towels")
     rates = {key: float(np.mean([k is key[0] for k in kinds])) for key, kinds in said.items()}
@@ -107,11 +116,13 @@ def measure_inspection(tell: Callable[[str], None], quick: bool) -> dict[str, An
     }  # fmt: skip
 
 
-def judge(folded: Folded, frame: CameraFrame) -> FailureKind | str | None:
-    """What inspection says: a failure's kind, None for a good fold, or why it cannot be judged."""
+def judge(folded: Folded, frame: CameraFrame, before: CameraFrame | None = None) -> FailureKind | str | None:
+    """What inspection says: a failure's kind, None for a good fold, or why it cannot be judged.
+    before: the picture before the fold."""
     seen = inspect(
-        frame, folded.calibration, TABLE, folded.reference, folded.predicted, folded.step, flat_top=folded.flat_top
-    )
+        frame, folded.calibration, TABLE, folded.reference, folded.predicted, folded.step,
+        previous=before, flat_top=folded.flat_top,
+    )  # fmt: skip
     return str(seen.failure.kind) if seen.failure else seen.unwrap().diagnosis
 
 
@@ -140,13 +151,16 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
         reference = studio.shoot(None)
         drawn = nominal_calibration(TABLE)
         held = refine_calibration(reference, drawn, TABLE).value or drawn
-        top = float(np.mean(wrinkles(np.random.default_rng([seed, 12]), WRINKLED)(mesh.rest)))
+        lower = wrinkles(np.random.default_rng([seed, 12]), WRINKLED)
+        top = float(np.mean(lower(mesh.rest)))
         yield Folded(
-            garment, step, predicted, held, reference, top + garment.material.thickness, mesh, studio, rng
+            garment, step, predicted, held, reference, top + garment.material.thickness, mesh, studio, rng, lower
         )
 
 
 WRINKLED = Laying(wrinkle=0.0015)
+STIRRED = 0.3
+"""How much of a new set of creases the fold makes in the cloth that stays."""
 
 
 def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
@@ -172,7 +186,9 @@ def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Arra
     x[:, :2] += step.line.normal * (d / d.max() * _behind(folded, before, defect, severity))[:, None]
     if defect is FailureKind.PILING:
         x += _ridge(folded, before, d, severity)
-    x[:, 2] += wrinkles(rng, WRINKLED)(mesh.rest)
+    # What lies below keeps its creases, and what comes on top lies on them; both get some of their own.
+    own = wrinkles(rng, WRINKLED)(mesh.rest)
+    x[:, 2] += folded.lower(x[:, :2]) + np.where(d > 0, own, STIRRED * own)
     return _drifted(x, rng, severity if defect is FailureKind.DRIFT else 0.0)
 
 

@@ -20,11 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from robots.ports import Array
 
-__all__ = ["Boundary", "EnergyWeights", "contour_residuals", "interior_angles", "segment_lengths"]
+__all__ = [
+    "Boundary",
+    "ContourTerms",
+    "EnergyWeights",
+    "contour_terms",
+    "interior_angles",
+    "segment_lengths",
+    "solve_damped",
+]
 
 
 @dataclass(frozen=True)
@@ -51,17 +58,17 @@ class Boundary:
     def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.012) -> None:
         self.points = resample_closed(points, step)
         self.normals = _normals(self.points)
-        self._tree = cKDTree(self.points)
+        gaps = np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1)
+        self._step = float(gaps.max()) + 1e-12
         keep = np.arange(0, len(self.points), max(round(sample_step / step), 1))
         self.samples = self.points[keep]
         self.sample_normals = self.normals[keep]
-        self.length = float(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1).sum())
+        self.length = float(gaps.sum())
         self.sample_spacing = self.length / len(keep)
 
     def nearest(self, x: Array) -> tuple[Array, NDArray[np.intp]]:
         """Distance (m,) and index into `points` (m,) for x (m, 2)."""
-        distance, index = self._tree.query(x)
-        return distance, index
+        return _nearest(self.points, self._step, np.ascontiguousarray(x, dtype=float))
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance (m,), positive outside, and its gradient (m, 2) at x (m, 2)."""
@@ -105,89 +112,161 @@ def interior_angles(X: Array) -> Array:
     return np.mod(np.arctan2(cross, (u * v).sum(axis=1)), 2 * np.pi)
 
 
-def contour_residuals(
-    X: Array, reference: Array, boundary: Boundary, weights: EnergyWeights
-) -> tuple[Array, Array]:
-    """Residuals r (m,) with E = r . r, and their Jacobian (m, 2 n) over the vertices X (n, 2) row by row."""
-    parts = [
-        _fit(X, boundary),
-        _stretch(X, reference, weights.kappa),
-        _bend(X, reference, weights.beta),
-    ]
-    if weights.cover > 0:
-        parts.append(_cover(X, boundary, weights))
-    return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
+@dataclass(frozen=True, eq=False)
+class ContourTerms:
+    """The energy's residuals r (m,), E = r . r, and their derivatives: row k depends on the vertices vertex[k]
+    (3,) only, by gradient[k] (3, 2); a row of fewer vertices has gradient 0 for the rest."""
+
+    r: Array
+    vertex: NDArray[np.int64]
+    gradient: Array
+    count: int
+
+    @property
+    def energy(self) -> float:
+        # Not r @ r: BLAS would start threads for it, which on a busy machine take milliseconds to meet.
+        return float((self.r * self.r).sum())
+
+    def jacobian(self) -> Array:
+        """(m, 2 n), over the vertices' coordinates row by row."""
+        J = np.zeros((len(self.r), self.count, 2))
+        for k in range(3):
+            J[np.arange(len(self.r)), self.vertex[:, k]] += self.gradient[:, k]
+        return J.reshape(len(self.r), 2 * self.count)
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """J^T J (2 n, 2 n) and J^T r (2 n,)."""
+        return _normal(self.r, self.vertex, self.gradient, self.count)
 
 
-def _scatter(rows: int, n: int, *blocks: tuple[NDArray[np.intp], Array]) -> Array:
-    """A Jacobian (rows, 2 n) from (vertex index per row, gradient (rows, 2)) blocks."""
-    J = np.zeros((rows, n, 2))
-    row = np.arange(rows)
-    for vertex, gradient in blocks:
-        J[row, vertex] += gradient
-    return J.reshape(rows, 2 * n)
-
-
-def _fit(X: Array, boundary: Boundary) -> tuple[Array, Array]:
-    n = len(X)
-    i = np.arange(n)
-    j = (i + 1) % n
-    edge = X[j] - X[i]
-    length = np.maximum(np.linalg.norm(edge, axis=1), 1e-9)
-    root = np.sqrt(length)
-    distance, gradient = boundary.distance(0.5 * (X[i] + X[j]))
-    by_place = 0.5 * root[:, None] * gradient
-    by_length = (0.5 * distance / root / length)[:, None] * edge
-    return root * distance, _scatter(n, n, (i, by_place - by_length), (j, by_place + by_length))
-
-
-def _stretch(X: Array, reference: Array, kappa: float) -> tuple[Array, Array]:
-    n = len(X)
-    i = np.arange(n)
-    j = (i + 1) % n
-    edge = X[j] - X[i]
-    length = np.maximum(np.linalg.norm(edge, axis=1), 1e-9)
-    rest = np.maximum(segment_lengths(reference), 1e-6)
-    scale = np.sqrt(0.5 * kappa * rest)
-    slope = (scale / rest / length)[:, None] * edge
-    return scale * (length / rest - 1.0), _scatter(n, n, (i, -slope), (j, slope))
-
-
-def _bend(X: Array, reference: Array, beta: float) -> tuple[Array, Array]:
-    n = len(X)
-    j = np.arange(n)
-    before, after = (j - 1) % n, (j + 1) % n
-    u, v = X[after] - X[j], X[before] - X[j]
-    rest = interior_angles(reference)
-    lengths = segment_lengths(reference)
-    scale = np.sqrt(0.5 * beta * 0.5 * (lengths + np.roll(lengths, 1)))
-    # An angle grows when its second leg v turns left and its first leg u turns right.
-    turn_v = np.stack([-v[:, 1], v[:, 0]], axis=1) / np.maximum((v * v).sum(axis=1), 1e-12)[:, None]
-    turn_u = np.stack([-u[:, 1], u[:, 0]], axis=1) / np.maximum((u * u).sum(axis=1), 1e-12)[:, None]
-    k = (scale / rest)[:, None]
-    r = scale * (interior_angles(X) / rest - 1.0)
-    return r, _scatter(n, n, (before, k * turn_v), (after, -k * turn_u), (j, k * (turn_u - turn_v)))
-
-
-def _cover(X: Array, boundary: Boundary, weights: EnergyWeights) -> tuple[Array, Array]:
-    q = boundary.samples
-    segment, t, foot = closest_segments(X, q, boundary.sample_normals, weights.normal_reach)
-    following = (segment + 1) % len(X)
-    offset = foot - q
-    distance = np.linalg.norm(offset, axis=1)
-    edge = X[following] - X[segment]
-    normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    inner = (t > 0) & (t < 1)
-    along = (offset * normal).sum(axis=1)
-    direction = np.where(inner[:, None], normal, offset / np.maximum(distance, 1e-9)[:, None])
-    scale = np.sqrt(weights.cover * boundary.sample_spacing)
-    r = scale * np.where(inner, along, distance)
-    J = _scatter(
-        len(q), len(X),
-        (segment, scale * (1 - t)[:, None] * direction), (following, scale * t[:, None] * direction),
+def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: EnergyWeights) -> ContourTerms:
+    """The energy's terms for the vertices X (n, 2) [m]; reference: (n, 2), lengths and angles at rest."""
+    lengths, angles = segment_lengths(reference), interior_angles(reference)
+    n, cover = len(X), weights.cover > 0
+    q = boundary.samples if cover else boundary.samples[:0]
+    rows = 3 * n + len(q)
+    r, vertex, gradient = np.zeros(rows), np.zeros((rows, 3), np.int64), np.zeros((rows, 3, 2))
+    X = np.ascontiguousarray(X, dtype=float)
+    distance, slope = boundary.distance(0.5 * (X + np.concatenate((X[1:], X[:1]))))
+    _shape_terms(
+        X, lengths, angles, interior_angles(X), distance, slope, weights.kappa, weights.beta, r, vertex, gradient
     )
-    return r, J
+    if cover:
+        segment, t, foot = closest_segments(X, q, boundary.sample_normals, weights.normal_reach)
+        scale = float(np.sqrt(weights.cover * boundary.sample_spacing))
+        _cover_terms(X, q, segment, t, foot, scale, r[3 * n :], vertex[3 * n :], gradient[3 * n :])
+    return ContourTerms(r, vertex, gradient, n)
+
+
+def solve_damped(A: Array, g: Array, damping: float) -> Array:
+    """x (n,) with (A + damping I) x = g, for A (n, n) symmetric and positive semidefinite.
+
+    Cholesky's method within the matrix's envelope: a contour's vertices couple to their neighbours only, so
+    that all but the last rows are short.
+    """
+    return np.asarray(_solve(A, g, float(damping)))
+
+
+@njit(cache=True, nogil=True)
+def _shape_terms(  # type: ignore[no-untyped-def]
+    X, rest, angle, seen, distance, slope, kappa, beta, r, vertex, gradient
+):
+    """E_fit, E_stretch and E_bend: n rows each."""
+    n = len(X)
+    for i in range(n):
+        j, h = (i + 1) % n, (i - 1) % n
+        ex, ey = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1]
+        length = max(np.sqrt(ex * ex + ey * ey), 1e-9)
+        root = np.sqrt(length)
+        r[i] = root * distance[i]
+        vertex[i, 0], vertex[i, 1], vertex[i, 2] = i, j, i
+        by_length = 0.5 * distance[i] / root / length
+        for k, e in ((0, ex), (1, ey)):
+            gradient[i, 0, k] = 0.5 * root * slope[i, k] - by_length * e
+            gradient[i, 1, k] = 0.5 * root * slope[i, k] + by_length * e
+        at_rest = max(rest[i], 1e-6)
+        scale = np.sqrt(0.5 * kappa * at_rest)
+        s = n + i
+        r[s] = scale * (length / at_rest - 1.0)
+        vertex[s, 0], vertex[s, 1], vertex[s, 2] = i, j, i
+        for k, e in ((0, ex), (1, ey)):
+            gradient[s, 0, k] = -scale / at_rest / length * e
+            gradient[s, 1, k] = scale / at_rest / length * e
+        # An angle grows when its second leg v turns left and its first leg u turns right.
+        vx, vy = X[h, 0] - X[i, 0], X[h, 1] - X[i, 1]
+        uu, vv = max(ex * ex + ey * ey, 1e-12), max(vx * vx + vy * vy, 1e-12)
+        scale = np.sqrt(0.5 * beta * 0.5 * (rest[i] + rest[h]))
+        b = 2 * n + i
+        r[b] = scale * (seen[i] / angle[i] - 1.0)
+        vertex[b, 0], vertex[b, 1], vertex[b, 2] = h, j, i
+        factor = scale / angle[i]
+        gradient[b, 0, 0], gradient[b, 0, 1] = -factor * vy / vv, factor * vx / vv
+        gradient[b, 1, 0], gradient[b, 1, 1] = factor * ey / uu, -factor * ex / uu
+        for k in range(2):
+            gradient[b, 2, k] = -gradient[b, 0, k] - gradient[b, 1, k]
+
+
+@njit(cache=True, nogil=True)
+def _cover_terms(X, q, segment, t, foot, scale, r, vertex, gradient):  # type: ignore[no-untyped-def]
+    """E_cover: a row each boundary sample."""
+    n = len(X)
+    for k in range(len(q)):
+        i = segment[k]
+        j = (i + 1) % n
+        ox, oy = foot[k, 0] - q[k, 0], foot[k, 1] - q[k, 1]
+        away = np.sqrt(ox * ox + oy * oy)
+        if 0.0 < t[k] < 1.0:
+            dx, dy = X[j, 1] - X[i, 1], X[i, 0] - X[j, 0]
+            size = max(np.sqrt(dx * dx + dy * dy), 1e-12)
+            dx, dy = dx / size, dy / size
+            r[k] = scale * (ox * dx + oy * dy)
+        else:
+            dx, dy = ox / max(away, 1e-9), oy / max(away, 1e-9)
+            r[k] = scale * away
+        vertex[k, 0], vertex[k, 1], vertex[k, 2] = i, j, i
+        gradient[k, 0, 0], gradient[k, 0, 1] = scale * (1.0 - t[k]) * dx, scale * (1.0 - t[k]) * dy
+        gradient[k, 1, 0], gradient[k, 1, 1] = scale * t[k] * dx, scale * t[k] * dy
+
+
+@njit(cache=True, nogil=True)
+def _normal(r, vertex, gradient, n):  # type: ignore[no-untyped-def]
+    A, g = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+    for row in range(len(r)):
+        for a in range(3):
+            for i in range(2):
+                slope, at = gradient[row, a, i], 2 * vertex[row, a] + i
+                if slope == 0.0:
+                    continue
+                g[at] += slope * r[row]
+                for b in range(3):
+                    for j in range(2):
+                        A[at, 2 * vertex[row, b] + j] += slope * gradient[row, b, j]
+    return A, g
+
+
+@njit(cache=True, nogil=True)
+def _solve(A, g, damping):  # type: ignore[no-untyped-def]
+    n = len(g)
+    L, x, first = np.zeros((n, n)), np.empty(n), np.zeros(n, np.int64)
+    for i in range(n):
+        while first[i] < i and A[i, first[i]] == 0.0:
+            first[i] += 1
+        for j in range(first[i], i + 1):
+            total = A[i, j]
+            if i == j:
+                total += damping
+            for k in range(max(first[i], first[j]), j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = total / L[j, j] if j < i else np.sqrt(max(total, 1e-300))
+        x[i] = g[i]
+        for k in range(first[i], i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        x[i] /= L[i, i]
+        for k in range(first[i], i):
+            x[k] -= L[i, k] * x[i]
+    return x
 
 
 def closest_segments(
@@ -200,6 +279,25 @@ def closest_segments(
     return _closest(
         np.ascontiguousarray(X), np.ascontiguousarray(q), np.ascontiguousarray(normals), float(normal_reach)
     )
+
+
+@njit(cache=True, nogil=True)
+def _nearest(points, step, x):  # type: ignore[no-untyped-def]
+    """Distance and index of the nearest of `points`. They follow each other at most `step` apart, so that what is
+    far away is passed over many at a time; the last answer is the first guess for the next."""
+    distance, index = np.empty(len(x)), np.empty(len(x), np.int64)
+    at = 0
+    for k in range(len(x)):
+        px, py = x[k, 0], x[k, 1]
+        best = np.sqrt((px - points[at, 0]) ** 2 + (py - points[at, 1]) ** 2)
+        i = 0
+        while i < len(points):
+            far = np.sqrt((px - points[i, 0]) ** 2 + (py - points[i, 1]) ** 2)
+            if far < best:
+                best, at = far, i
+            i += max(1, int((far - best) / step))
+        distance[k], index[k] = best, at
+    return distance, index
 
 
 @njit(cache=True, nogil=True)

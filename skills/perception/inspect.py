@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.energy import Boundary, closest_segments
+from skills.perception.moved_edge import MovedEdge, moved_edge
 from skills.perception.perceive import (
     PerceptionSettings,
     camera_fault,
@@ -63,6 +64,9 @@ class InspectionSettings:
     """Upper layers predicted thinner than this cannot be seen by depth."""
     hollow: float = 0.18
     """Share of the predicted height by which the middle of the moved edge may be lower than its ends."""
+    edge_sag: float = 0.015
+    edge_corner: float = 0.020
+    """How far the moved edge's middle, and a corner of it, may lie behind the rest, on cloth (`moved_edge`)."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
 
 
@@ -76,7 +80,8 @@ class Inspection:
     piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
     outside positive, at edge_place (2,). missing_layer: largest share of a target's upper layers that is
     not there (0..1), NaN when nobody can see it. hollow: by how much more of its height the moved edge lacks
-    in the middle than at either end, NaN when nobody can see it. left_behind: for each grasp, and for the
+    in the middle than at either end, NaN when nobody can see it. edge: where the edge that two arms
+    moved came to lie on other cloth, None when nobody can see it. left_behind: for each grasp, and for the
     middle between two ('middle'), how much further than predicted the garment still reaches beyond the fold
     line there [m]; NaN where it is not seen. diagnosis: None when the fold is as predicted.
     contour: (n, 2) observed boundary. mask, predicted: (H, W) in `view`'s pixels.
@@ -92,6 +97,7 @@ class Inspection:
     edge_deviation_m: float
     edge_place: Array
     missing_layer: float
+    edge: MovedEdge | None
     hollow: float
     left_behind: Mapping[str, float]
     diagnosis: FailureKind | None
@@ -121,8 +127,10 @@ def inspect(
     """Compare one picture with the predicted mesh, and name what went wrong.
 
     step: the fold that was made, which tells where its targets and lines are; without it only what shows
-    in silhouette and height is judged. reference, previous: as for `perceive`. flat_top: `Perception.top` of the
-    flat garment, which tells how far creases and pile stand above the mesh's middle surface.
+    in silhouette and height is judged. reference: as for `perceive`. previous: the picture before the fold, which
+    shows what the fold laid on top of the cloth that lay there, and tells a frozen camera. flat_top:
+    `Perception.top` of the flat garment, which tells how far creases and pile stand above the mesh's
+    middle surface.
 
     Fails with CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW: then there is nothing to judge. A bad fold is not a
     failure of looking: it is the value's `diagnosis`.
@@ -146,12 +154,30 @@ def inspect(
     if flat_top is not None:
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
     inspection = _compare(view, seen.rgb, found.mask, found.contour, height, expected, step, settings)
+    if step is not None and len(step.grasps) == 2 and previous is not None:
+        before = height_above(view.rectify(previous), empty)
+        inspection = _with_edge(inspection, height, before, predicted, step, settings)
     notes: dict[str, float | int | str] = {
         "iou": inspection.iou, "iou_aligned": inspection.iou_aligned, "drift_m": inspection.drift_m,
         "drift_rad": inspection.drift_rad, "extra_height_m": inspection.extra_height_m,
         "edge_deviation_m": inspection.edge_deviation_m, "segmentation_confidence": found.confidence,
     }
     return Outcome(value=inspection, notes=notes)
+
+
+def _with_edge(
+    seen: Inspection,
+    height: NDArray[np.float32],
+    before: NDArray[np.float32],
+    predicted: PredictedShape,
+    step: FoldStep,
+    settings: InspectionSettings,
+) -> Inspection:
+    """With the picture before the fold: where the moved edge lies, and what follows from it."""
+    R, t = align(_outline(seen.view, seen.predicted), seen.contour)
+    seen = replace(seen, edge=moved_edge(height, before, predicted, step, seen.view, R, t))
+    kind, confidence = diagnose(seen, step, settings)
+    return replace(seen, diagnosis=kind, confidence=confidence)
 
 
 def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
@@ -196,6 +222,7 @@ def _compare(
         edge_deviation_m=deviation,
         edge_place=frozen(place),
         missing_layer=_missing_layer(height, moved, view, step, R, t, settings),
+        edge=None,
         hollow=_hollow(height, moved, view, step, R, t, settings),
         left_behind=_left_behind(view, mask, where, step, settings),
         diagnosis=None,
@@ -207,7 +234,7 @@ def _compare(
         rgb=frozen(rgb),
     )
     kind, confidence = diagnose(inspection, step, settings)
-    return Inspection(**{**inspection.__dict__, "diagnosis": kind, "confidence": confidence})
+    return replace(inspection, diagnosis=kind, confidence=confidence)
 
 
 def diagnose(
@@ -224,11 +251,13 @@ def diagnose(
         return FailureKind.DROPPED_CORNER, _surety(lag, settings.left_behind)
     if seen.piled_area_m2 > settings.piled_area:
         return FailureKind.PILING, _surety(seen.piled_area_m2, settings.piled_area)
+    if (defect := _edge_on_cloth(seen, settings)) is not None:
+        return defect
     if not shape_good:
         kind = _edge_defect(seen, step, settings)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _surety(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
-    if np.isfinite(seen.hollow) and seen.hollow > settings.hollow:
+    if seen.edge is None and np.isfinite(seen.hollow) and seen.hollow > settings.hollow:
         return FailureKind.SAG, _surety(seen.hollow, settings.hollow)
     if np.isfinite(seen.missing_layer) and seen.missing_layer > settings.missing_share:
         return FailureKind.DROPPED_CORNER, 0.5 * _surety(seen.missing_layer, settings.missing_share) + 0.2
@@ -240,6 +269,17 @@ def diagnose(
         abs(seen.edge_deviation_m) / settings.deviation,
     )
     return None, float(np.clip(1.0 - 0.5 * worst, 0.5, 1.0))
+
+
+def _edge_on_cloth(seen: Inspection, settings: InspectionSettings) -> tuple[FailureKind, float] | None:
+    """What is wrong with the moved edge where it lies on other cloth, the larger defect first."""
+    if seen.edge is None:
+        return None
+    corner, sag = seen.edge.corner / settings.edge_corner, seen.edge.sag / settings.edge_sag
+    if not max(corner, sag) > 1.0:  # also when nobody can see either
+        return None
+    kind = FailureKind.DROPPED_CORNER if corner > sag else FailureKind.SAG
+    return kind, _surety(max(corner, sag), 1.0)
 
 
 def _surety(value: float, threshold: float) -> float:

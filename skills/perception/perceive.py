@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import frozen
+from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
+from skills.perception.energy import segment_lengths
 from skills.perception.register import Registration, RegistrationSettings, register
 from skills.perception.segment import (
     Segmentation,
     SegmentationSettings,
+    segment_grabcut,
     segment_plain,
     segment_reference,
     segment_watershed,
@@ -43,7 +45,7 @@ _SUREST = 0.97
 class PerceptionSettings:
     """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
 
-    method: 'reference' (falls back to 'plain' without a picture of the empty table), 'plain' or
+    method: 'reference' (falls back to 'plain' without a picture of the empty table), 'plain', 'grabcut' or
     'watershed' (the paper's).
     """
 
@@ -58,6 +60,10 @@ class PerceptionSettings:
     """and what reaches into the picture from its edge, this one."""
     known_iou: float = 0.80
     """A silhouette that overlaps no template better than this is of an unknown garment."""
+    polygon_iou: float = 0.91
+    """Nor is one known that the straight lines between its key points overlap no better than this,"""
+    proportions: float = 0.20
+    """or whose key points lie apart unlike the template's: root mean square of the logarithm of length ratios."""
     category_margin: float = 0.03
     """The expected category is accepted when the best one overlaps no better than by this."""
     size_tolerance: float = 0.20
@@ -160,6 +166,8 @@ def perceive(
     registration = register(contour, garment, settings.registration)
     stages.done("register")
 
+    if (failure := _not_of_its_kind(registration, garment, contour, settings)) is not None:
+        return failed(failure)
     iou = polygon_iou(registration.contour, contour)
     confidence = _confidence(segmentation, iou, registration)
     stages.notes |= {
@@ -249,11 +257,13 @@ def segment(
     """The garment by the method that `settings` names."""
     if settings.method == "watershed":
         return segment_watershed(seen.rgb, seen.valid, settings.segmentation)
+    if settings.method == "grabcut":
+        return segment_grabcut(seen.rgb, seen.valid, settings.segmentation)
     if settings.method == "plain" or empty is None:
         return segment_plain(seen.rgb, seen.valid, height, settings.segmentation)
     if settings.method == "reference":
         return segment_reference(seen.rgb, empty.rgb, seen.valid, height, settings.segmentation)
-    raise ValueError(f"method {settings.method!r} is none of reference, plain, watershed")
+    raise ValueError(f"method {settings.method!r} is none of reference, plain, grabcut, watershed")
 
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
@@ -378,6 +388,25 @@ def _choose(
             {**values, "expected": wanted.name, "scale": ours.scale},
         )
     return ours, None
+
+
+def _not_of_its_kind(
+    registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
+) -> Failure | None:
+    """A contour that bends freely follows any silhouette; the polygon of its key points does not."""
+    polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
+    overlap = polygon_iou(polygon, contour)
+    ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
+    distortion = float(ratio.std())
+    if overlap >= settings.polygon_iou and distortion <= settings.proportions:
+        return None
+    return Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"the silhouette is not that of {garment.name} (key points' outline overlaps by {overlap:.2f}, "
+        f"proportions differ by {distortion:.0%})",
+        "spread the garment flat, or make a template with `foldcell garment new`",
+        {"polygon_iou": overlap, "distortion": distortion},
+    )
 
 
 def _confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:

@@ -21,9 +21,10 @@ from skills.perception.energy import (
     Boundary,
     EnergyWeights,
     closest_segments,
-    contour_residuals,
+    contour_terms,
     interior_angles,
     segment_lengths,
+    solve_damped,
 )
 from skills.perception.template import GarmentOutline, polygon_area, symmetries
 
@@ -212,11 +213,9 @@ def _judge(
     """The energy of a finished fit with the template itself as the reference."""
     corners = X[feature >= 0]
     scale = np.sqrt(abs(polygon_area(corners) / polygon_area(polygon)))
-    r, _ = contour_residuals(corners, polygon * scale, boundary, settings.weights)
+    r = contour_terms(corners, polygon * scale, boundary, settings.weights).r
     n = len(corners)
-    shape = float(r[n : 3 * n] @ r[n : 3 * n])
-    r, _ = contour_residuals(X, X, boundary, settings.weights)
-    return shape + float(r @ r)
+    return float((r[n : 3 * n] ** 2).sum()) + _energy(X, boundary, settings)
 
 
 # --- the fit -------------------------------------------------------------------------------------------
@@ -239,25 +238,24 @@ def fit(
 
 
 def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> float:
-    r, _ = contour_residuals(X, X, boundary, settings.weights)
-    return float(r @ r)
+    return contour_terms(X, X, boundary, settings.weights).energy
 
 
 def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
     """A few damped Gauss-Newton steps against the reference `X` itself."""
     reference = X
-    r, J = contour_residuals(X, reference, boundary, settings.weights)
-    A, g, energy = J.T @ J, J.T @ r, float(r @ r)
+    terms = contour_terms(X, reference, boundary, settings.weights)
+    (A, g), energy = terms.normal_equations(), terms.energy
     damping, growth = 1e-3 * float(A.diagonal().max()), 2.0
     for _ in range(settings.steps_each):
-        step = -np.linalg.solve(A + damping * np.eye(len(A)), g)
+        step = -solve_damped(A, g, damping)
         candidate = X + step.reshape(-1, 2)
-        r, J = contour_residuals(candidate, reference, boundary, settings.weights)
-        gain = energy - float(r @ r)
-        predicted = float(step @ (damping * step - g))
+        terms = contour_terms(candidate, reference, boundary, settings.weights)
+        gain = energy - terms.energy
+        predicted = float((step * (damping * step - g)).sum())
         if gain > 0 and predicted > 0:
             X, energy = candidate, energy - gain
-            A, g = J.T @ J, J.T @ r
+            A, g = terms.normal_equations()
             damping *= max(1 / 3, 1 - (2 * gain / predicted - 1) ** 3)
             growth = 2.0
             if gain < 1e-3 * energy:

@@ -7,8 +7,10 @@ colours are learnt from what is surely garment; then each pixel is what it more 
 or table in some shadow.
 
 `segment_plain` does the same with a smooth table colour fitted to the view's rim, when there is no
-reference. `segment_watershed` is the paper's: corners are background, the centre is foreground (Vincent and
-Soille 1991).
+reference. `segment_grabcut`, also without one, does not ask the table to be of one colour: what has the rim's
+colours is table, and a cut through the colour edges between the two says where it ends (Rother, Kolmogorov and
+Blake, GrabCut, SIGGRAPH 2004). `segment_watershed` is the paper's: corners are background, the centre is
+foreground (Vincent and Soille 1991).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
@@ -25,6 +28,7 @@ from skills.perception.boundary import refine_boundary
 __all__ = [
     "Segmentation",
     "SegmentationSettings",
+    "segment_grabcut",
     "segment_plain",
     "segment_reference",
     "segment_watershed",
@@ -39,6 +43,14 @@ _FLOOR = -18.0
 """No colour is less likely than this (log density): there are always surprises."""
 
 
+_SMALL = 180
+"""Longer edge of the picture that GrabCut works on [px]: the boundary is refined on the whole one."""
+_RIM = 0.04
+"""Width of the rim that is taken for table, relative to the view's longer edge."""
+_STRANGE = 3.5
+"""What lies further than this from every colour of the rim may be garment [standard deviations]."""
+_TRUST = 1.5
+"""Log odds between the two sides of GrabCut's boundary, against those of a pixel's own colour."""
 _STRIDE = 3
 """Of the pixels by which the box around the garment is found."""
 _LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
@@ -104,7 +116,7 @@ def segment_reference(
     light = _light_change(image, table, valid)
     few = np.s_[::_STRIDE, ::_STRIDE]
     sparse = _opponent(image[few] - table[few] - _plane(light, valid.shape, few))
-    sparse_noise = _noise_scale(rgb)[few]
+    sparse_noise = _noise_scale(np.ascontiguousarray(rgb[few]), 2.0 / _STRIDE)
     spread = _table_spread(sparse, sparse_noise, valid[few])
     box = _changed(sparse, sparse_noise, spread, valid[few], settings)
     if box is None:
@@ -153,6 +165,70 @@ def segment_plain(
     return segment_reference(rgb, _fitted_table(rgb, valid), valid, height, settings)
 
 
+def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
+    """Garment on a table of any pattern that is also seen along the view's rim, by GrabCut on a small picture."""
+    settings = settings or SegmentationSettings()
+    small, inside = _small(rgb, valid)
+    colour = _unlit(small, inside)
+    rim = inside & ~_eroded(inside, max(round(_RIM * max(inside.shape)), 2))
+    strange = _strangeness(colour, rim)
+    labels = np.where(strange > _STRANGE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[~inside] = cv2.GC_BGD
+    if np.count_nonzero(labels == cv2.GC_PR_FGD) < 20 or np.count_nonzero(labels != cv2.GC_PR_FGD) < 20:
+        return _nothing(valid.shape)
+    cv2.setRNGSeed(0)  # its colour clusters start from chance
+    cv2.grabCut(colour, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
+    cloth = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
+    whole = np.asarray(cv2.resize(cloth, valid.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    mask, others, share = _clean(_by_colour(rgb, valid, whole) & valid, settings)
+    if not mask.any():
+        return _nothing(valid.shape)
+    contour, clear = refine_boundary(mask, rgb, None)
+    return Segmentation(_filled(contour, valid), contour, share * clear, others)
+
+
+def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
+    """Each pixel by the colours on both sides of a coarse boundary: a cut bridges what is narrower than its
+    pixels, such as the table between two legs. coarse: (H, W), 1 where the garment is."""
+    image = _log_colour(rgb) - np.log(_fitted_table(rgb, valid).astype(np.float32) + 8.0)
+    noise = _noise_scale(rgb)
+    garment, table = _eroded(coarse > 0.5, 4), _eroded((coarse < 0.5) & valid, 4)
+    if min(np.count_nonzero(garment), np.count_nonzero(table)) < 500:
+        return coarse > 0.5
+    odds = _garment_likelihood(image, noise, garment) - _garment_likelihood(image, noise, table)
+    return np.asarray(cv2.GaussianBlur(odds, (0, 0), 0.8) + _TRUST * (coarse - 0.5) > 0)
+
+
+def _small(rgb: Image, valid: Mask) -> tuple[Image, Mask]:
+    scale = min(_SMALL / max(valid.shape), 1.0)
+    size = (max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8))
+    inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), inside
+
+
+def _unlit(rgb: Image, inside: Mask) -> Image:
+    """Log luminance and chromaticities (h, w, 3) as bytes, the light's slope along the rim taken out."""
+    colour = _opponent(_log_colour(rgb) - np.log(_fitted_table(rgb, inside).astype(np.float32) + 8.0))
+    return np.clip(128.0 + colour * np.array([60.0, 160.0, 160.0], np.float32), 0, 255).astype(np.uint8)
+
+
+def _strangeness(colour: Image, rim: Mask) -> Field:
+    """Distance (h, w) of each pixel's colour from the nearest of the rim's four, in standard deviations."""
+    sample = colour[rim].astype(float)
+    _, centres, covariances = _colours(sample, 4)
+    floor = np.diag([4.0, 3.0, 3.0]) ** 2
+    best = np.full(colour.shape[:2], np.inf)
+    for centre, covariance in zip(centres, covariances, strict=True):
+        z = (colour - centre) @ np.linalg.inv(np.linalg.cholesky(covariance + floor)).T
+        best = np.minimum(best, np.sqrt((z * z).sum(axis=2)))
+    return best
+
+
+def _eroded(mask: Mask, reach: int) -> Mask:
+    ball = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.erode(mask.astype(np.uint8), ball, borderValue=0) > 0
+
+
 def segment_watershed(
     rgb: Image, valid: Mask, settings: SegmentationSettings | None = None
 ) -> Segmentation:
@@ -194,9 +270,9 @@ def _log_colour(rgb: Image) -> Field:
     return np.asarray(cv2.LUT(cv2.GaussianBlur(rgb, (0, 0), 0.8), _LOG), dtype=np.float32)
 
 
-def _noise_scale(rgb: Image) -> Field:
+def _noise_scale(rgb: Image, smooth: float = 2.0) -> Field:
     """Noise of log colour grows as 1 / intensity."""
-    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), 2.0).astype(np.float32)
+    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), smooth).astype(np.float32)
     return 128.0 / (grey + 8.0)
 
 
@@ -335,14 +411,37 @@ def _garment_likelihood(image: Field, noise: Field, core: Mask) -> Field:
     sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
     weights, centres, covariances = _colours(sample)
     level = float(np.median(noise.ravel()[where]))
-    best = np.full(image.shape[:2], _FLOOR, np.float32)
-    for weight, centre, covariance in zip(weights, centres, covariances, strict=True):
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
-        constant = np.log(weight) + float(np.log(np.diag(root)).sum()) - 2.7568
-        z = (channels - centre.astype(np.float32)) @ root.T.astype(np.float32)
-        square = z[..., 0] ** 2 + z[..., 1] ** 2 + z[..., 2] ** 2
-        best = np.maximum(best, np.float32(constant) - 0.5 * square * (level / np.maximum(noise, level)) ** 2)
-    return best
+    roots = [np.linalg.inv(np.linalg.cholesky(c)) for c in covariances]
+    constants = [np.log(w) + np.log(np.diag(root)).sum() - 2.7568 for w, root in zip(weights, roots, strict=True)]
+    return np.asarray(
+        _mixture(
+            channels, noise, np.float32(level), np.array(centres, np.float32), np.array(roots, np.float32),
+            np.array(constants, np.float32),
+        ),
+        dtype=np.float32,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _mixture(channels, noise, level, centres, roots, constants):  # type: ignore[no-untyped-def]
+    """Log density (h, w) of the likeliest of some Gaussians; roots: inverse Cholesky factors of their covariances.
+    Where noise is above `level`, they are as much wider."""
+    rows, columns = noise.shape
+    out = np.empty((rows, columns), np.float32)
+    for i in range(rows):
+        for j in range(columns):
+            blur = level / max(noise[i, j], level)
+            best = np.float32(_FLOOR)
+            for k in range(len(constants)):
+                a = channels[i, j, 0] - centres[k, 0]
+                b = channels[i, j, 1] - centres[k, 1]
+                c = channels[i, j, 2] - centres[k, 2]
+                u = roots[k, 0, 0] * a
+                v = roots[k, 1, 0] * a + roots[k, 1, 1] * b
+                w = roots[k, 2, 0] * a + roots[k, 2, 1] * b + roots[k, 2, 2] * c
+                best = max(best, constants[k] - np.float32(0.5) * (u * u + v * v + w * w) * blur * blur)
+            out[i, j] = best
+    return out
 
 
 def _height_odds(height: Field, core: Mask) -> Field:

@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.energy import Boundary, EnergyWeights, contour_residuals, interior_angles, segment_lengths
+from skills.perception.energy import (
+    Boundary,
+    EnergyWeights,
+    contour_terms,
+    interior_angles,
+    segment_lengths,
+    solve_damped,
+)
 
 SQUARE = np.array([[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]])
 
@@ -35,10 +42,9 @@ def test_energy_is_the_papers_sum():
 
         mean = 0.5 * (rest + np.linalg.norm(ra - reference[i - 1]))
         bend += 0.5 * (angle(X) / angle(reference) - 1) ** 2 * mean
-    r, _ = contour_residuals(
-        X, reference, Boundary(target, step=0.0005), EnergyWeights(kappa=kappa, beta=beta, cover=0.0)
-    )
-    assert r @ r == pytest.approx(fit + kappa * stretch + beta * bend, rel=2e-3)
+    weights = EnergyWeights(kappa=kappa, beta=beta, cover=0.0)
+    terms = contour_terms(X, reference, Boundary(target, step=0.0005), weights)
+    assert terms.energy == pytest.approx(fit + kappa * stretch + beta * bend, rel=2e-3)
 
 
 @given(st.integers(0, 10_000))
@@ -49,17 +55,33 @@ def test_jacobian_agrees_with_finite_differences(seed):
     reference = np.array([[0.21, 0.15], [0.19, 0.31], [-0.19, 0.29], [-0.21, 0.0], [-0.18, -0.31], [0.2, -0.3]])
     X = reference + 0.004 * rng.standard_normal(reference.shape)
     weights = EnergyWeights(kappa=0.1, beta=0.1, cover=1.0, normal_reach=0.0)
-    _, J = contour_residuals(X, reference, boundary, weights)
+    J = contour_terms(X, reference, boundary, weights).jacobian()
     step = 1e-7
     worst = 0
     for k in range(X.size):
         d = np.zeros(X.size)
         d[k] = step
-        up, _ = contour_residuals(X + d.reshape(X.shape), reference, boundary, weights)
-        down, _ = contour_residuals(X - d.reshape(X.shape), reference, boundary, weights)
+        up = contour_terms(X + d.reshape(X.shape), reference, boundary, weights).r
+        down = contour_terms(X - d.reshape(X.shape), reference, boundary, weights).r
         worst += np.count_nonzero(np.abs((up - down) / (2 * step) - J[:, k]) > 1e-3 + 1e-3 * np.abs(J[:, k]))
     # A nearest point may jump between the two evaluations; it must be rare.
     assert worst <= 0.01 * J.size
+
+
+@pytest.mark.parametrize("n", [3, 5, 40])
+def test_normal_equations_and_their_solution_against_dense_algebra(n):
+    terms = contour_terms(blob(n, 2) * 1.03, blob(n), Boundary(blob(80)), EnergyWeights())
+    J, (A, g) = terms.jacobian(), terms.normal_equations()
+    assert np.allclose(A, J.T @ J, rtol=1e-12, atol=1e-15) and np.allclose(g, J.T @ terms.r, atol=1e-15)
+    x = solve_damped(A, g, 1e-4)
+    assert np.allclose(x, np.linalg.solve(A + 1e-4 * np.eye(2 * n), g), rtol=1e-8)
+
+
+def test_nearest_boundary_point_is_the_nearest():
+    boundary, x = Boundary(blob(80)), np.random.default_rng(5).uniform(-0.5, 0.5, (200, 2))
+    distance, index = boundary.nearest(x)
+    away = np.linalg.norm(x[:, None] - boundary.points, axis=2)
+    assert np.allclose(distance, away.min(axis=1)) and np.array_equal(index, away.argmin(axis=1))
 
 
 def test_interior_angles_of_a_polygon_sum_to_n_minus_2_pi_and_reflex_ones_exceed_pi():

@@ -135,3 +135,11 @@ def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
     corner = np.round(seen.view.to_pixel(seen.state.keypoints["far_left"])).astype(int)
     assert view_picture[corner[1], corner[0], 0] > 200 > view_picture[corner[1], corner[0], 1]
     assert np.array_equal(draw_overlay(picture.rgb), picture.rgb)
+
+
+def test_a_plate_is_no_towel(calibration, towels):
+    """A contour that bends freely follows a disc as well; the polygon of its key points does not."""
+    a = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    scene = Scene(seed=3, polygons=[0.2 * np.stack([np.cos(a), np.sin(a)], axis=1) + (0.6, 0.0)])
+    seen = perceive(render(scene), calibration, TABLE, empty(scene), towels)
+    assert failure(seen) is FailureKind.UNKNOWN_GARMENT

@@ -2,9 +2,10 @@ import cv2
 import numpy as np
 import pytest
 
+from cell.subcommands.perceive import photographed
 from skills.perception.boundary import refine_boundary, smooth_closed
 from skills.perception.perceive import height_above
-from skills.perception.segment import segment_plain, segment_reference, segment_watershed
+from skills.perception.segment import segment_grabcut, segment_plain, segment_reference, segment_watershed
 from skills.perception.view import TableView
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 
@@ -105,3 +106,29 @@ def test_smoothing_a_closed_sequence_keeps_its_mean_and_shifts_with_it():
     smooth = smooth_closed(values, 2.0)
     assert np.allclose(smooth.mean(axis=0), values.mean(axis=0))
     assert np.allclose(smooth_closed(np.roll(values, 7, axis=0), 2.0), np.roll(smooth, 7, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("size", "fabric"),
+    [((640, 480), (0.12, 0.12, 0.12)), ((1000, 700), (0.03, 0.03, 0.035)), ((800, 800), (0.55, 0.56, 0.58))],
+    ids=["grey", "dark", "light"],
+)
+def test_grabcut_finds_cloth_on_boards_in_uneven_light(size, fabric):
+    """A photograph by an unknown camera: no reference, no depth, boards of different brightness."""
+    calibration, table = photographed((size[1], size[0]))
+    towel = place(TOWEL * 0.8, 0.02, 0.03, 0.2)
+    scene = Scene(
+        seed=31, polygons=[towel], fabric=fabric, table_colour=(0.36, 0.22, 0.11), table_contrast=0.2, planks=0.1,
+        gradient=(0.6, -0.5), thickness=0.0005,
+    )  # fmt: skip
+    view = TableView(calibration, table)
+    seen = view.rectify(render(scene, calibration))
+    found = segment_grabcut(seen.rgb, seen.valid)
+    truth = np.zeros(view.shape, np.uint8)
+    cv2.fillPoly(truth, [np.round(view.to_pixel(towel)).astype(np.int32)], 1)
+    assert iou(found.mask, truth > 0) > 0.96
+
+
+def test_grabcut_finds_nothing_on_bare_boards():
+    seen = VIEW.rectify(render(Scene(seed=5, table_contrast=0.15)))
+    assert not segment_grabcut(seen.rgb, seen.valid).found
