@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from cell.whole_file import write_whole
 from robots.errors import StorageError
 from skills.trajectory.library import Library, LibraryEntry, Refusal, from_json, to_json
 
@@ -23,6 +23,9 @@ __all__ = [
     "user_library_path",
     "write_library",
 ]
+
+
+_HINT = "make room or make the library's folder writable, or put the logs elsewhere with --logs"
 
 
 @dataclass(frozen=True)
@@ -101,24 +104,9 @@ def write_library(path: Path, library: Library) -> None:
     """Write the whole file or none of it. Raises StorageError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            try:
-                file.write(to_json(library))
-                file.flush()
-                os.fsync(file.fileno())
-                os.chmod(file.name, 0o644)
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
     except OSError as error:
-        raise StorageError(
-            f"{path}: the trajectory library cannot be written: {error.strerror}",
-            "Make its folder writable, or put the logs elsewhere with --logs.",
-            path=str(path),
-        ) from None
+        raise StorageError(f"{path.parent} cannot be made: {error.strerror}", _HINT, path=str(path)) from None
+    write_whole(path, to_json(library), _HINT)
 
 
 def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:

@@ -14,7 +14,6 @@ __all__ = ["RecorderObserver", "Remark", "Remarks"]
 FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT})
 
 
-
 class RecorderObserver:
     """States and transitions into the recording; failures with their hints."""
 

@@ -7,8 +7,6 @@ dark, and prints.
 from __future__ import annotations
 
 import base64
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -21,7 +19,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from robots.errors import StorageError
+from cell.whole_file import write_whole
 from robots.ports import Array
 
 __all__ = ["Picture", "RunRecord", "ScoreRow", "StepRecord", "TimelineItem", "write_report"]
@@ -127,23 +125,7 @@ class RunRecord:
 
 def write_report(path: Path, run: RunRecord) -> Path:
     """Write the page. Raises StorageError when the file cannot be written; never leaves half of one."""
-    html = render(run)
-    try:
-        handle, name = tempfile.mkstemp(prefix=".report-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as f:
-                f.write(html)
-            os.chmod(name, 0o644)
-            os.replace(name, path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise StorageError(
-            f"the report {path} cannot be written: {error.strerror}",
-            "make the run's folder writable",
-            path=str(path),
-        ) from error
+    write_whole(path, render(run), "make room, or make the run's folder writable")
     return path
 
 

@@ -7,15 +7,12 @@ signal trigger the stop circuit, and the machine ends in a declared state.
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +21,7 @@ from numpy.typing import NDArray
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
 from cell.context import Context
+from cell.driver import opened_cell
 from cell.effects import EFFECTS
 from cell.garments import load_garment
 from cell.interrupts import stop_on_signals
@@ -35,9 +33,11 @@ from cell.progress import ProgressLines
 from cell.recorder import Recorder
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
+from cell.simulation import SimulationSettings
 from cell.states import State
 from cell.terminal import TerminalOperator
-from robots.errors import ConfigurationError, Failure, StorageError
+from cell.whole_file import write_whole
+from robots.errors import Failure, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
         observers.append(ProgressLines(sys.stdout))
     try:
         with (
-            _opened(request) as ports,
+            opened_cell(request.driver, _simulated(request), request.seed) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
         ):
@@ -147,28 +147,16 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
     return recorder
 
 
-@contextmanager
-def _opened(request: FoldRequest) -> Iterator[Ports]:
-    if request.driver != "sim":
-        raise ConfigurationError(f"there is no driver '{request.driver}' yet", "the only one is 'sim'")
-    from cell.simulation import SimulationSettings, close_cell, open_cell
-
+def _simulated(request: FoldRequest) -> SimulationSettings:
     settings = request.settings
-    ports = open_cell(
-        SimulationSettings(
-            garment=request.garment,
-            surface=settings.surface,
-            table=settings.drawn_table,
-            realtime=request.realtime,
-            world=request.world,
-            as_built=settings.calibrated,
-        ),
-        request.seed,
+    return SimulationSettings(
+        garment=request.garment,
+        surface=settings.surface,
+        table=settings.drawn_table,
+        realtime=request.realtime,
+        world=request.world,
+        as_built=settings.calibrated,
     )
-    try:
-        yield ports
-    finally:
-        close_cell(ports)
 
 
 def _teller(request: FoldRequest) -> Callable[[str], None]:
@@ -242,18 +230,3 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }
-
-
-def write_whole(path: Path, text: str) -> None:
-    """The whole file or none of it. Raises StorageError."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as e:
-        part.unlink(missing_ok=True)
-        hint = "make room, or choose another folder with --logs"
-        raise StorageError(f"cannot write {path}: {e.strerror}", hint) from e

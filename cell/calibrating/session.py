@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -23,6 +22,7 @@ from cell.calibrating.performing import STATE, Performer
 from cell.commands import CommandQueue
 from cell.config import CellSettings
 from cell.context import Context
+from cell.driver import opened_cell
 from cell.effects.moving import hold_still, make_safe, prepare
 from cell.interrupts import stop_on_signals
 from cell.journal import Journal, RunJournal, to_json
@@ -30,10 +30,11 @@ from cell.lock import OwnerLock
 from cell.paths import ledger_path
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
-from cell.run import VERSIONED, write_whole
-from cell.simulation import SimulationSettings, Truth, close_cell, open_cell, truth
+from cell.run import VERSIONED
+from cell.simulation import SimulationSettings, Truth, truth
+from cell.whole_file import write_whole
 from cell.workcell import Workcell
-from robots.errors import CellError, ConfigurationError, DriverError, Failure, FailureKind, StorageError
+from robots.errors import CellError, DriverError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 from skills.vocabulary import Outcome
 
@@ -135,7 +136,11 @@ def _with_cell(
     began: float,
 ) -> CalibrationEnd[T]:
     robot = load_robot(request.settings)
-    with _opened(request) as ports, ThreadPoolExecutor(1, "skill") as workers, stop_on_signals(ports) as received:
+    with (
+        opened_cell(request.driver, _simulated(request), request.seed) as ports,
+        ThreadPoolExecutor(1, "skill") as workers,
+        stop_on_signals(ports) as received,
+    ):
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
         cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, lambda text: None)
         if script is not None:
@@ -222,18 +227,8 @@ def _keep(folder: Path, name: str, picture: NDArray[np.uint8]) -> None:
         raise StorageError(f"cannot write {folder / name}.png", "make room, or choose another folder with --logs")
 
 
-@contextmanager
-def _opened(request: CalibrationRequest) -> Iterator[Ports]:
-    if request.driver != "sim":
-        raise ConfigurationError(f"there is no driver '{request.driver}' yet", "the only one is 'sim'")
+def _simulated(request: CalibrationRequest) -> SimulationSettings:
     settings = request.settings
-    ports = open_cell(
-        SimulationSettings(
-            surface=settings.surface, table=settings.drawn_table, realtime=request.realtime, as_built=True
-        ),
-        request.seed,
+    return SimulationSettings(
+        surface=settings.surface, table=settings.drawn_table, realtime=request.realtime, as_built=True
     )
-    try:
-        yield ports
-    finally:
-        close_cell(ports)

@@ -22,7 +22,8 @@ from cell.calibration_file import calibration_text, camera_calibration, read_cam
 from cell.config import CellSettings, load_settings
 from cell.paths import logs_directory, prepare_logs
 from cell.simulation import Truth
-from cell.subcommands.output import print_json, progress_stream, write_whole
+from cell.subcommands.output import print_json, progress_stream
+from cell.whole_file import write_whole
 from cell.workcell import Workcell
 from robots.errors import ConfigurationError
 from skills.vocabulary import Array

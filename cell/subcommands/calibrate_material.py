@@ -18,7 +18,8 @@ from cell.config import load_settings
 from cell.garments import garment_path, load_garment, shipped_garment_path
 from cell.material_file import with_material
 from cell.paths import logs_directory, prepare_logs
-from cell.subcommands.output import print_json, print_table, progress_stream, write_whole
+from cell.subcommands.output import print_json, print_table, progress_stream
+from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import flexural_rigidity, membrane_modulus
 from skills.garments.garment import Garment

@@ -9,7 +9,8 @@ from typing import Any
 
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
-from cell.subcommands.output import print_json, print_table, write_whole
+from cell.subcommands.output import print_json, print_table
+from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds

@@ -15,7 +15,8 @@ from cell.config import load_settings
 from cell.garments import load_garment
 from cell.journal import to_json
 from cell.progress_bar import ProgressBar
-from cell.subcommands.output import print_json, progress_stream, write_whole
+from cell.subcommands.output import print_json, progress_stream
+from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment

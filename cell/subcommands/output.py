@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from robots.errors import StorageError
-
-__all__ = ["print_json", "print_table", "progress_stream", "write_whole"]
+__all__ = ["print_json", "print_table", "progress_stream"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -43,23 +39,3 @@ def _text(value: Any) -> str:
 def progress_stream(as_json: bool) -> Any:
     """Where progress goes: with --json it stays off standard output."""
     return sys.stderr if as_json else sys.stdout
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write the whole file or none of it. Raises StorageError."""
-    import os
-
-    try:
-        with tempfile.NamedTemporaryFile(
-            dir=path.absolute().parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            try:
-                file.write(data)
-                file.flush()
-                os.chmod(file.name, 0o644)
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
-    except OSError as e:
-        raise StorageError(f"cannot write {path}: {e.strerror}", "choose another place", path=str(path)) from e

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from cell.calibration_file import camera_calibration
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
-from cell.subcommands.output import print_json, write_whole
+from cell.subcommands.output import print_json
+from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame, Intrinsics, frozen
 from skills.perception.overlay import draw_on_camera

@@ -16,8 +16,9 @@ from cell.config import CellSettings, load_settings
 from cell.garments import list_garments, load_garment
 from cell.journal import to_json
 from cell.paths import logs_directory, prepare_logs
-from cell.subcommands.output import print_json, print_table, progress_stream, write_whole
+from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
+from cell.whole_file import write_whole
 
 __all__ = ["run"]
 

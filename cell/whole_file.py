@@ -1,0 +1,33 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from robots.errors import StorageError
+
+__all__ = ["write_whole"]
+
+
+def write_whole(
+    path: Path, data: bytes | str, hint: str = "make room or make its folder writable, or choose another place"
+) -> None:
+    """Write the whole file or none of it; what stood there before stays until then. Raises StorageError."""
+    content = data.encode() if isinstance(data, str) else data
+    try:
+        with tempfile.NamedTemporaryFile(
+            dir=path.absolute().parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            try:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+                os.chmod(file.name, 0o644)
+                os.replace(file.name, path)
+            except BaseException:
+                os.unlink(file.name)
+                raise
+    except OSError as e:
+        raise StorageError(f"{path} cannot be written: {e.strerror}", hint, path=str(path)) from e
