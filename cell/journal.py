@@ -396,31 +396,34 @@ def _entry(row: sqlite3.Row) -> Entry:
 
 
 def _connect(path: Path) -> sqlite3.Connection:
-    existed = path.exists()
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=BUSY_S)
     try:
         connection.row_factory = sqlite3.Row
-        if existed:
-            _check_version(connection, path)  # before anything is changed
+        version = _check_version(connection, path)  # before anything is changed
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
         connection.execute("PRAGMA foreign_keys=ON")
-        connection.execute("BEGIN IMMEDIATE")  # of several first users one makes the tables
-        try:
-            if _check_version(connection, path) == 0:
-                for statement in filter(str.strip, _TABLES.split(";\n")):
-                    connection.execute(statement)
-                connection.execute(f"PRAGMA application_id={APPLICATION_ID}")
-                connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
-            connection.execute("COMMIT")
-        except BaseException:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-            raise
+        if version == 0:  # only then: the lock to write is not given in turn, a busy writer can keep it for long
+            _make_tables(connection, path)
     except BaseException:
         connection.close()
         raise
     return connection
+
+
+def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
+    connection.execute("BEGIN IMMEDIATE")  # of several first users one makes the tables
+    try:
+        if _check_version(connection, path) == 0:
+            for statement in filter(str.strip, _TABLES.split(";\n")):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id={APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
 
 
 def _connect_readonly(path: Path) -> sqlite3.Connection:
@@ -456,9 +459,10 @@ def _connect_readonly(path: Path) -> sqlite3.Connection:
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
     """The schema version, 0 of an empty file. Raises StorageError for what is not ours or too new."""
-    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    application = int(connection.execute("PRAGMA application_id").fetchone()[0])
+    # the tables first: another process may make all three at once between two of these lines
     tables = int(connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+    application = int(connection.execute("PRAGMA application_id").fetchone()[0])
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if version == 0 and application == 0 and tables == 0:
         return 0
     if application != APPLICATION_ID:
