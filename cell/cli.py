@@ -166,7 +166,10 @@ def _count(text: str) -> int:
 
 def _driver_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
-    parser.add_argument("--world", choices=["xpbd"], default="xpbd", help="cloth body of the simulated cell")
+    parser.add_argument(
+        "--world", choices=["xpbd", "mujoco"], default="xpbd",
+        help="what the simulated cloth is: our solver, or MuJoCo (towels; slow; needs the extra peers)",
+    )  # fmt: skip
 
 
 def _run_options(parser: argparse.ArgumentParser) -> None:

@@ -60,7 +60,7 @@ def report(
         seed=result.seed,
         driver=result.driver,
         simulated=result.simulated,
-        world=request.world if result.simulated else "",
+        world=result.world or "",
         title=context.garment.title if context.garment else result.garment,
         reason=str(failure.get("what", "")),
         hint=str(failure.get("hint", "")),

@@ -37,12 +37,14 @@ class FoldRequest:
 
 @dataclass(frozen=True)
 class FoldResult:
-    """How a run ended: the fields of `fold --json`. state: the machine's last; signal: what interrupted it."""
+    """How a run ended: the fields of `fold --json`. state: the machine's last; signal: what interrupted it.
+    world: what the simulated garment's cloth was, None on hardware."""
 
     garment: str
     seed: int
     driver: str
     simulated: bool
+    world: str | None
     result: str
     state: str
     failure: Mapping[str, Any] | None

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
 from cell.context import Context
-from cell.driver import opened_cell
+from cell.driver import check_cell, opened_cell
 from cell.effects import EFFECTS
-from cell.garments import load_garment
 from cell.interrupts import stop_on_signals
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
@@ -65,15 +64,14 @@ def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
     Raises ConfigurationError and StorageError before anything moves.
     """
     began = time.monotonic()
-    if request.garment != "auto":
-        load_garment(request.garment, request.settings.surface)
+    check_cell(request.driver, _simulated(request))
     with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
         run = journal.begin_run(
             garment=request.garment,
             seed=request.seed,
             driver=request.driver,
             settings_hash=request.settings.fingerprint(),
-            versions={name: metadata.version(name) for name in VERSIONED},
+            versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
             ended = _perform(request, run, began, script)
@@ -87,6 +85,10 @@ def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
 
         report(run.directory, request, ended.end, ended.result, ended.remarks, ended.frames, ended.triangles)
     return ended.result
+
+
+def _versioned(request: FoldRequest) -> tuple[str, ...]:
+    return (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +197,7 @@ def _result(
         seed=request.seed,
         driver=request.driver,
         simulated=request.driver == "sim",
+        world=request.world if request.driver == "sim" else None,
         result=RESULTS[end.state],
         state=end.state.value,
         failure=None

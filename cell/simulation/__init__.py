@@ -19,6 +19,7 @@ __all__ = [
     "FaultKind",
     "SimulationSettings",
     "Truth",
+    "check_settings",
     "checkpoint",
     "close_cell",
     "inject",
@@ -31,11 +32,24 @@ __all__ = [
 # The world is imported when a cell is opened: the render process imports this package too and needs none of it.
 
 
+def check_settings(settings: SimulationSettings) -> None:
+    """Raises ConfigurationError for what no cell can be opened with: a garment that does not exist, that the world
+    does not carry, or a world that is not installed."""
+    from cell.garments import load_garment
+    from cell.simulation.cloth_body import check_body
+
+    if settings.garment == "auto":  # the world draws one that it carries
+        check_body(settings.world, "the garment", 1)
+    else:
+        garment = load_garment(settings.garment, settings.surface)
+        check_body(settings.world, garment.name, garment.layers)
+
+
 def open_cell(settings: SimulationSettings, seed: int) -> Ports:
     """A cell with an empty table and the robot at its park configuration, at time 0, motors off.
 
     Everything in it is a function of `settings`, `seed` and the calls made on the ports. Raises
-    ConfigurationError for a garment that does not exist, StorageError when the robot's model cannot be cached.
+    ConfigurationError as `check_settings`, StorageError when the robot's model cannot be cached.
     """
     from cell.simulation import _registry
     from cell.simulation.ports import ports_of

@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
 from cell.simulation.noise import GarmentNoise
 from cell.simulation.outline import draw_outline
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.solver import ClothSimulation, SolverSettings
 from skills.garments.garment import Garment
 from skills.vocabulary import Array, Material
 
-__all__ = ["FRAME_RATE", "WorldGarment"]
+__all__ = ["WorldGarment"]
 
-FRAME_RATE = 60
-"""Cloth frames in a second."""
 FINEST, COARSEST = 0.012, 0.024
 """Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
@@ -38,10 +36,15 @@ class _Pose:
 
 
 class WorldGarment:
-    """One garment, not yet on the table until `lay`. Everything it is was drawn from `rng` at the start."""
+    """One garment, not yet on the table until `lay`. Everything it is was drawn from `rng` at the start.
 
-    def __init__(self, garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool) -> None:
-        self._noise, self._ideal = noise, ideal
+    world: what its cloth is. Raises ConfigurationError as `check_body`.
+    """
+
+    def __init__(
+        self, garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool, world: str = "xpbd"
+    ) -> None:
+        self._noise, self._ideal, self._world = noise, ideal, world
         self.name, self.layers = garment.name, garment.layers
         outline = draw_outline(garment, noise, rng, ideal)
         self.material = garment.material if ideal else _vary(garment.material, noise, rng)
@@ -54,23 +57,17 @@ class WorldGarment:
         self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
         share = 0.0 if ideal else 1.0
         damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
-        base = SolverSettings()
-        self._settings = SolverSettings(
-            frame_rate=FRAME_RATE,
-            anisotropy=1.0 - share * noise.anisotropy * rng.uniform(),
-            stretch_damping=base.stretch_damping * damping,
-            bend_damping=base.bend_damping * damping,
-        )
+        self._traits = BodyTraits(1.0 - share * noise.anisotropy * rng.uniform(), damping)
         self.pad_friction = PadGeometry().friction
         self._wrinkles = int(rng.integers(2**31))
         self._relief = self._draw_relief(rng)
-        self._simulation: ClothSimulation | None = None
+        self._body: ClothBody | None = None
 
     # how it lies -------------------------------------------------------------------------------------
 
     @property
     def laid(self) -> bool:
-        return self._simulation is not None
+        return self._body is not None
 
     @property
     def flat(self) -> Array:
@@ -80,21 +77,21 @@ class WorldGarment:
     @property
     def positions(self) -> Array:
         """(n, 3) table frame."""
-        return self._sim.positions
+        return self._cloth.positions
 
     @property
-    def _sim(self) -> ClothSimulation:
-        assert self._simulation is not None, "no garment lies on the table"
-        return self._simulation
+    def _cloth(self) -> ClothBody:
+        assert self._body is not None, "no garment lies on the table"
+        return self._body
 
     def lay(self) -> None:
         """Put it on the table with the small wrinkles that a hand leaves, and let it come to rest."""
-        self._simulation = self._build(self._wrinkled())
-        self._sim.advance(round(self._noise.settle_time * FRAME_RATE))
+        self._body = self._build(self._wrinkled())
+        self._cloth.advance(round(self._noise.settle_time * FRAME_RATE))
 
-    def _build(self, positions: Array) -> ClothSimulation:
+    def _build(self, positions: Array) -> ClothBody:
         pads = PadGeometry(friction=self.pad_friction)
-        return ClothSimulation(self.mesh, self.material, positions, self._settings, pads=pads)
+        return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
 
     def _wrinkled(self) -> Array:
         """(n, 3): waves in a random direction, and as much less width as they take up."""
@@ -127,7 +124,7 @@ class WorldGarment:
     @property
     def seen(self) -> Array:
         """(n, 3) what the camera sees of it: the upper surface, with creases that the solver does not carry."""
-        x = self._sim.positions
+        x = self._cloth.positions
         x[:, 2] += self._relief
         return x
 
@@ -135,28 +132,28 @@ class WorldGarment:
 
     def grip(self, hand: int, position: Array, rotation: Array, stroke: float, force: float) -> PinchReport:
         """Close the pads, which stood `stroke` [m] apart, at a pose in the table frame."""
-        self._sim.pads = replace(self._sim.pads, stroke=stroke)
-        return self._sim.grip(hand, position, rotation, force)
+        self._cloth.pads = replace(self._cloth.pads, stroke=stroke)
+        return self._cloth.grip(hand, position, rotation, force)
 
     def release(self, hand: int) -> None:
         if self.laid:
-            self._sim.release(hand)
+            self._cloth.release(hand)
 
     def holds(self, hand: int) -> bool:
-        return self.laid and self._sim.held(hand)
+        return self.laid and self._cloth.held(hand)
 
     def squeeze(self, hand: int, force: float) -> None:
-        self._sim.set_grip_force(hand, force)
+        self._cloth.set_grip_force(hand, force)
 
     def pull(self, hand: int) -> Array:
         """(3,) [N] of the cloth on the hand."""
-        return self._sim.pinch_force(hand)
+        return self._cloth.pinch_force(hand)
 
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
         """Go on by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its end;
         capsules: their ends (2, k, 3) twice and radius (k,)."""
         if self.laid:
-            self._sim.advance_along(position, rotation, capsules)
+            self._cloth.advance_along(position, rotation, capsules)
 
     # what the robot feels and the camera sees --------------------------------------------------------
 
@@ -164,7 +161,7 @@ class WorldGarment:
         """Thickness of the cloth under a fingertip at `point` (3,) when pressed flat [m]: its layers there."""
         if not self.laid:
             return 0.0
-        x = self._sim.positions
+        x = self._cloth.positions
         near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._edge
         corners = x[self.mesh.triangles[np.all(near[self.mesh.triangles], axis=1)]]
         if len(corners) == 0:
@@ -179,27 +176,27 @@ class WorldGarment:
         return float(np.count_nonzero(under) * self.material.thickness)
 
     def highest(self) -> float:
-        return float(self._sim.positions[:, 2].max()) if self.laid else 0.0
+        return float(self._cloth.positions[:, 2].max()) if self.laid else 0.0
 
     def clear_of(self, p0: Array, p1: Array, radius: float) -> bool:
         """Whether no vertex is within `radius` [m] of the segment p0-p1."""
         if not self.laid:
             return True
-        x = self._sim.positions
+        x = self._cloth.positions
         axis = p1 - p0
         s = np.clip((x - p0) @ axis / (axis @ axis), 0.0, 1.0)
         return bool(np.min(np.linalg.norm(x - p0 - s[:, None] * axis, axis=1)) > radius)
 
     def checkpoint(self) -> dict[str, NDArray] | None:
-        return self._sim.checkpoint() if self.laid else None
+        return self._cloth.checkpoint() if self.laid else None
 
     def restore(self, saved: Mapping[str, NDArray] | None) -> None:
         if saved is None:
-            self._simulation = None
+            self._body = None
             return
-        if self._simulation is None:
-            self._simulation = self._build(self.mesh.lay_flat(self.material.thickness))
-        self._sim.restore(saved)
+        if self._body is None:
+            self._body = self._build(self.mesh.lay_flat(self.material.thickness))
+        self._cloth.restore(saved)
 
 
 def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:

@@ -12,14 +12,15 @@ __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
 DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
 """Top 0.82 m above the floor; where both arms reach and the camera sees."""
 
-WORLDS = ("xpbd",)
+WORLDS = ("xpbd", "mujoco")
 LOOKS = ("contrast", "table_hue")
 
 
 @dataclass(frozen=True)
 class SimulationSettings:
     """garment: a name, a path, or 'auto' (drawn by the seed). surface: what the table is made of, the key of
-    the garment's friction. world: which body the cloth has. realtime: paced by the wall clock.
+    the garment's friction. world: what the cloth is: our solver's, or MuJoCo's flex (towels). realtime: paced by
+    the wall clock.
 
     fabric: 'contrast' with the table or the 'table_hue' itself. robot_noise, camera_noise, garment_noise:
     off for tests that want an ideal cell. render: without it the camera reports a fault when asked.

@@ -19,9 +19,10 @@ from cell.garments import list_garments, load_garment
 from cell.simulation import contact
 from cell.simulation.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera import Renderer, SimulatedCamera
+from cell.simulation.cloth_body import FRAME_RATE, check_body
 from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.faults import FaultBoard, FaultKind
-from cell.simulation.garment import FRAME_RATE, WorldGarment
+from cell.simulation.garment import WorldGarment
 from cell.simulation.gripper import SimulatedGripper
 from cell.simulation.noise import CameraNoise, NoiseTable, load_noise
 from cell.simulation.render_server import Scene, Shot
@@ -89,7 +90,10 @@ class World:
             self._board = WorldBoard(noise.board, rng["board"])
         self.settings = settings
         nominal = _choose(settings, rng["garment"])
-        self.garment = WorldGarment(nominal, noise.garment, rng["garment"], ideal=not settings.garment_noise)
+        check_body(settings.world, nominal.name, nominal.layers)
+        self.garment = WorldGarment(
+            nominal, noise.garment, rng["garment"], ideal=not settings.garment_noise, world=settings.world
+        )
         self.faults = FaultBoard()
         self._steps = 0
         self._time = 0.0
@@ -452,12 +456,14 @@ class World:
 
 
 def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
-    """The garment named, or one of those that ship."""
+    """The garment named, or one of those that ship and that this world's cloth can be."""
     draw = rng.random()
     if settings.garment != "auto":
         return load_garment(settings.garment, settings.surface)
-    names = sorted(list_garments())
-    return load_garment(names[int(draw * len(names))], settings.surface)
+    garments = [load_garment(name, settings.surface) for name in sorted(list_garments())]
+    if settings.world == "mujoco":
+        garments = [garment for garment in garments if garment.layers == 1]
+    return garments[int(draw * len(garments))]
 
 
 def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:

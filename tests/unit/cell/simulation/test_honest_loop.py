@@ -6,7 +6,10 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
-INNER = {"_registry", "camera", "garment", "gripper", "ports", "robot", "tactile", "world"}
+INNER = {
+    "_registry", "camera", "cloth_body", "garment", "gripper", "mujoco_cloth", "ports", "robot", "tactile",
+    "world",
+}  # fmt: skip
 
 
 def imported(path: Path) -> set[str]:

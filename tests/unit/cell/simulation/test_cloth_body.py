@@ -1,0 +1,153 @@
+"""What the cell asks of any cloth: one protocol, our solver and MuJoCo's flex behind it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.simulation import SimulationSettings, check_settings
+from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
+from robots.errors import ConfigurationError
+from robots.ports import Array
+from skills.cloth.elastic import GRAVITY
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.pinch import PadGeometry
+from skills.vocabulary import Material
+
+MATERIAL = Material(0.4, 0.02, 0.015, 0.003, 0.6, 0.55, 0.5)
+MESH = mesh_from_contour(np.array([[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]), 0.02)
+WEIGHT = MATERIAL.areal_mass * 0.12 * 0.08 * GRAVITY
+DOWN = np.diag([1.0, -1.0, -1.0])
+EDGE = np.array([0.0, 0.035, 0.0])
+"""In the middle of the side at +y; the pads' line is along x."""
+
+
+@pytest.fixture(params=["xpbd", "mujoco"])
+def world(request: pytest.FixtureRequest) -> str:
+    if request.param == "mujoco":
+        pytest.importorskip("mujoco")
+    return str(request.param)
+
+
+def body(world: str) -> ClothBody:
+    flat = MESH.lay_flat(MATERIAL.thickness)
+    return build_body(world, MESH, MATERIAL, flat, BodyTraits(), PadGeometry())
+
+
+def above(point: Array, height: float) -> Array:
+    return np.asarray(point + np.array([0.0, 0.0, height]))
+
+
+def lead(cloth: ClothBody, start: Array, end: Array, seconds: float) -> None:
+    """Hand 0 from start to end, pointing down, starting and stopping gently."""
+    n = round(seconds * FRAME_RATE)
+    s = np.linspace(0.0, 1.0, n + 1)
+    path = start + np.outer(s**3 * (10 - 15 * s + 6 * s * s), end - start)
+    position = np.stack((path, np.zeros_like(path)), axis=1)
+    cloth.advance_along(position, np.tile(DOWN, (n + 1, 2, 1, 1)))
+
+
+def lifted(world: str) -> ClothBody:
+    cloth = body(world)
+    cloth.grip(0, EDGE, DOWN, 20.0)
+    lead(cloth, EDGE, above(EDGE, 0.2), 0.6)
+    cloth.advance(60)
+    return cloth
+
+
+def test_cloth_at_rest_stays(world: str) -> None:
+    cloth = body(world)
+    before = cloth.positions
+    cloth.advance(60)
+    assert np.abs(cloth.positions - before).max() < 3e-4
+    assert not cloth.held(0)
+
+
+def test_what_is_between_the_pads_hangs_from_the_hand(world: str) -> None:
+    cloth = lifted(world)
+    assert cloth.held(0) and not cloth.held(1)
+    top = cloth.positions[:, 2].max()
+    assert top == pytest.approx(0.2, abs=0.012)  # the hem beyond the line stands up
+    assert cloth.positions[:, 2].min() == pytest.approx(0.125, abs=0.015)
+    assert cloth.pinch_force(0)[2] == pytest.approx(-WEIGHT, rel=0.15)  # it swings a little
+
+
+def test_open_pads_let_it_fall(world: str) -> None:
+    cloth = lifted(world)
+    cloth.release(0)
+    cloth.advance(60)
+    assert not cloth.held(0)
+    assert cloth.positions[:, 2].max() < 0.08
+    assert cloth.positions[:, 2].min() > 0.0
+
+
+def test_pads_that_close_beside_the_cloth_hold_nothing(world: str) -> None:
+    cloth = body(world)
+    report = cloth.grip(0, EDGE + np.array([0.0, 0.06, 0.0]), DOWN, 20.0)
+    assert report.held_points == report.layers == 0
+    assert not cloth.held(0)
+    assert cloth.grip(0, EDGE, DOWN, 20.0).layers == 1
+
+
+def test_cloth_slips_out_of_pads_that_hardly_press(world: str) -> None:
+    cloth = lifted(world)
+    cloth.set_grip_force(0, 0.3 * WEIGHT / (2.0 * cloth.pads.friction))
+    cloth.advance(3)
+    assert not cloth.held(0)
+
+
+def test_a_hand_pushes_the_cloth(world: str) -> None:
+    """A finger that sweeps through where the cloth hangs takes it along, and is felt by the hand that holds it."""
+    cloth = lifted(world)
+    n, radius = 45, 0.010
+    y = np.linspace(-0.05, 0.065, n + 1)
+    low = np.stack((np.full(n + 1, -0.05), y, np.full(n + 1, 0.15)), axis=1)[:, None, :]
+    high = low + np.array([0.10, 0.0, 0.0])
+    held = np.zeros((n + 1, 2, 3)) + above(EDGE, 0.2)
+    cloth.advance_along(held, np.tile(DOWN, (n + 1, 2, 1, 1)), (low, high, np.array([radius])))
+    x = cloth.positions
+    assert x[np.abs(x[:, 2] - 0.15) < 0.012, 1].min() > 0.065
+    assert np.linalg.norm(x[:, 1:] - [0.065, 0.15], axis=1).min() > 0.8 * radius
+    assert cloth.pinch_force(0)[1] > 0.02 * WEIGHT
+
+
+def test_a_checkpoint_goes_on_bit_for_bit(world: str) -> None:
+    cloth = body(world)
+    cloth.grip(0, EDGE, DOWN, 20.0)
+    lead(cloth, EDGE, above(EDGE, 0.1), 0.3)
+    saved = cloth.checkpoint()
+    other = body(world)
+    other.restore(saved)
+    for one in (cloth, other):
+        lead(one, above(EDGE, 0.1), EDGE, 0.2)
+    assert cloth.positions.tobytes() == other.positions.tobytes()
+    assert cloth.held(0) and other.held(0)
+
+
+def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigurationError, match="one layer"):
+        check_settings(SimulationSettings(garment="pants", world="mujoco"))
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigurationError) as caught:
+        check_settings(SimulationSettings(garment="small_towel", world="mujoco"))
+    assert "peers" in caught.value.hint
+    check_body("xpbd", "pants", 2)
+
+
+def test_our_own_body_has_the_pieces_traits() -> None:
+    """Stiffer along material y: the towel hangs shorter by its y side than by its x side."""
+    soft = replace(MATERIAL, stretch_fraction=0.1)
+    drops = []
+    for anisotropy in (1.0, 4.0):
+        cloth = build_body(
+            "xpbd", MESH, soft, MESH.lay_flat(0.003), BodyTraits(anisotropy=anisotropy), PadGeometry()
+        )
+        side = np.array([0.0, 0.035, 0.0])
+        cloth.grip(0, side, DOWN, 20.0)
+        lead(cloth, side, above(side, 0.2), 0.6)
+        cloth.advance(60)
+        drops.append(np.ptp(cloth.positions[:, 2]))
+    assert drops[1] < drops[0]
