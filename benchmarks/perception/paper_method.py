@@ -21,7 +21,9 @@ from skills.perception.view import TableView
 
 __all__ = ["paper_keypoints"]
 
-SETTINGS = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), snap=0.0, updates=40, reduction=0.01)
+SETTINGS = RegistrationSettings(
+    weights=replace(EnergyWeights(), cover=0.0), corners=None, updates=40, reduction=0.01
+)
 
 
 def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[str, Array]:

@@ -3,8 +3,8 @@
 The paper's registration (see `energy`): the template's vertices are feature points and keep their identity;
 Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic Jacobian) move the
 contour, segments are subdivided and merged, the reference follows. It starts from every orientation that
-the silhouette allows, and the energy says which is right. At the end each corner is set to where the two
-edges beside it meet.
+the silhouette allows, and the energy says which is right. At the end each corner is set to where the boundary
+has it (`corners`).
 """
 
 from __future__ import annotations
@@ -17,26 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
+from skills.perception.corners import CornerSettings, set_corners
 from skills.perception.energy import (
     Boundary,
     EnergyWeights,
     closest_segments,
     contour_terms,
-    interior_angles,
     segment_lengths,
     solve_damped,
 )
 from skills.perception.template import GarmentOutline, polygon_area, symmetries
 
 __all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "fit", "register"]
-
-
-_NOTCH = 5.6
-"""Interior angle from which a corner is a notch between two limbs [rad]."""
-_SHARP = 0.7
-"""Sine of the angle from which a corner is sharp."""
-_SMOOTHED = 0.004
-"""What segmentation takes off a very acute corner [m]."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +46,8 @@ class RegistrationSettings:
     equal: float = 0.004
     """Mean boundary distances closer than this do not tell two orientations apart [m]."""
     candidates: int = 3
-    snap: float = 0.03
-    """A corner is moved by at most this much at the end [m]; 0 leaves the registered ones."""
-    notch: float = 0.08
-    """As `snap`, for a crotch."""
-    edge: float = 0.08
-    notch_edge: float = 0.16
-    """How far from a corner, and from a crotch, the edges are looked at [m]."""
-    line_sigma: float = 0.0025
-    """How well a line through the boundary is known where it meets another [m]."""
-    template_sigma: float = 0.006
-    """How well the template's proportions hold from one corner to its neighbours [m]."""
+    corners: CornerSettings | None = field(default_factory=CornerSettings)
+    """How corners are set at the end; None leaves the registered ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +96,8 @@ def register(
     starts = best_starts(polygon, boundary, settings)
     fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
     (X, feature, history), start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
-    if settings.snap > 0:
-        X = _snap_corners(X, feature, polygon, boundary, settings)
+    if settings.corners is not None:
+        X = set_corners(X, feature, polygon, boundary, settings.corners)
     vertices = np.flatnonzero(feature >= 0)
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0)))
@@ -284,125 +267,3 @@ def _merge(X: Array, feature: NDArray[np.intp], shortest: float) -> tuple[Array,
         if feature[i] < 0 and keep[before] and max(lengths[i], lengths[before]) < shortest:
             keep[i] = False
     return X[keep], feature[keep]
-
-
-# --- corners -------------------------------------------------------------------------------------------
-
-
-def _snap_corners(
-    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
-) -> Array:
-    """Each sharp corner of the template to the tip of the boundary's corner; a blunt one to between where it was
-    registered and where the others would have it.
-
-    Straight lines through the boundary on both sides say where the edges meet. A sewn corner is round, and its tip
-    lies where the boundary comes nearest to that. Only between two legs, where the table is too narrow to be seen
-    near the crotch, it is where the edges meet; as they do so at an acute angle, the template has a say.
-    """
-    moved = X.copy()
-    corners = np.flatnonzero(feature >= 0)
-    angles = interior_angles(polygon)[feature[corners]]
-    clear = np.sin(angles) ** 2
-    shape = polygon[feature[corners]]
-    shape = shape * np.sqrt(abs(polygon_area(X[corners]) / polygon_area(shape)))
-    q, normals = boundary.points[::2], boundary.normals[::2]
-    segment, t, _ = closest_segments(X, q, normals, settings.weights.normal_reach)
-    along, at = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
-    total = float(segment_lengths(X).sum())
-    for k, vertex in enumerate(corners):
-        notch = bool(angles[k] > _NOTCH)
-        if not notch and abs(np.sin(angles[k])) < _SHARP:
-            between = 0.3 * X[vertex] + 0.7 * _by_template(k, shape, X[corners], clear)
-            moved[vertex] = boundary.points[boundary.nearest(between[None])[1][0]]
-            continue
-        lines = _edges(k, at, total, q, along, settings.notch_edge if notch else settings.edge)
-        if len(lines) < 2:
-            continue
-        if notch:
-            tip = _most_likely(lines, _by_template(k, shape, X[corners], clear), settings)
-        else:
-            meeting = _meet(lines)
-            tip = X[vertex] if meeting is None else _round_tip(meeting, angles[k], boundary)
-        if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
-            moved[vertex] = tip
-    return moved
-
-
-def _edges(k: int, at: Array, total: float, q: Array, along: Array, reach: float) -> list[tuple[Array, Array]]:
-    """Lines (point, unit direction) through the boundary up to `reach` before and after the k-th corner.
-
-    at: (c,) arc positions of the corners, along: (m,) of the boundary's points q (m, 2), of `total` length.
-    """
-    lines = []
-    for sign, other in ((-1.0, at[k - 1]), (1.0, at[(k + 1) % len(at)])):
-        span = (sign * (other - at[k])) % total
-        distance = (sign * (along - at[k])) % total
-        chosen = (distance > min(0.014, 0.25 * span)) & (distance < min(0.55 * span, reach))
-        line = _line(q[chosen])
-        if line is not None:
-            lines.append(line)
-    return lines
-
-
-def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
-    """Where the other corners have the k-th: the rigid motion that lays `shape` on `placed`, near corners best.
-
-    clear: (n,) 0..1, how well each corner is seen by itself.
-    """
-    weight = clear / np.maximum(np.linalg.norm(shape - shape[k], axis=1), 1e-2) ** 3
-    weight[k] = 0.0
-    weight /= weight.sum()
-    from_, to = weight @ shape, weight @ placed
-    a, b = shape - from_, placed - to
-    along = float((weight[:, None] * a * b).sum())
-    across = float((weight * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])).sum())
-    R = np.array([[along, -across], [across, along]]) / np.hypot(along, across)
-    return np.asarray(to + R @ (shape[k] - from_))
-
-
-def _most_likely(lines: list[tuple[Array, Array]], wanted: Array, settings: RegistrationSettings) -> Array:
-    """The maximum a posteriori of a point on two lines, each known to `line_sigma`, near `wanted`, to
-    `template_sigma`."""
-    A, b = np.eye(2) / settings.template_sigma**2, wanted / settings.template_sigma**2
-    for point, direction in lines:
-        normal = np.array([-direction[1], direction[0]])
-        A = A + np.outer(normal, normal) / settings.line_sigma**2
-        b = b + normal * float(normal @ point) / settings.line_sigma**2
-    return np.asarray(np.linalg.solve(A, b))
-
-
-def _meet(lines: list[tuple[Array, Array]]) -> Array | None:
-    (a, u), (b, v) = lines
-    cross = u[0] * v[1] - u[1] * v[0]
-    if abs(cross) < 0.25:
-        return None
-    d = b - a
-    return np.asarray(a + u * (d[0] * v[1] - d[1] * v[0]) / cross)
-
-
-def _round_tip(corner: Array, angle: float, boundary: Boundary) -> Array:
-    """The tip of a round corner: the boundary there, less what smoothing the picture took off it."""
-    _, nearest = boundary.nearest(corner[None])
-    tip = boundary.points[nearest[0]]
-    missing = corner - tip
-    far = float(np.linalg.norm(missing))
-    cut = _SMOOTHED * abs(float(np.cos(0.5 * angle)))
-    return np.asarray(tip + missing * min(1.0, cut / max(far, 1e-9)))
-
-
-def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:
-    lengths = segment_lengths(X)
-    start = np.r_[0.0, np.cumsum(lengths)[:-1]]
-    return start[segment] + t * lengths[segment]
-
-
-def _line(points: Array) -> tuple[Array, Array] | None:
-    """Total least squares line (point, unit direction), the worst fifth left out once."""
-    if len(points) < 6:
-        return None
-    for _ in range(2):
-        middle = points.mean(axis=0)
-        _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
-        off = np.abs((points - middle) @ np.array([-axes[0, 1], axes[0, 0]]))
-        points = points[off <= np.quantile(off, 0.8) + 1e-9]
-    return middle, axes[0]

@@ -53,6 +53,10 @@ _TRUST = 1.5
 """Log odds between the two sides of GrabCut's boundary, against those of a pixel's own colour."""
 _STRIDE = 3
 """Of the pixels by which the box around the garment is found."""
+_MIXED = 0.1
+"""Share of a dark region that lies flat from which it is cloth and shadow together."""
+_WIDE = 25
+"""Square over which mean height tells cloth from a shadow beside it [px]."""
 _LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
 _OPPONENT = np.array(
     [[1 / 3, 1 / 3, 1 / 3], [0.5**0.5, -(0.5**0.5), 0.0], [6**-0.5, 6**-0.5, -2 * 6**-0.5]], np.float32
@@ -368,23 +372,34 @@ def _core(
     core = _open((doubt > settings.surely_garment) & valid, 5)
     dark = light < -np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
     dark = _open(_close(dark & valid, 5), settings.shadow_rim) & ~core
-    if not dark.any():
-        return core
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8))
-    for i in range(1, count):
-        left, top, width, rows, area = stats[i]
-        if area >= 200:
-            box = np.s_[top : top + rows, left : left + width]
-            region = labels[box] == i
-            if _stands_up(region, None if height is None else height[box], settings):
-                core[box] |= region
+    if dark.any():
+        core |= _cloth_of(dark, height, settings)
     return core
 
 
-def _stands_up(region: Mask, height: Field | None, settings: SegmentationSettings) -> bool:
-    """Cloth by its height; without depth a wide dark region is taken for cloth."""
+def _cloth_of(dark: Mask, height: Field | None, settings: SegmentationSettings) -> Mask:
+    """The dark, wide regions that are cloth by their height; without depth all of them are taken for it.
+
+    Cloth and a shadow beside it can make one region: of that, only what stands up is cloth.
+    """
     if height is None:
-        return True
+        return dark
+    mean, known = _mean_height(height, _WIDE)
+    flat = known & (mean < 0.5 * settings.garment_height)
+    cloth = np.zeros(dark.shape, bool)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8))
+    for i in range(1, count):
+        left, top, width, rows, area = stats[i]
+        box = np.s_[top : top + rows, left : left + width]
+        region = labels[box] == i
+        if area < 200 or not _stands_up(region, height[box], settings):
+            continue
+        mixed = np.count_nonzero(region & flat[box]) > _MIXED * area
+        cloth[box] |= _open(region & ~flat[box], settings.shadow_rim) if mixed else region
+    return cloth
+
+
+def _stands_up(region: Mask, height: Field, settings: SegmentationSettings) -> bool:
     samples = height[region]
     samples = samples[np.isfinite(samples)]
     return len(samples) < 50 or float(samples.mean()) > settings.garment_height
@@ -450,11 +465,16 @@ def _height_odds(height: Field, core: Mask) -> Field:
     cloth = height[core & known]
     if len(cloth) < 500 or (top := float(np.median(cloth))) < 0.0015:
         return np.zeros(height.shape, np.float32)
-    box = (7, 7)
-    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, box)
-    share = cv2.boxFilter(known.astype(np.float32), -1, box)
-    mean = total / np.maximum(share, 1e-3)
-    return np.where(share > 0.3, np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0), 0.0).astype(np.float32)
+    mean, seen = _mean_height(height, 7)
+    return np.where(seen, np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0), 0.0).astype(np.float32)
+
+
+def _mean_height(height: Field, size: int) -> tuple[Field, Mask]:
+    """Mean (h, w) over a square of `size` pixels of what depth knows, and where it knows enough."""
+    known = np.isfinite(height)
+    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
+    share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
+    return np.asarray(total / np.maximum(share, 1e-3), dtype=np.float32), share > 0.3
 
 
 def _colours(sample: Array, count: int = 3) -> tuple[list[float], list[Array], list[Array]]:

@@ -89,7 +89,7 @@ def test_a_round_corner_is_where_its_tip_is(radius):
 
 def test_snapping_finds_the_tip_of_a_well_rounded_corner():
     points, tips = rounded_towel(0.04)
-    lagging = register(points, TOWEL_TEMPLATE, RegistrationSettings(snap=0.0))
+    lagging = register(points, TOWEL_TEMPLATE, RegistrationSettings(corners=None))
     snapped = register(points, TOWEL_TEMPLATE)
     assert error(snapped, TOWEL_NAMES, tips) < 0.5 * error(lagging, TOWEL_NAMES, tips)
 
@@ -134,7 +134,7 @@ def test_the_energy_falls_from_update_to_update():
 
 def test_the_papers_energy_alone_also_fits_a_towel():
     truth = place(TOWEL * 1.04, 0.02, -0.03, 0.25)
-    one_way = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), snap=0.0)
+    one_way = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), corners=None)
     assert error(register(resample_closed(truth, 0.002), TOWEL_TEMPLATE, one_way), TOWEL_NAMES, truth) < 0.012
 
 
