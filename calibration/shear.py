@@ -173,12 +173,12 @@ def hang(
     material: Material,
     seconds: float,
     start: Array | None = None,
-    substeps: int = SUBSTEPS,
+    substeps: int | None = SUBSTEPS,
     pictures: int = 0,
 ) -> tuple[Array, Array]:
     """Let it hang for `seconds`: positions (n, 3) at the end, and `pictures` of the way (k, n, 3).
 
-    material.stretch_fraction is of a strip of REFERENCE_DROP.
+    material.stretch_fraction is of a strip of REFERENCE_DROP. substeps: of a frame; None: as the predictor would.
     """
     settings = SolverSettings(substeps=substeps, drag=DRAG, sleep_frames=0)
     simulation = ClothSimulation(

@@ -383,6 +383,11 @@ def _bench(commands: Commands) -> None:
     parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
     parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
     parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
+    parser.add_argument("--only", metavar="PART,...", help="of cloth: these parts")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="of cloth: put each part's figures down there, go on from there"
+    )
+    parser.add_argument("--garment", metavar="A,B", help="only these, by name or file (optimise)")
     _json_option(parser)
 
 

@@ -1,46 +1,160 @@
-"""Figures of the cloth solver, alone on one core: foldcell bench cloth.
+"""Figures of the cloth solver, in parts: foldcell bench cloth [--only PART,...] [--keep FILE].
 
 Speeds are simulated seconds over CPU seconds of the thread that computes (`time.thread_time`), so that what else
 runs on the machine matters little; two_threads_x_throughput is wall time and wants an idle machine. Errors are
-against closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex.
+against closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and
+PyBullet's soft body. Everything is simulated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import importlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from benchmarks.cloth import folds, physics
 from robots.errors import ConfigurationError
 
-__all__ = ["measure"]
+__all__ = ["PARTS", "measure"]
 
+Tell = Callable[[str], None]
 PEER_FIGURE = "mujoco_final_error_difference_mm"
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration", "benchmarks/cloth")
 
 
-def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Flat figures, units in the keys; those of MuJoCo only with `peers`, PEER_FIGURE then null.
+@dataclass(frozen=True)
+class Part:
+    """A function `measure(quick) -> figures` of a module here, named MODULE:FUNCTION; needs: a package that only
+    peers need."""
 
-    Raises ConfigurationError when peers are asked for and MuJoCo is not installed.
+    function: str
+    about: str
+    needs: str | None = None
+
+    def measure(self, quick: bool) -> dict[str, Any]:
+        module, function = self.function.split(":")
+        return dict(getattr(importlib.import_module(f"benchmarks.cloth.{module}"), function)(quick))
+
+
+PARTS: Mapping[str, Part] = {
+    "towel": Part("speed:towel", "the towel of 425 vertices folded in half and in quarters"),
+    "sizes": Part("speed:sizes", "towels of 400 to 20 000 vertices"),
+    "threads": Part("speed:threads", "two simulations in two threads"),
+    "start": Part("speed:start", "a new process until its first fold"),
+    "shirt": Part("contact:shirt", "the two-layer shirt of 1307 vertices in three folds"),
+    "pants": Part("contact:pants", "pants in two folds"),
+    "variants": Part("contact:variants", "the same with other friction, thickness and speed"),
+    "determinism": Part("smooth:determinism", "the same bits in another process and thread"),
+    "roughness": Part("smooth:roughness", "how far a perturbation grows, and what it does to a cost"),
+    "conservation": Part("physics:conservation", "momentum, energy and rest"),
+    "tilt": Part("physics:tilt", "tilted table"),
+    "layers": Part("physics:layers", "a layer on a layer on the tilted table"),
+    "strip": Part("physics:hang_strip", "hung strips"),
+    "bending": Part("physics:bending", "cantilevers"),
+    "grasp": Part("physics:grasp", "what the pads hold"),
+    "mesh": Part("meshes:quality", "meshes of all garments"),
+    "garment": Part("calibrated:hung", "hung garments, calibrated on one mesh and hung again on others"),
+    "friction": Part("calibrated:friction", "the paper's friction test of all garments"),
+    "identify": Part("calibrated:identified", "friction from one recorded fold"),
+    "mujoco": Part("mujoco_peer:measure", "MuJoCo: the lab's tests and the same folds", "mujoco"),
+    "pybullet": Part("pybullet_peer:measure", "PyBullet's soft body: the same fold", "pybullet"),
+}
+
+
+def measure(
+    tell: Tell, *, peers: bool, quick: bool, only: Sequence[str] = (), keep: Path | None = None
+) -> dict[str, Any]:
+    """Flat figures, units in the keys; those of peers only with `peers`, PEER_FIGURE then null.
+
+    only: names of PARTS. keep: a file in which each part's figures are put down when it is done, and from which a
+    part is taken that the same sources measured before. Raises ConfigurationError for a part that does not exist,
+    for a peer that is not installed, or a file that is none of ours.
     """
+    chosen = _chosen(only, peers)
+    kept = _Kept(keep, quick)
     figures: dict[str, Any] = {}
-    peer = _mujoco() if peers else None
-    folds.measure(figures, quick, tell)
-    physics.measure(figures, quick, tell)
-    figures[PEER_FIGURE] = None
-    if peer is not None:
-        tell("MuJoCo ...")
-        peer.measure(figures)
-    return figures
+    for k, (name, part) in enumerate(chosen.items()):
+        before = kept.parts.get(name)
+        if before is not None:
+            tell(f"{k + 1:2d}/{len(chosen)} {name}: kept")
+            figures |= before
+            continue
+        tell(f"{k + 1:2d}/{len(chosen)} {name}: {part.about} ...")
+        start = time.process_time()
+        found = part.measure(quick)
+        tell(f"      {time.process_time() - start:.0f} s of CPU")
+        kept.put(name, found)
+        figures |= found
+    figures |= _derived(figures)
+    return figures if only else {PEER_FIGURE: None} | figures
 
 
-def _mujoco() -> Any:
-    try:
-        from benchmarks.cloth import mujoco_peer
-    except ModuleNotFoundError as e:
-        if e.name != "mujoco":
-            raise
-        raise ConfigurationError(
-            "MuJoCo is not installed", "install the optional extra: pip install -c constraints.txt -e '.[peers]'"
-        ) from e
-    return mujoco_peer
+def _chosen(only: Sequence[str], peers: bool) -> dict[str, Part]:
+    unknown = [name for name in only if name not in PARTS]
+    if unknown:
+        raise ConfigurationError(f"bench cloth has no part {unknown[0]!r}", f"it has {', '.join(PARTS)}")
+    chosen = {n: p for n, p in PARTS.items() if (n in only if only else peers or p.needs is None)}
+    for part in chosen.values():
+        if part.needs is not None:
+            try:
+                importlib.import_module(part.needs)
+            except ModuleNotFoundError as e:
+                raise ConfigurationError(
+                    f"the peer {part.needs} is not installed",
+                    "install the optional extra: pip install -c constraints.txt -e '.[peers]'",
+                ) from e
+    return chosen
+
+
+def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures that take two parts."""
+    out: dict[str, Any] = {}
+    strip, garment = (figures.get(f"hang_{name}_error_pp_max") for name in ("strip", "garment"))
+    if strip is not None and garment is not None:
+        out["hang_error_pp_max"] = max(strip, garment)
+    ours = figures.get("towel_425_x_realtime")
+    for peer in ("mujoco", "pybullet"):
+        theirs = figures.get(f"{peer}_towel_x_realtime")
+        if ours and theirs:
+            out[f"towel_425_speed_over_{peer}"] = ours / theirs
+    return out
+
+
+class _Kept:
+    """Figures of parts in a file, as long as the sources are the same."""
+
+    def __init__(self, path: Path | None, quick: bool) -> None:
+        self._path = path
+        self._label = {"sources": _fingerprint(), "quick": quick}
+        self.parts: dict[str, dict[str, Any]] = {}
+        if path is None or not path.exists():
+            return
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            label, parts = {k: found[k] for k in self._label}, found["parts"]
+        except (OSError, ValueError, KeyError, TypeError) as e:
+            raise ConfigurationError(f"{path} holds no figures of bench cloth", "give --keep another file") from e
+        if label == self._label:
+            self.parts = parts
+
+    def put(self, name: str, figures: dict[str, Any]) -> None:
+        from cell.whole_file import write_whole
+
+        self.parts[name] = figures
+        if self._path is not None:
+            text = json.dumps({**self._label, "parts": self.parts}, indent=1)
+            write_whole(self._path, (text + "\n").encode())
+
+
+def _fingerprint() -> str:
+    digest = hashlib.sha256()
+    for folder in MEASURED:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".yaml"):
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,19 +1,19 @@
 """MuJoCo's flex as an independent cloth: the optional extra `peers`, never needed at run time.
 
-The same mesh, areal mass, membrane modulus Y, flexural rigidity B and friction. MuJoCo's shell is a plate of
-Young modulus E and thickness t with Y = E t and B = E t^3 / (12 (1 - nu^2)), so t = sqrt(12 (1 - nu^2) B / Y); it
-is not the thickness of its contacts. A hand holds one vertex (ours a line of 20 mm).
+The very body that is the cell's second world (`cell/simulation/mujoco_cloth.py`), with our meshes, pads and
+materials. How fine its steps and how stiff its contacts must be is taken from its own refinement, without a look
+at our result: both are halved until the end of the fold stops changing.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.cloth.physics import (
     CREEP_RATIO,
@@ -22,106 +22,40 @@ from benchmarks.cloth.physics import (
     SLIDE_RATIOS,
     STRETCHES,
     STRIP,
-    Figures,
     slide_expected,
+    slope,
 )
-from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, grid_mesh, optimised_fold, plain_fold
+from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, hand_motion, optimised_fold, plain_fold
 from calibration.bending import peirce
-from robots.ports import Array, Side
-from skills.cloth.elastic import GRAVITY, flexural_rigidity, membrane_modulus
-from skills.cloth.mesh import ClothMesh
+from cell.simulation.mujoco_cloth import MujocoCloth, MujocoSettings
+from robots.ports import Array
+from skills.cloth.elastic import GRAVITY
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.vocabulary import REFERENCE_DROP, Material, ToolPath
 
-POISSON = 1.0 / 3.0
-STEP = 0.002
-SOLREF = "0.005 1"
-"""Of contacts: MuJoCo's own 0.02 s lets cloth creep by centimetres in a fold."""
-
-
-@dataclass(frozen=True)
-class _Scene:
-    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
-    table: bool = True
-    selfcollide: bool = False
-    damping: float = 0.002
-    held: Sequence[int] = ()
-    fixed: Sequence[int] = ()
+Figures = dict[str, Any]
+LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)
+REFINEMENTS = (4, 8, 16, 32)
+"""Steps in a frame; the contacts' time constant is 2.4 of them."""
+SETTLED = 0.5
+"""[mm] mean over the vertices: a refinement that changes the end of the fold by less has converged."""
 
 
-class MujocoCloth:
-    """One sheet of cloth, from positions (n, 3) at rest."""
-
-    def __init__(self, mesh: ClothMesh, material: Material, positions: Array, scene: _Scene) -> None:
-        self._model = mujoco.MjModel.from_xml_string(_xml(mesh, material, positions, scene))
-        self._data = mujoco.MjData(self._model)
-        mujoco.mj_forward(self._model, self._data)
-        self._hands = len(scene.held)
-
-    @property
-    def positions(self) -> Array:
-        return np.array(self._data.flexvert_xpos)
-
-    def advance(self, seconds: float) -> None:
-        for _ in range(round(seconds / STEP)):
-            mujoco.mj_step(self._model, self._data)
-
-    def fold(self, paths: Mapping[Side, ToolPath], settle: float) -> None:
-        """Lead the held vertices along the paths, in their order, let go, and settle."""
-        duration = max(float(p.t[-1]) for p in paths.values())
-        for k in range(round(duration / STEP)):
-            for hand, path in enumerate(paths.values()):
-                self._data.mocap_pos[hand] = [np.interp(k * STEP, path.t, path.position[:, c]) for c in range(3)]
-            mujoco.mj_step(self._model, self._data)
-        self._data.eq_active[:] = 0
-        self.advance(settle)
-
-
-def _xml(mesh: ClothMesh, material: Material, x: Array, scene: _Scene) -> str:
-    modulus, rigidity = membrane_modulus(material, REFERENCE_DROP), flexural_rigidity(material)
-    plate = float(np.sqrt(12.0 * (1.0 - POISSON**2) * rigidity / modulus))
-    contact = f'condim="3" solref="{SOLREF}"'
-    table = f'<geom type="plane" size="3 3 .1" friction="{material.friction_static} 0 0" priority="1" {contact}/>'
-    hands = "".join(f'<body name="h{k}" mocap="true" pos="{_text(x[v])}"/>' for k, v in enumerate(scene.held))
-    holds = "".join(
-        f'<connect name="e{k}" body1="c_{v}" body2="h{k}" anchor="0 0 0" solref="0.004 1"/>'
-        for k, v in enumerate(scene.held)
-    )
-    pins = f'<pin id="{" ".join(map(str, scene.fixed))}"/>' if len(scene.fixed) else ""
-    return f"""<mujoco>
-<option timestep="{STEP}" integrator="discrete" solver="CG" cone="elliptic" impratio="10" iterations="50"
- tolerance="1e-8" gravity="{_text(np.array(scene.gravity))}"/>
-<size memory="500M"/>
-<worldbody>{table if scene.table else ""}{hands}
-<flexcomp name="c" type="direct" dim="2" point="{_text(x.ravel())}" element="{_text(mesh.triangles.ravel())}"
- radius="{0.5 * material.thickness}" mass="{material.areal_mass * float(mesh.area.sum())}">
-<elasticity young="{modulus / plate}" poisson="{POISSON}" thickness="{plate}" damping="{scene.damping}"
- elastic2d="both"/>
-<contact friction="{material.friction_layers} 0 0" selfcollide="{"auto" if scene.selfcollide else "none"}"
- {contact}/>{pins}</flexcomp></worldbody>
-<equality>{holds}</equality></mujoco>"""
-
-
-def _text(values: Array | NDArray[np.int32]) -> str:
-    return " ".join(f"{v:.9g}" for v in values)
-
-
-def _patch(size: Array, edge: float) -> ClothMesh:
-    low, high = size.min(axis=0), size.max(axis=0)
-    return grid_mesh(*(np.linspace(a, b, round((b - a) / edge) + 1) for a, b in zip(low, high, strict=True)))
+def refined(steps: int) -> MujocoSettings:
+    step = MujocoSettings(steps=steps).step
+    return MujocoSettings(steps=steps, solref=2.4 * step, iterations=100, tolerance=1e-10, rest=False)
 
 
 def tilt(figures: Figures, frictions: Sequence[float] = FRICTIONS) -> None:
-    mesh = _patch(PATCH, 0.025)
+    mesh = mesh_from_contour(PATCH, 0.026)
     creep, error = 0.0, 0.0
     for mu in frictions:
         material = replace(MATERIAL, friction_static=mu, friction_dynamic=mu)
         for ratio in (CREEP_RATIO, *SLIDE_RATIOS):
-            angle = float(np.arctan(ratio * mu))
-            scene = _Scene(gravity=(GRAVITY * np.sin(angle), 0.0, -GRAVITY * np.cos(angle)))
-            cloth = MujocoCloth(mesh, material, mesh.lay_flat(material.thickness), scene)
+            angle, gravity = slope(mu, ratio)
+            cloth = MujocoCloth(mesh, material, settings=replace(LAB, gravity=gravity))
             before = cloth.positions
-            cloth.advance(1.0)
+            cloth.advance(60)
             way = (cloth.positions - before)[:, 0]
             if ratio < 1.0:
                 creep = max(creep, 1e3 * float(np.abs(way).max()))
@@ -130,17 +64,22 @@ def tilt(figures: Figures, frictions: Sequence[float] = FRICTIONS) -> None:
     figures["mujoco_tilt_creep_mm_max"], figures["mujoco_tilt_slide_error_rel_max"] = creep, error
 
 
-def hang(figures: Figures, stretches: Sequence[float] = STRETCHES) -> None:
+def hang(
+    figures: Figures, stretches: Sequence[float] = STRETCHES, edges: Sequence[float] = (0.018, 0.026)
+) -> None:
+    """Strips that hang in their own plane."""
     width, length = STRIP
-    mesh = _patch(np.array([[0.0, 0.0], [width, length]]), 0.025)
-    top, bottom = mesh.rest[:, 1] > length - 1e-9, mesh.rest[:, 1] < 1e-9
-    x = np.column_stack([mesh.rest[:, 0], np.zeros(len(mesh.rest)), mesh.rest[:, 1]])
     worst = 0.0
-    for stretch in stretches:
-        scene = _Scene(table=False, damping=0.01, fixed=np.flatnonzero(top).tolist())
-        cloth = MujocoCloth(mesh, replace(MATERIAL, stretch_fraction=stretch), x, scene)
-        cloth.advance(3.0)
-        worst = max(worst, abs(-float(cloth.positions[bottom, 2].mean()) / length - stretch))
+    for edge in edges:
+        mesh = mesh_from_contour(np.array([[0, 0], [width, 0], [width, length], [0, length]]), edge)
+        top, bottom = mesh.rest[:, 1] > length - 1e-9, mesh.rest[:, 1] < 1e-9
+        settings = replace(LAB, gravity=(0.0, -GRAVITY, 0.0), damping=0.01)
+        for stretch in stretches:
+            material = replace(MATERIAL, stretch_fraction=stretch)
+            fixed = np.flatnonzero(top).tolist()
+            cloth = MujocoCloth(mesh, material, settings=settings, table=False, fixed=fixed)
+            cloth.advance(180)
+            worst = max(worst, abs(-float(cloth.positions[bottom, 1].mean()) / length - stretch))
     figures["mujoco_hang_error_pp_max"] = 100.0 * worst
 
 
@@ -148,47 +87,95 @@ def bending(figures: Figures, edge: float = 0.020) -> None:
     """A strip whose overhang is twice its bending length."""
     material = replace(MATERIAL, bending_length=0.08)
     overhang = 2.0 * material.bending_length
-    mesh = _patch(np.array([[-2 * edge, 0.0], [overhang, 3 * edge]]), edge)
-    x = np.column_stack([mesh.rest, np.zeros(len(mesh.rest))])
-    scene = _Scene(table=False, damping=0.05, fixed=np.flatnonzero(mesh.rest[:, 0] < 1e-9).tolist())
-    cloth = MujocoCloth(mesh, material, x, scene)
-    cloth.advance(6.0)
-    tip = cloth.positions[mesh.rest[:, 0] > overhang - 1e-9].mean(axis=0)
-    angle = float(np.arctan2(-tip[2], tip[0]))
+    outline = [(-2 * edge, 0.0), (0.0, 0.0), (overhang, 0.0)]
+    mesh = mesh_from_contour(np.array(outline + [(x, 4 * edge) for x, _ in outline[::-1]]), edge)
+    fixed = np.flatnonzero(mesh.rest[:, 0] < 1e-6).tolist()
+    cloth = MujocoCloth(mesh, material, settings=replace(LAB, damping=0.05), table=False, fixed=fixed)
+    height = float(cloth.positions[0, 2])
+    cloth.advance(360)
+    tip = cloth.positions[mesh.rest[:, 0] > overhang - 1e-6].mean(axis=0)
+    angle = float(np.arctan2(height - tip[2], tip[0]))
     figures["mujoco_bending_error_rel"] = peirce(overhang, angle) / material.bending_length - 1.0
 
 
-def _both(fold: SharedFold) -> tuple[Array, Array, float]:
-    """Ends of a fold in our simulation and in MuJoCo's, and MuJoCo's speed (x real time)."""
-    ours = predict_fold(fold.mesh, fold.start, fold.material, fold.paths, RELEASE, SETTLE)
-    scene = _Scene(selfcollide=True, held=[fold.held[side] for side in fold.paths])
-    cloth = MujocoCloth(fold.mesh, fold.material, fold.start, scene)
+def folded(fold: SharedFold, settings: MujocoSettings) -> tuple[Array, float]:
+    """Where the fold ends (n, 3), and how many times faster than real time one thread computed it."""
+    cloth = MujocoCloth(fold.mesh, fold.material, fold.start, settings)
     start = time.thread_time()
-    cloth.fold(fold.paths, RELEASE + SETTLE)
-    seconds = max(float(p.t[-1]) for p in fold.paths.values()) + RELEASE + SETTLE
-    return ours.vertices, cloth.positions, seconds / (time.thread_time() - start)
+    frames = round((fold.seconds - RELEASE - SETTLE) * settings.frame_rate)
+    position, rotation = hand_motion(fold.paths, frames, 1.0 / settings.frame_rate)
+    for hand in range(2):
+        cloth.grip(hand, position[0, hand], rotation[0, hand])
+    cloth.advance_along(position, rotation)
+    for hand in range(2):
+        cloth.release(hand)
+    cloth.advance(round((RELEASE + SETTLE) * settings.frame_rate))
+    return cloth.positions, fold.seconds / (time.thread_time() - start)
 
 
-def folds(figures: Figures) -> None:
-    plain = plain_fold()
-    a, b, speed = _both(plain)
-    figures["mujoco_towel_x_realtime"] = speed
-    figures["mujoco_towel_shape_difference_mm_mean"] = 1e3 * float(np.linalg.norm(a - b, axis=1).mean())
-    figures["mujoco_towel_error_mm"], figures["towel_same_fold_error_mm"] = (
-        1e3 * plain.error(b),
-        1e3 * plain.error(a),
-    )
+def apart(a: Array, b: Array) -> float:
+    """[mm] mean distance of vertices (n, 3)."""
+    return 1e3 * float(np.linalg.norm(a - b, axis=1).mean())
+
+
+def refinement(figures: Figures, quick: bool) -> MujocoSettings:
+    """MuJoCo's own: the first settings after which halving step and contact time changes the end by less than
+    SETTLED, else the finest."""
+    fold, rows, before, chosen = plain_fold(), [], None, None
+    for steps in REFINEMENTS[: 2 if quick else None]:
+        end, speed = folded(fold, refined(steps))
+        change = None if before is None else apart(end, before)
+        rows.append({
+            "steps_a_frame": steps, "contact_time_ms": 1e3 * refined(steps).solref, "x_realtime": speed,
+            "change_mm": change, "error_mm": 1e3 * fold.error(end),
+        })  # fmt: skip
+        before = end
+        if chosen is None and change is not None and change < SETTLED:
+            chosen = steps // 2
+    figures["mujoco_refinement"] = rows
+    figures["mujoco_refinement_last_change_mm"] = rows[-1]["change_mm"]
+    figures["mujoco_refinement_converged"] = chosen is not None
+    figures["mujoco_steps_a_frame"] = steps = chosen or REFINEMENTS[1 if quick else -1]
+    return refined(steps)
+
+
+def folds(figures: Figures, settings: MujocoSettings, quick: bool) -> None:
+    rows = []
+    for mu in (0.6,) if quick else (0.2, 0.6, 1.0):
+        fold = plain_fold(mu)
+        ours = predict_fold(fold.mesh, fold.start, fold.material, fold.paths, RELEASE, SETTLE).vertices
+        theirs, speed = folded(fold, settings)
+        rows.append({
+            "friction": mu, "difference_mm": apart(ours, theirs), "error_mm": 1e3 * fold.error(ours),
+            "mujoco_error_mm": 1e3 * fold.error(theirs), "drift_mm": _drift(fold, ours),
+            "mujoco_drift_mm": _drift(fold, theirs),
+        })  # fmt: skip
+        if mu == MATERIAL.friction_static:
+            figures["mujoco_towel_x_realtime"] = speed
+            figures["mujoco_towel_shape_difference_mm_mean"] = rows[-1]["difference_mm"]
+            figures["towel_one_friction_error_mm"] = rows[-1]["error_mm"]
+            figures["mujoco_towel_error_mm"] = rows[-1]["mujoco_error_mm"]
+    figures["mujoco_folds"] = rows
     best = optimised_fold()
-    a, b, _ = _both(best)
-    ours, theirs = 1e3 * best.error(a), 1e3 * best.error(b)
-    figures["optimised_towel_error_mm"], figures["mujoco_optimised_towel_error_mm"] = ours, theirs
-    figures["mujoco_optimised_shape_difference_mm_mean"] = 1e3 * float(np.linalg.norm(a - b, axis=1).mean())
-    figures["mujoco_final_error_difference_mm"] = theirs - ours
+    ours = predict_fold(best.mesh, best.start, best.material, best.paths, RELEASE, SETTLE).vertices
+    theirs, _ = folded(best, settings)
+    figures["optimised_towel_error_mm"] = 1e3 * best.error(ours)
+    figures["mujoco_optimised_towel_error_mm"] = 1e3 * best.error(theirs)
+    figures["mujoco_optimised_shape_difference_mm_mean"] = apart(ours, theirs)
+    figures["mujoco_final_error_difference_mm"] = 1e3 * (best.error(theirs) - best.error(ours))
 
 
-def measure(figures: Figures) -> None:
-    tilt(figures)
+def _drift(fold: SharedFold, x: Array) -> float:
+    """[mm] mean motion of the half that should rest, away from the crease."""
+    rests = fold.mesh.rest[:, 0] < -0.05
+    return 1e3 * float(np.linalg.norm((x - fold.start)[rests], axis=1).mean())
+
+
+def measure(quick: bool) -> Figures:
+    figures: Figures = {}
+    tilt(figures, (0.6,) if quick else FRICTIONS)
     hang(figures)
     bending(figures)
-    folds(figures)
+    folds(figures, refinement(figures, quick), quick)
     figures["mujoco_version"] = mujoco.__version__
+    return figures

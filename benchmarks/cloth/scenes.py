@@ -7,16 +7,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cell.garments import load_garment
 from robots.ports import Array, Side
-from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
-from skills.cloth.solver import ClothSimulation, ToolMotion
+from skills.cloth.solver import ClothSimulation
 from skills.planning.plan import plan_folds
-from skills.vocabulary import GraspTrajectory, Material, ToolPath
+from skills.vocabulary import GraspTrajectory, Material, ToolPath, tool_rotation
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
@@ -25,6 +23,8 @@ SHIRT = np.array(HALF_SHIRT + [(-x, y) for x, y in HALF_SHIRT[::-1]])
 DURATION, RELEASE, SETTLE = 3.0, 0.3, 1.0
 IN = 0.012
 """Grasps so far inside a corner [m]."""
+
+HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 
 Paths = Mapping[Side, ToolPath]
 
@@ -56,10 +56,21 @@ def towel_mesh(vertices: int) -> tuple[ClothMesh, Material]:
     return mesh_from_contour(TOWEL, edge), replace(MATERIAL, thickness=thickness)
 
 
-def towel_half(x: float = 0.3 - IN, y: float = 0.2 - IN) -> Paths:
+def towel_half(lift: float = 0.4) -> Paths:
     """The towel's right half over its left half."""
-    q = np.pi / 2
-    return {side: arc((x, s * y, 0.001), (-x, s * y, 0.012), q) for side, s in ((Side.LEFT, 1), (Side.RIGHT, -1))}
+    x, y, q = 0.3 - IN, 0.2 - IN, np.pi / 2
+    return {
+        side: arc((x, s * y, 0.001), (-x, s * y, 0.012), q, lift) for side, s in ((Side.LEFT, 1), (Side.RIGHT, -1))
+    }
+
+
+def mirrored(mesh: ClothMesh, material: Material, x: Array) -> float:
+    """Mean distance [m] of the towel at x (n, 3) from its half laid over the other."""
+    target = mesh.lay_flat(material.thickness)
+    over = target[:, 0] > 0
+    target[over, 0] *= -1.0
+    target[over, 2] += material.thickness
+    return float(np.average(np.linalg.norm(x - target, axis=1), weights=mesh.vertex_area))
 
 
 def shortened(path: ToolPath, seconds: float) -> ToolPath:
@@ -74,11 +85,14 @@ def towel_quarter() -> Paths:
     return {side: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for side, x in sides}
 
 
-def shirt_folds() -> list[Paths]:
-    """Right sleeve, left sleeve, hem: start and end of each hand."""
+def shirt_folds(speed: float = 1.0) -> list[Paths]:
+    """Right sleeve, left sleeve, hem: start and end of each hand; `speed` times as fast."""
     q = np.pi / 2
     return [
-        {Side.LEFT: arc(*left, heading), Side.RIGHT: arc(*right, heading)}
+        {
+            side: arc(*ends, heading, duration=DURATION / speed)
+            for side, ends in ((Side.LEFT, left), (Side.RIGHT, right))
+        }
         for left, right, heading in (
             (((0.57, 0.06, 5e-4), (-0.25, 0.06, 0.02)), ((0.225, -0.33, 5e-4), (0.095, -0.33, 0.02)), q),
             (((-0.57, 0.06, 5e-4), (0.25, 0.06, 0.03)), ((-0.225, -0.33, 5e-4), (-0.095, -0.33, 0.03)), q),
@@ -87,7 +101,7 @@ def shirt_folds() -> list[Paths]:
     ]
 
 
-def planned_folds(name: str) -> tuple[ClothMesh, Material, list[Paths]]:
+def planned_folds(name: str, speed: float = 1.0) -> tuple[ClothMesh, Material, list[Paths]]:
     """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets."""
     garment = load_garment(name)
     state = garment.flat_state(*garment.poses.middle)
@@ -95,7 +109,7 @@ def planned_folds(name: str) -> tuple[ClothMesh, Material, list[Paths]]:
     folds: list[Paths] = []
     for step in plan_folds(state, garment).unwrap():
         folds.append({
-            side: arc((*grasp.point, 5e-4), tuple(step.targets[side]), grasp.heading)
+            side: arc((*grasp.point, 5e-4), tuple(step.targets[side]), grasp.heading, duration=DURATION / speed)
             for side, grasp in step.grasps.items()
         })  # fmt: skip
     return mesh, garment.material, folds
@@ -111,33 +125,31 @@ def timed(
     return result, (max(float(p.t[-1]) for p in paths.values()) + RELEASE + settle) / seconds
 
 
-def most_crossings(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> tuple[int, Array]:
-    """The same fold frame by frame: the most edge-triangle crossings at any of them, and the end (n, 3)."""
-    worst, positions = 0, x
-    for positions in _frames(mesh, x, material, paths):
-        worst = max(worst, count_crossings(positions, mesh.triangles))
-    return worst, positions
+def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
+    """Poses of hands 0 (left) and 1 (right) at the frames' bounds: (frames + 1, 2, 3), (frames + 1, 2, 3, 3)."""
+    t = np.arange(frames + 1) * frame
+    p, r = np.zeros((frames + 1, 2, 3)), np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, 2, 1, 1))
+    for side, path in paths.items():
+        hand = HANDS[side]
+        p[:, hand] = np.column_stack([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
+        heading = np.interp(t, path.t, np.unwrap(path.heading))
+        r[:, hand] = tool_rotation(heading, np.interp(t, path.t, path.pitch), np.interp(t, path.t, path.roll))
+    return p, r
 
 
-def _frames(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
+def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
+    """A fold frame by frame, positions (n, 3): the same bits as `predict_fold`'s."""
     simulation = ClothSimulation(mesh, material, x)
     frame = simulation.settings.frame
-    hands = {side: hand for hand, side in enumerate((Side.LEFT, Side.RIGHT)) if side in paths}
-
-    def pose(side: Side, t: float) -> tuple[Array, Array]:
-        path = paths[side]
-        p = np.array([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
-        return p, path.rotation[0]
-
-    for side, hand in hands.items():
-        simulation.grip(hand, *pose(side, 0.0))
-    for k in range(round(max(float(p.t[-1]) for p in paths.values()) / frame)):
-        simulation.advance(
-            1, [ToolMotion(h, *pose(s, k * frame), *pose(s, (k + 1) * frame)) for s, h in hands.items()]
-        )
+    frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
+    p, r = hand_motion(paths, frames, frame)
+    for side in paths:
+        simulation.grip(HANDS[side], p[0, HANDS[side]], r[0, HANDS[side]])
+    for k in range(frames):
+        simulation.advance_along(p[k : k + 2], r[k : k + 2])
         yield simulation.positions
-    for hand in hands.values():
-        simulation.release(hand)
+    for side in paths:
+        simulation.release(HANDS[side])
     for _ in range(round((RELEASE + SETTLE) / frame)):
         simulation.advance(1)
         yield simulation.positions
@@ -145,49 +157,29 @@ def _frames(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iter
 
 @dataclass(frozen=True, eq=False)
 class SharedFold:
-    """A fold that both simulations make: mesh with a vertex at each grasp; held: that vertex for each hand."""
+    """A fold that all simulations make, from flat; error: [m] of where the cloth ends (n, 3)."""
 
     mesh: ClothMesh
     material: Material
     paths: Paths
-    held: Mapping[Side, int]
-    start: Array
     error: Callable[[Array], float]
 
+    @property
+    def start(self) -> Array:
+        return self.mesh.lay_flat(self.material.thickness)
 
-def grid_mesh(xs: Array, ys: Array) -> ClothMesh:
-    """A sheet with vertices on lines xs, ys [m] and alternating diagonals."""
-    ny = len(ys)
-    points = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
-    rows = []
-    for i in range(len(xs) - 1):
-        for j in range(ny - 1):
-            a, b, c, d = i * ny + j, (i + 1) * ny + j, (i + 1) * ny + j + 1, i * ny + j + 1
-            rows += [(a, b, c), (a, c, d)] if (i + j) % 2 == 0 else [(a, b, d), (b, c, d)]
-    tri: NDArray[np.int32] = np.array(rows, dtype=np.int32)
-    zero = np.zeros(len(points), np.int32)
-    return ClothMesh(points, zero, tri, np.zeros(len(tri), np.int32), np.zeros((0, 2), np.int32))
+    @property
+    def seconds(self) -> float:
+        """Of the whole, settling too."""
+        return max(float(p.t[-1]) for p in self.paths.values()) + RELEASE + SETTLE
 
 
-def inset_lines(low: float, high: float, inset: float, edge: float) -> Array:
-    """Lines from low to high, one `inset` inside each end, the others about `edge` apart [m]."""
-    n = max(2, round((high - low - 2 * inset) / edge) + 1)
-    return np.concatenate([[low], np.linspace(low + inset, high - inset, n), [high]])
-
-
-def plain_fold() -> SharedFold:
-    """The 0.60 x 0.40 m towel in half."""
-    mesh = grid_mesh(inset_lines(-0.3, 0.3, IN, 0.025), inset_lines(-0.2, 0.2, IN, 0.025))
-    paths = towel_half()
-    target = mesh.lay_flat(MATERIAL.thickness)
-    over = target[:, 0] > 0
-    target[over] *= (-1.0, 1.0, 1.0)
-    target[over, 2] += MATERIAL.thickness
-    return SharedFold(
-        mesh, replace(MATERIAL, friction_dynamic=MATERIAL.friction_static), paths,
-        _held(mesh, paths), mesh.lay_flat(MATERIAL.thickness),
-        lambda x: float(np.average(np.linalg.norm(x - target, axis=1), weights=mesh.vertex_area)),
-    )  # fmt: skip
+def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
+    """The 0.60 x 0.40 m towel of 425 vertices in half."""
+    mesh, material = towel_mesh(425)
+    # one coefficient a contact is what the peers have
+    material = replace(material, friction_static=friction, friction_dynamic=friction)
+    return SharedFold(mesh, material, towel_half(), lambda x: mirrored(mesh, material, x))
 
 
 def optimised_fold() -> SharedFold:
@@ -208,21 +200,8 @@ def optimised_fold() -> SharedFold:
     )
     if trajectory is None:
         raise LookupError("the library's trajectory is for another number of arms")
-    paths = tool_paths(trajectory, step)
-    lines = []
-    for k in range(2):
-        low, high = state.contour[:, k].min(), state.contour[:, k].max()
-        inset = min(min(p.position[0, k] - low, high - p.position[0, k]) for p in paths.values())
-        lines.append(inset_lines(low, high, float(inset), garment.mesh_edge_m))
-    mesh = grid_mesh(lines[0], lines[1])
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m)
     return SharedFold(
-        mesh, garment.material, paths, _held(mesh, paths), mesh.lay_flat(garment.material.thickness),
+        mesh, garment.material, tool_paths(trajectory, step),
         lambda x: distance_to_target(mesh, step.lines, garment.material, x),
     )  # fmt: skip
-
-
-def _held(mesh: ClothMesh, paths: Paths) -> dict[Side, int]:
-    return {
-        side: int(np.argmin(np.linalg.norm(mesh.rest - path.position[0, :2], axis=1)))
-        for side, path in paths.items()
-    }

@@ -7,8 +7,10 @@ import importlib
 import os
 import platform
 from collections.abc import Mapping
+from types import ModuleType
 from typing import Any
 
+from cell.garments import load_garment
 from cell.subcommands.output import print_json, print_table, progress_stream
 from robots.errors import ConfigurationError
 
@@ -26,8 +28,9 @@ def run(options: argparse.Namespace) -> int:
             "the benchmarks are not installed", hint="run this command in a clone of the repository"
         ) from e
     out = progress_stream(options.json)
+    more = _garments(options) | _parts(bench, options)
     figures: Mapping[str, Any] = bench.measure(
-        lambda line: print(line, file=out, flush=True), peers=options.peers, quick=options.quick
+        lambda line: print(line, file=out, flush=True), peers=options.peers, quick=options.quick, **more
     )
     if options.json:
         print_json({**figures, "quick": options.quick, "machine": _machine()})
@@ -35,6 +38,27 @@ def run(options: argparse.Namespace) -> int:
         flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
         print_table(("figure", "value"), flat)
     return 0
+
+
+def _garments(options: argparse.Namespace) -> dict[str, Any]:
+    """The garments to measure, where the benchmark can be told and is."""
+    if options.garment is None:
+        return {}
+    if options.name != "optimise":
+        raise ConfigurationError(f"--garment is not for bench {options.name}", "bench optimise takes it")
+    names = options.garment.split(",")
+    for name in names:
+        load_garment(name)
+    return {"garments": names}
+
+
+def _parts(bench: ModuleType, options: argparse.Namespace) -> dict[str, Any]:
+    """--only and --keep, which benches that have PARTS take."""
+    if not (options.only or options.keep):
+        return {}
+    if not hasattr(bench, "PARTS"):
+        raise ConfigurationError(f"bench {options.name} has no parts", "give neither --only nor --keep")
+    return {"only": options.only.split(",") if options.only else (), "keep": options.keep}
 
 
 def _shown(value: Any) -> str:

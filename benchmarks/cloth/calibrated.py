@@ -1,0 +1,90 @@
+"""The calibration procedures on the paper's garments."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.friction import calibrate_friction
+from calibration.identify import identify_material, predict_candidates, silhouette
+from calibration.shear import calibrate_shear, clip_and_lowest, hang, hung_shape
+from cell.garments import load_garment
+from cell.subcommands.calibrate_material import PAPER
+from robots.ports import Side
+from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.trajectory.paths import fold_paths
+from skills.vocabulary import Material
+
+EDGES = (0.015, 0.020, 0.026)
+QUICK = ("small_towel",)
+TRUE_FRICTION = 0.8
+"""Over what is believed, in the test of the identification."""
+
+
+def hung(quick: bool) -> dict[str, Any]:
+    """The paper's test: each garment calibrated on one mesh, and hung again on others with the predictor's own
+    substeps."""
+    first, worst, rows = 0.0, 0.0, []
+    for name in QUICK if quick else tuple(PAPER):
+        garment = load_garment(name)
+        pair = clip_and_lowest(garment.template, garment.keypoints)
+        wanted = 0.01 * PAPER[name][0]
+        l2 = float(np.linalg.norm(garment.template[pair[0]] - garment.template[pair[1]]))
+        test = calibrate_shear(
+            garment.template, garment.keypoints, garment.layers, garment.material, l2 * (1.0 + wanted), l2
+        )
+        fabric = replace(garment.material, stretch_fraction=test.strip_stretch)
+        first = max(first, abs(test.simulated - wanted))
+        row: dict[str, Any] = {"garment": name, "wanted_percent": 100.0 * wanted, "hang_drop_m": test.hang_drop}
+        for edge in EDGES:
+            shape = hung_shape(garment.template, pair, garment.layers, fabric.thickness, edge)
+            end, _ = hang(shape, fabric, 4.0, substeps=None)
+            found = shape.elongation(end)
+            worst = max(worst, abs(found - wanted))
+            row[f"mesh_{1e3 * edge:.0f}_mm_percent"] = 100.0 * found
+        rows.append(row)
+    return {
+        "calibrated_garments": len(rows),
+        "calibration_error_pp_max": 100.0 * first,
+        "hang_garment_error_pp_max": 100.0 * worst,
+        "hang_garment": rows,
+    }
+
+
+def friction(quick: bool) -> dict[str, Any]:
+    """Each garment on the paper's tilted table: the coefficient at which it begins to slide against tan(angle)."""
+    worst = 0.0
+    names = QUICK if quick else tuple(PAPER)
+    for name in names:
+        garment = load_garment(name)
+        height = math.sin(math.radians(PAPER[name][1]))
+        test = calibrate_friction(garment.template, garment.layers, garment.material, height, 1.0)
+        worst = max(worst, abs(test.error))
+    return {"friction_garments": len(names), "friction_calibration_error_rel_max": worst}
+
+
+def identified(quick: bool) -> dict[str, Any]:
+    """Friction from the outline of one fold that drags, in a world with another mesh."""
+    believed = Material(0.4, 0.03, 0.012, 0.0025, 0.45, 0.85 * 0.45, 0.6)
+    contour = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
+    up, controls = np.array([0.0, 0.0, 0.45]), {}
+    for side, y in ((Side.LEFT, 0.188), (Side.RIGHT, -0.188)):
+        a, b = np.array([0.288, y, 0.001]), np.array([-0.288, y, 0.012])
+        controls[side] = np.array([a, a + up, b + up, b])
+    paths = fold_paths(controls, dict.fromkeys(controls, np.pi / 2), 3.0)
+    mesh, other = mesh_from_contour(contour, 0.0262), mesh_from_contour(contour, 0.0225, rotate=0.4)
+    grid = predict_candidates(mesh, mesh.lay_flat(0.0025), believed, paths)
+    truth = believed.with_friction(TRUE_FRICTION * believed.friction_static)
+    end = predict_fold(other, other.lay_flat(0.0025), truth, paths)
+    outline = np.asarray(silhouette(end.vertices, other.triangles).exterior.coords)[:-1]
+    found = identify_material([outline], grid, believed)
+    return {
+        "identified_friction_believed": believed.friction_static,
+        "identified_friction_true": truth.friction_static,
+        "identified_friction": found.friction.value,
+        "identified_friction_deviation_assumed": found.friction.deviation,
+    }

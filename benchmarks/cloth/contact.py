@@ -1,0 +1,140 @@
+"""Self-contact: what passes through what, whether it comes to rest, and whether cloth is torn."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cloth.scenes import MATERIAL, SHIRT, Paths, frames_of, planned_folds, shirt_folds, timed
+from robots.ports import Array
+from skills.cloth.crossings import count_crossings
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.solver import ClothSimulation
+from skills.vocabulary import Material
+
+SHARP = np.deg2rad(60.0)
+"""Hinges bent by more are a crease."""
+BESIDE = 0.040
+"""Cloth so near a pinch or a crease [m], or two edges, is left out of the strain."""
+VARIANTS = (
+    # friction (table and layers), thickness [m], speed
+    (0.3, 0.003, 1.0), (0.9, 0.003, 1.0), (0.6, 0.002, 1.0), (0.6, 0.004, 1.0), (0.6, 0.003, 2.0),
+    (0.3, 0.002, 2.0), (0.9, 0.004, 2.0), (0.3, 0.004, 1.5), (0.9, 0.002, 1.5),
+)  # fmt: skip
+
+
+@dataclass
+class Folded:
+    """crossings: at each fold's end and the most at any frame; residual: the largest displacement [m] of a vertex
+    in the last 0.1 s of the first second after the release; strain: the largest at the ends, away from pinches and
+    creases."""
+
+    end: list[int]
+    most: list[int]
+    residual: list[float]
+    strain: list[float]
+
+    def figures(self, name: str) -> dict[str, Any]:
+        return {
+            f"{name}_end_crossings": max(self.end),
+            f"{name}_max_crossings": max(self.most),
+            f"{name}_residual_mm_max": 1e3 * max(self.residual),
+            f"{name}_strain_percent_max": 100.0 * max(self.strain),
+        }
+
+
+def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths]) -> Folded:
+    """The folds one after the other, looked at in every frame."""
+    found = Folded([], [], [], [])
+    x = mesh.lay_flat(material.thickness)
+    pinched: list[Array] = []
+    for paths in folds:
+        shots = list(frames_of(mesh, x, material, paths))
+        pinched += [mesh.rest[np.argmin(np.linalg.norm(x - path.position[0], axis=1))] for path in paths.values()]
+        x = shots[-1]
+        counts = [count_crossings(shot, mesh.triangles) for shot in shots]
+        found.end.append(counts[-1])
+        found.most.append(max(counts))
+        found.residual.append(float(np.linalg.norm(shots[-1] - shots[-7], axis=1).max()))
+        found.strain.append(strain(mesh, x, np.array(pinched)))
+    return found
+
+
+def strain(mesh: ClothMesh, x: Array, pinched: Array) -> float:
+    """The largest strain of an edge away from creases and the points `pinched` (k, 2, material coordinates)."""
+    reach = max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
+    away = np.ones(len(mesh.rest), dtype=bool)
+    for points in (mesh.rest[np.unique(_sharp(mesh, x))], pinched):
+        for p in points:
+            away &= np.linalg.norm(mesh.rest - p, axis=1) > reach
+    edges = mesh.edges[away[mesh.edges].all(axis=1)]
+    if not len(edges):
+        return 0.0
+    now, rest = (np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1) for at in (x, mesh.rest))
+    return float(np.abs(now / rest - 1.0).max())
+
+
+def _sharp(mesh: ClothMesh, x: Array) -> Array:
+    a, b, p, q = (x[mesh.hinges[:, k]] for k in range(4))
+    one, other = np.cross(b - a, p - a), np.cross(q - a, b - a)
+    cos = (one * other).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+    return mesh.hinges[cos < np.cos(SHARP)]
+
+
+def shirt(quick: bool) -> dict[str, Any]:
+    mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
+    rest = ClothSimulation(mesh, MATERIAL)
+    rest.advance(60)
+    start = time.thread_time()
+    rest.advance(60)
+    figures: dict[str, Any] = {
+        "shirt_vertices": len(mesh.rest),
+        "shirt_1307_rest_x_realtime": 1.0 / (time.thread_time() - start),
+    }
+    x, speeds = rest.positions, []
+    for paths in shirt_folds():
+        result, speed = timed(mesh, x, MATERIAL, paths)
+        x = result.vertices
+        speeds.append(speed)
+    figures["shirt_1307_sleeve_x_realtime"] = min(speeds[:2])
+    figures["shirt_1307_hem_x_realtime"] = speeds[2]
+    return figures | fold_all(mesh, MATERIAL, shirt_folds()).figures("shirt")
+
+
+def pants(quick: bool) -> dict[str, Any]:
+    mesh, material, folds = planned_folds("pants")
+    return fold_all(mesh, material, folds).figures("pants")
+
+
+def variants(quick: bool) -> dict[str, Any]:
+    """Shirt and pants with other friction and thickness, and moved faster: the worst of all, and each one's."""
+    rows, worst = [], Folded([], [], [], [])
+    for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
+        found = fold_all(mesh, material, folds)
+        for field in ("end", "most", "residual", "strain"):
+            getattr(worst, field).extend(getattr(found, field))
+        rows.append({
+            "garment": name, "friction": mu, "thickness_mm": 1e3 * thickness, "speed": speed,
+            "end": max(found.end), "most": max(found.most), "residual_mm": 1e3 * max(found.residual),
+            "strain_percent": 100.0 * max(found.strain),
+        })  # fmt: skip
+    figures = worst.figures("variants")
+    figures["variants_folds"] = len(worst.end)
+    figures["variants_folds_that_end_with_crossings"] = sum(n > 0 for n in worst.end)
+    figures["variants_folds_not_at_rest"] = sum(r > 5e-4 for r in worst.residual)
+    return figures | {"variants": rows}
+
+
+def _scenes(
+    count: int,
+) -> Iterator[tuple[str, tuple[float, float, float], ClothMesh, Material, list[Paths]]]:
+    shirt_mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
+    for mu, thickness, speed in VARIANTS[:count]:
+        made = {"thickness": thickness, "friction_static": mu, "friction_dynamic": mu, "friction_layers": mu}
+        yield "shirt", (mu, thickness, speed), shirt_mesh, replace(MATERIAL, **made), shirt_folds(speed)
+        mesh, material, folds = planned_folds("pants", speed)
+        yield "pants", (mu, thickness, speed), mesh, replace(material, **made), folds

@@ -1,0 +1,34 @@
+"""Quality of the meshes of all shipped garments."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cloth.physics import EDGES
+from cell.garments import list_garments, load_garment
+from skills.cloth.mesh import mesh_from_contour
+
+
+def quality(quick: bool) -> dict[str, Any]:
+    """The smallest angle, the shortest and the longest edge over the edge length that was asked for."""
+    angles, shortest, longest, seconds = [], [], [], []
+    names = sorted(list_garments())
+    for name in names:
+        garment = load_garment(name)
+        for edge in EDGES[-1:] if quick else EDGES:
+            start = time.thread_time()
+            mesh = mesh_from_contour(garment.template, edge, garment.layers)
+            seconds.append(time.thread_time() - start)
+            angles.append(mesh.quality.min_angle)
+            shortest.append(mesh.quality.shortest_edge / edge)
+            longest.append(mesh.quality.longest_edge / edge)
+    return {
+        "mesh_garments": len(names),
+        "mesh_min_angle_deg": float(np.rad2deg(min(angles))),
+        "mesh_shortest_edge_rel": min(shortest),
+        "mesh_longest_edge_rel": max(longest),
+        "mesh_cpu_s_max": max(seconds),
+    }

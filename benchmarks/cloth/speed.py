@@ -1,0 +1,94 @@
+"""How fast: simulated seconds over CPU seconds of one thread."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cloth.scenes import mirrored, shortened, timed, towel_half, towel_mesh, towel_quarter
+from skills.cloth.crossings import count_crossings
+from skills.cloth.predict import predict_fold
+
+SIZES = (425, 1300, 5200, 20000)
+
+
+def towel(quick: bool) -> dict[str, Any]:
+    mesh, material = towel_mesh(425)
+    flat = mesh.lay_flat(material.thickness)
+    timed(mesh, flat, material, towel_half())  # compiles
+    one, speed = timed(mesh, flat, material, towel_half())
+    two, second = timed(mesh, one.vertices, material, towel_quarter())
+    return {
+        "towel_vertices": len(mesh.rest),
+        "towel_425_x_realtime": speed,
+        "towel_425_second_fold_x_realtime": second,
+        "towel_mean_error_mm": 1e3 * mirrored(mesh, material, one.vertices),
+        "towel_end_crossings": sum(count_crossings(r.vertices, mesh.triangles) for r in (one, two)),
+        "towel_residual_mm_max": 1e3 * max(one.residual_motion, two.residual_motion),
+    }
+
+
+def sizes(quick: bool) -> dict[str, Any]:
+    """The 5200-vertex fold, and what the first second of the fold costs over the number of vertices (CPU seconds;
+    about linear is an exponent of about one)."""
+    speed = None
+    if not quick:
+        mesh, material = towel_mesh(5200)
+        speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half())[1]
+    counts, seconds = [], []
+    for n in SIZES[: 2 if quick else None]:
+        mesh, material = towel_mesh(n)
+        paths = {side: shortened(path, 1.0) for side, path in towel_half().items()}
+        start = time.thread_time()
+        predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths, 0.0, 0.1)
+        counts.append(len(mesh.rest))
+        seconds.append(time.thread_time() - start)
+    return {
+        "towel_5200_x_realtime": speed,
+        "cost_vertices": counts,
+        "cost_cpu_s": seconds,
+        "cost_exponent": float(np.polyfit(np.log(counts), np.log(seconds), 1)[0]),
+    }
+
+
+def threads(quick: bool) -> dict[str, Any]:
+    """Two simulations in two threads against one after the other (wall time, best of three: on an idle machine
+    the three agree)."""
+    mesh, material = towel_mesh(1300)
+    flat = mesh.lay_flat(material.thickness)
+
+    def work(_: int) -> None:
+        timed(mesh, flat, material, towel_half())
+
+    def wall(workers: int) -> float:
+        start = time.perf_counter()
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, range(2)))
+        return time.perf_counter() - start
+
+    found = [wall(1) / wall(2) for _ in range(1 if quick else 3)]
+    return {"two_threads_x_throughput": max(found), "two_threads_x_throughput_min": min(found)}
+
+
+FIRST_FOLD = """
+import time
+start = time.perf_counter()
+from benchmarks.cloth.scenes import timed, towel_half, towel_mesh
+mesh, material = towel_mesh(425)
+timed(mesh, mesh.lay_flat(material.thickness), material, towel_half())
+print(time.perf_counter() - start)
+"""
+
+
+def start(quick: bool) -> dict[str, Any]:
+    """Wall time [s] from a new interpreter to the end of its first fold; the compiled loop is cached on disk."""
+    found = [
+        float(subprocess.run([sys.executable, "-c", FIRST_FOLD], capture_output=True, check=True).stdout)
+        for _ in range(2)
+    ]
+    return {"first_fold_in_a_new_process_s": min(found)}

@@ -1,0 +1,80 @@
+"""The bench's parts: what is asked for is measured, what was measured is kept, strain is found where it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import benchmarks.cloth as bench
+from benchmarks.cloth.contact import strain
+from benchmarks.cloth.scenes import MATERIAL, frames_of, mirrored, towel_half, towel_mesh
+from cell.cli import main
+from robots.errors import ConfigurationError
+from skills.cloth.predict import predict_fold
+
+
+def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, told, measured = tmp_path / "kept.json", [], []
+
+    def made(self: bench.Part, quick: bool) -> dict[str, float]:
+        measured.append(self.function)
+        if len(measured) == 2:
+            raise KeyboardInterrupt
+        return {self.function: float(len(measured))}
+
+    monkeypatch.setattr(bench.Part, "measure", made)
+    with pytest.raises(KeyboardInterrupt):
+        bench.measure(told.append, peers=False, quick=True, only=["towel", "tilt"], keep=file)
+    figures = bench.measure(told.append, peers=False, quick=True, only=["towel", "tilt"], keep=file)
+    assert figures == {"speed:towel": 1.0, "physics:tilt": 3.0}
+    assert measured == ["speed:towel", "physics:tilt", "physics:tilt"]
+    # a full run does not take the figures of a quick one
+    assert bench.measure(told.append, peers=False, quick=False, only=["towel"], keep=file)["speed:towel"] == 4.0
+    with pytest.raises(ConfigurationError, match="no part"):
+        bench.measure(told.append, peers=False, quick=True, only=["towels"])
+    file.write_text(json.dumps([1]))
+    with pytest.raises(ConfigurationError, match="holds no figures"):
+        bench.measure(told.append, peers=False, quick=True, only=["towel"], keep=file)
+
+
+def test_every_part_is_a_function_of_the_bench() -> None:
+    import importlib
+
+    for name, part in bench.PARTS.items():
+        if part.needs is not None:
+            pytest.importorskip(part.needs)
+        module, function = part.function.split(":")
+        assert callable(getattr(importlib.import_module(f"benchmarks.cloth.{module}"), function)), name
+
+
+def test_the_command_takes_parts_of_the_cloth_bench_only(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "cloth", "--only", "nothing"]) == 64
+    assert main(["bench", "cloth", "--quick", "--only", "mesh", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert figures["mesh_min_angle_deg"] > 20.0 and "towel_425_x_realtime" not in figures
+    assert main(["bench", "execution", "--only", "mesh"]) == 64
+
+
+def test_a_fold_frame_by_frame_is_the_predictors() -> None:
+    mesh, material = towel_mesh(60)
+    flat = mesh.lay_flat(material.thickness)
+    *_, last = frames_of(mesh, flat, material, towel_half())
+    assert last.tobytes() == predict_fold(mesh, flat, material, towel_half(), 0.3, 1.0).vertices.tobytes()
+    # the half that should lie over the other is 0.3 m from there on average
+    assert mirrored(mesh, material, flat) == pytest.approx(0.15, abs=0.005)
+
+
+def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
+    mesh, _ = towel_mesh(425)
+    x = mesh.lay_flat(MATERIAL.thickness)
+    x[:, 0] *= 1.03
+    none = np.zeros((0, 2))
+    assert strain(mesh, x, none) == pytest.approx(0.03, abs=1e-6)
+    x = mesh.lay_flat(MATERIAL.thickness)
+    pulled = int(np.argmin(np.linalg.norm(mesh.rest - [0.2, 0.1], axis=1)))
+    x[pulled, 0] += 0.005
+    assert strain(mesh, x, none) > 0.1
+    assert strain(mesh, x, mesh.rest[[pulled]]) < 1e-9
