@@ -145,7 +145,8 @@ def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Te
         fields=("stretch_fraction",),
         figures={
             "l1_m": l1, "l2_m": l2, "stretch_fraction": test.stretch_fraction,
-            "simulated_stretch_fraction": test.simulated, "hang_drop_m": test.hang_drop,
+            "simulated_stretch_fraction": test.simulated, "simulated_spread": test.spread,
+            "hang_drop_m": test.hang_drop,
             "strip_stretch_fraction": test.strip_stretch, "membrane_modulus_N_per_m": _modulus(garment, test),
             "hung_by": _held(garment, options), "simulations": test.simulations,
         },
@@ -165,6 +166,7 @@ def _hang_test(garment: Garment, l1: float, l2: float, held: str | None, tell: T
         held,
         garment.size_range,
         tell,
+        garment.mesh_edge_m,
     )
 
 
@@ -253,6 +255,7 @@ def _paper(options: argparse.Namespace, surface: str, tell: Tell) -> int:
         tilt = _tilt_test(garment, math.sin(math.radians(degrees)), 1.0, tell)
         rows.append({
             "garment": name, "paper_stretch_percent": stretch, "simulated_stretch_percent": 100.0 * hung.simulated,
+            "simulated_spread_percent": 100.0 * hung.spread,
             "hang_drop_m": hung.hang_drop, "membrane_modulus_N_per_m": _modulus(garment, hung),
             "paper_maya_shear_resistance": maya_shear, "paper_friction_angle_deg": degrees,
             "friction": tilt.coefficient, "simulated_friction": tilt.simulated,
@@ -265,7 +268,7 @@ def _paper(options: argparse.Namespace, surface: str, tell: Tell) -> int:
         print_json({"calibration": "paper", "simulated": True, "garments": rows})
         return 0
     print_table(
-        ("garment", "stretch %: paper", "simulated", "hang drop m", "membrane N/m", "Maya shear",
+        ("garment", "stretch %: paper", "simulated", "spread", "hang drop m", "membrane N/m", "Maya shear",
          "angle deg: paper", "friction tan", "simulated", "Maya"),
         [tuple(v if isinstance(v, str) else f"{v:.3g}" for v in row.values()) for row in rows],
     )  # fmt: skip

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
 from calibration.friction import calibrate_friction, friction_angle, slides, tilted
-from calibration.shear import calibrate_shear, clip_and_lowest, hang, hung_shape, stretch_fraction
+from calibration.shear import calibrate_shear, clip_and_lowest, elongations, hung_shape, stretch_fraction
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
@@ -90,7 +90,9 @@ def hung():
 def test_the_virtual_garment_elongates_as_measured(hung):
     assert hung.stretch_fraction == pytest.approx(0.02)
     assert hung.simulated == pytest.approx(0.02, abs=1e-3)
-    assert hung.shape.elongation(hung.pictures[-1]) == pytest.approx(hung.simulated)
+    # pictures of one of the hangs of which `simulated` is the mean
+    assert hung.shape.elongation(hung.pictures[-1]) == pytest.approx(hung.simulated, abs=hung.spread)
+    assert hung.spread < 2e-3
     assert hung.strip_stretch == pytest.approx(0.02 * REFERENCE_DROP / hung.hang_drop)
 
 
@@ -102,8 +104,8 @@ def test_a_garment_by_a_clip_stretches_more_than_its_strip_by_an_edge(hung):
 def test_the_calibrated_fabric_hangs_alike_on_another_mesh(hung):
     pair = clip_and_lowest(TOWEL, CORNERS)
     shape = hung_shape(TOWEL, pair, 1, MATERIAL.thickness, 0.026)
-    end, _ = hang(shape, replace(MATERIAL, stretch_fraction=hung.strip_stretch), 3.0, substeps=40)
-    assert shape.elongation(end) == pytest.approx(0.02, abs=2e-3)
+    found, _ = elongations(shape, replace(MATERIAL, stretch_fraction=hung.strip_stretch))
+    assert found.mean() == pytest.approx(0.02, abs=3e-3)
 
 
 def test_the_reference_strip_is_the_solvers():
