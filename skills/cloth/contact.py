@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Self-contact of cloth: vertex against triangle and edge against edge.
 
-The search for pairs is in tree.py. Narrow phase, every few substeps: which of the pairs are near, on which
+The search for pairs is in patches.py. Narrow phase, every few substeps: which of the pairs are near, on which
 side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the
 next narrow phase. The side of a pair follows the geometry as long as it is apart and is kept while it is
 near: a pair that was pressed through is pushed back to where it came from.
@@ -28,6 +28,8 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
+ALIKE = 0.9  # cosine between the normals of two contacts that say the same
+AT_CORNER = 0.9  # barycentric
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
@@ -69,6 +71,23 @@ def _point_segment2(px, py, pz, x, i, j):
     return dx * dx + dy * dy + dz * dz
 
 
+@njit(nogil=True)
+def _same_contact(i, k, nx, ny, nz, first, after, act_i, act_b, act_n):
+    """The contact that says the same as that of vertex i with corner k of a triangle, or -1: of i with another
+    triangle in that corner, or of k with one in whose corner i is."""
+    for turn in range(2):
+        row, corner = (first[i], k) if turn == 0 else (first[k], i)
+        lean = ALIKE if turn == 0 else -ALIKE
+        while row >= 0:
+            at = 1 if act_i[row, 1] == corner else (2 if act_i[row, 2] == corner else 3)
+            if act_i[row, at] == corner and -act_b[row, at] > AT_CORNER:
+                along = nx * act_n[row, 0] + ny * act_n[row, 1] + nz * act_n[row, 2]
+                if (along - lean) * lean > 0.0:
+                    return row
+            row = after[row]
+    return -1
+
+
 @njit(nogil=True, fastmath={"contract"})
 def narrow_vertex_triangle(
     count,
@@ -90,9 +109,12 @@ def narrow_vertex_triangle(
     act_w,
     act_m,
     act_c,
-    n,
+    first,
+    after,
 ):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows."""
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows."""
+    n = 0
+    first[:] = -1
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
         if due[c] > now:
@@ -155,17 +177,26 @@ def narrow_vertex_triangle(
             s = 1 if d > 0.0 else -1
         if s * d > thick + reach:
             continue
+        nx, ny, nz = s * nx * scale, s * ny * scale, s * nz * scale
+        k = p if b0 > AT_CORNER else (q if b1 > AT_CORNER else (r if b2 > AT_CORNER else -1))
+        same = _same_contact(i, k, nx, ny, nz, first, after, act_i, act_b, act_n) if k >= 0 else -1
+        if same >= 0:
+            act_m[same, 0] += jx
+            act_m[same, 1] += jy
+            act_m[same, 2] += jz
+            continue
         den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
         if den == 0.0:
             continue
         den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
-        act_n[n, 0], act_n[n, 1], act_n[n, 2] = s * nx * scale, s * ny * scale, s * nz * scale
+        act_n[n, 0], act_n[n, 1], act_n[n, 2] = nx, ny, nz
         act_d[n] = thick
         act_w[n] = 1.0 / den
         act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
         act_c[n] = c
+        after[n], first[i] = first[i], n
         n += 1
     return n
 

@@ -31,16 +31,16 @@ from skills.cloth.contact import (
     solve_contacts,
 )
 from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
-from skills.cloth.tree import Tree, fit_tree, search_pairs
+from skills.cloth.patches import Patches, fit_patches, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
-SWEEPS = 2  # over the contacts in a substep
+SWEEPS = 3  # over the contacts in a substep
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
-SLACK = 0.0020  # [m] that a vertex may stray from its straight course before pairs are searched anew
+SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
 STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
-HORIZON = 12  # narrow phases for which the search looks ahead
+HORIZON = 6  # narrow phases for which the search looks ahead
 CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
@@ -66,7 +66,7 @@ class Body(NamedTuple):
     tri: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
-    tree: Tree
+    patches: Patches
 
 
 class Rules(NamedTuple):
@@ -94,7 +94,7 @@ class State(NamedTuple):
     """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
     press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
     base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
-    elsewhere; woken: in this frame."""
+    elsewhere, or has just woken."""
 
     x: Array
     xp: Array
@@ -111,7 +111,6 @@ class State(NamedTuple):
     press: Array
     quiet: NDArray[np.int32]
     awake: NDArray[np.bool_]
-    woken: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
     near: NDArray[np.bool_]
     awake_list: NDArray[np.int32]
@@ -130,7 +129,8 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: narrow phase at which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
-    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; new_vt, new_ee, met, key,
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; first: (n,) and
+    after: the rows of the contacts of each vertex with triangles, linked, -1 at the end; new_vt, new_ee, key,
     row, kept: scratch."""
 
     vt: NDArray[np.int32]
@@ -144,7 +144,6 @@ class Pairs(NamedTuple):
     ee_j: Array
     new_vt: NDArray[np.int32]
     new_ee: NDArray[np.int32]
-    met: NDArray[np.int32]
     key: NDArray[np.int64]
     row: NDArray[np.int32]
     kept: Array
@@ -156,6 +155,8 @@ class Pairs(NamedTuple):
     act_j: Array
     act_m: Array
     act_c: NDArray[np.int32]
+    first: NDArray[np.int32]
+    after: NDArray[np.int32]
 
 
 class Holds(NamedTuple):
@@ -233,17 +234,16 @@ def _stir_by_contact(n, act_i, stirred, near):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, woken, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, w):
+def _settle(sleep_frames, near, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke."""
     changed = woke = False
     for i in range(len(x)):
-        woken[i] = False
         if near[i]:
             quiet[i] = 0
             if awake[i] or w[i] == 0.0:
                 continue
-            awake[i], wa[i], woken[i] = True, w[i], True
+            awake[i], wa[i], stale[i] = True, w[i], True
             changed = woke = True
             for m in range(3):
                 ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
@@ -287,7 +287,6 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     changed, woke = _settle(
         rules.sleep_frames,
         near,
-        state.woken,
         state.x,
         state.xp,
         state.u,
@@ -304,10 +303,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     if changed:
         count[PACKED] = 0
     if woke:
-        tree = body.tree
-        _mark_woken(tree.of_tri, body.tri, state.woken, tree.stale)  # which the search marks anew
-        _unpark(tree.of_vertex, tree.of_tri, tree.stale, count[NOW], count[VT], pairs.vt, pairs.vt_due)
-        _unpark(tree.of_edge, tree.of_edge, tree.stale, count[NOW], count[EE], pairs.ee, pairs.ee_due)
+        count[SEARCHED] = 0
 
 
 @njit(nogil=True)
@@ -352,26 +348,10 @@ def _pack(body, rules, state):
 
 
 @njit(nogil=True)
-def _unpark(of_first, of_second, marked, now, n, pair, due):
-    """Pairs that slept are looked at again when a patch that they belong to wakes."""
-    for c in range(n):
-        if due[c] == PARKED and (marked[of_first[pair[c, 0]]] or marked[of_second[pair[c, 1]]]):
-            due[c] = now
-
-
-@njit(nogil=True)
-def _mark_woken(of_tri, tri, woken, marked):
-    marked[:] = False
-    for t in range(len(tri)):
-        if woken[tri[t, 0]] or woken[tri[t, 1]] or woken[tri[t, 2]]:
-            marked[of_tri[t]] = True
-
-
-@njit(nogil=True)
 def _search(body, rules, state, pairs):
     """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
     small."""
-    count, tree = state.counts, body.tree
+    count, patches = state.counts, body.patches
     now, span = count[NOW], PHASE * rules.h
     for i in range(len(state.stale)):
         if state.stale[i]:
@@ -382,8 +362,8 @@ def _search(body, rules, state, pairs):
                 state.base[i, m] = state.x[i, m]
                 state.course[i, m] = 0.0 if calm else state.v[i, m]
     tri, edge = body.tri, body.edge
-    fit_tree(
-        tree,
+    fit_patches(
+        patches,
         tri,
         edge,
         state.base,
@@ -395,13 +375,11 @@ def _search(body, rules, state, pairs):
         state.stale,
         count[FITTED] == 0,
     )
-    n_vt, n_ee = search_pairs(
-        tree, pairs.met, tri, edge, state.course, rules.thickness, HORIZON * span, pairs.new_vt, pairs.new_ee
-    )
-    if n_vt < 0 or n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
+    n_vt, n_ee = search_pairs(patches, tri, edge, rules.thickness, HORIZON * span, pairs.new_vt, pairs.new_ee)
+    if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
         return False
-    _renew_vertex_triangle(tree, np.int64(len(tri)), pairs, count, n_vt)
-    _renew_edge_edge(tree, np.int64(len(edge)), pairs, count, n_ee)
+    _renew_vertex_triangle(patches, np.int64(len(tri)), pairs, count, n_vt)
+    _renew_edge_edge(patches, np.int64(len(edge)), pairs, count, n_ee)
     state.stale[:] = False
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1
@@ -418,11 +396,11 @@ def _empty_table(key, kept):
 
 
 @njit(nogil=True)
-def _renew_vertex_triangle(tree, width, pairs, count, n_new):
+def _renew_vertex_triangle(patches, width, pairs, count, n_new):
     """Pairs of stale patches out, the new ones in, with the side of those that were there."""
     vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
     borne, memory = pairs.vt_j, pairs.kept
-    stale, of_vertex, of_tri = tree.stale, tree.of_vertex, tree.of_tri
+    stale, of_vertex, of_tri = patches.stale, patches.of_vertex, patches.of_tri
     kept = n = 0
     for c in range(count[VT]):
         if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
@@ -431,7 +409,7 @@ def _renew_vertex_triangle(tree, width, pairs, count, n_new):
                 for m in range(3):
                     memory[kept, m] = borne[c, m]
                 kept += 1
-        else:
+        elif side[c] != 0 or due[c] != PARKED:
             if n < c:
                 vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
                 for m in range(3):
@@ -453,10 +431,10 @@ def _renew_vertex_triangle(tree, width, pairs, count, n_new):
 
 
 @njit(nogil=True)
-def _renew_edge_edge(tree, width, pairs, count, n_new):
+def _renew_edge_edge(patches, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
     ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    stale, of_edge, scratch, memory, borne = tree.stale, tree.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
+    stale, of_edge, scratch, memory, borne = patches.stale, patches.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
     kept = n = 0
     for c in range(count[EE]):
         if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
@@ -466,7 +444,7 @@ def _renew_edge_edge(tree, width, pairs, count, n_new):
                     memory[kept, m] = normal[c, m]
                     memory[kept, m + 3] = borne[c, m]
                 kept += 1
-        else:
+        elif near[c] or due[c] != PARKED:
             if n < c:
                 ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
                 for m in range(3):
@@ -827,7 +805,7 @@ def _let_go(holds):
 def _fingerprint() -> str:
     """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
     digest = hashlib.sha256()
-    for name in ("contact.py", "elastic.py", "kernel.py", "tree.py"):
+    for name in ("contact.py", "elastic.py", "kernel.py", "patches.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
     return digest.hexdigest()
 
@@ -884,7 +862,8 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_w,
                             pairs.act_m,
                             pairs.act_c,
-                            0,
+                            pairs.first,
+                            pairs.after,
                         )
                         count[ACTIVE_VT] = n
                         count[ACTIVE] = narrow_edge_edge(

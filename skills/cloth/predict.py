@@ -49,7 +49,7 @@ def predict_fold(
     Each gripper closes where its path starts and opens where it ends; the cloth then has release_s + settle_s
     [s] to come to rest. A pure function, without the global interpreter lock for nearly all of its time.
     """
-    simulation = ClothSimulation(mesh, material, positions, settings, pads=pads)
+    simulation = ClothSimulation(mesh, material, positions, settings, pads=pads, at_rest=True)
     frame = simulation.settings.frame
     duration = max(float(path.t[-1]) for path in paths.values())
     frames = max(1, round(duration / frame))

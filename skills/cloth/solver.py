@@ -15,8 +15,8 @@ from robots.ports import Array
 from skills.cloth import kernel
 from skills.cloth.elastic import build_elastic, stretch_excess
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.patches import build_patches
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
-from skills.cloth.tree import build_tree
 from skills.vocabulary import Material
 
 __all__ = ["CapsuleMotion", "ClothSimulation", "SolverSettings", "ToolMotion"]
@@ -98,7 +98,8 @@ LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
 class ClothSimulation:
     """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
 
-    positions: (n, 3) to start from, at rest (default: laid flat). fixed: (n,) vertices that never move (a hung
+    positions: (n, 3) to start from, without speed (default: laid flat); at_rest: they are known to be an
+    equilibrium, so that all of it is asleep until something moves. fixed: (n,) vertices that never move (a hung
     cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang
     longer than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads
     at once; two simulations in two threads are.
@@ -113,6 +114,7 @@ class ClothSimulation:
         table: bool = True,
         pads: PadGeometry | None = None,
         fixed: NDArray[np.bool_] | None = None,
+        at_rest: bool = False,
     ) -> None:
         self.mesh = mesh
         self.material = material
@@ -127,11 +129,13 @@ class ClothSimulation:
         self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
-        self._pairs = _new_pairs(16 * n, 12 * n)
+        self._pairs = _new_pairs(n, 16 * n, 12 * n)
         self._holds = _new_holds()
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
         self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
+        if at_rest:
+            self._sleep()
 
     @property
     def positions(self) -> Array:
@@ -177,6 +181,14 @@ class ClothSimulation:
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
         self._holds.force[:] = 0.0
+
+    def _sleep(self) -> None:
+        s = self._state
+        s.awake[:], s.stale[:], s.wa[:] = False, False, 0.0
+        s.quiet[:] = self._rules.sleep_frames
+        s.base[:], s.course[:] = s.x, 0.0
+        s.slack[:] = kernel.CALM_SLACK * self.material.thickness
+        s.counts[kernel.AWAKE] = 0
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
         """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
@@ -288,12 +300,12 @@ class ClothSimulation:
         self._pairs = kernel.Pairs(**part("pairs"))
         self._holds = kernel.Holds(**part("holds"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
-        self._state.counts[kernel.FITTED] = 0  # the tree is not part of it
+        self._state.counts[kernel.FITTED] = 0  # the patches are not part of it
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
         old = self._pairs
-        new = _new_pairs(2 * len(old.vt), 2 * len(old.ee))
+        new = _new_pairs(len(old.first), 2 * len(old.vt), 2 * len(old.ee))
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
@@ -383,7 +395,7 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
         mesh.triangles.copy(),
         start,
         np.ascontiguousarray(both[:, 1], dtype=np.int32),
-        build_tree(mesh, e.edge),
+        build_patches(mesh, e.edge),
     )
 
 
@@ -433,7 +445,6 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         press=f(n, 3),
         quiet=np.zeros(n, np.int32),
         awake=np.ones(n, np.bool_),
-        woken=np.zeros(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
@@ -449,7 +460,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
     )
 
 
-def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
+def _new_pairs(n: int, vt: int, ee: int) -> kernel.Pairs:
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return kernel.Pairs(
         np.zeros((vt, 2), np.int32),
@@ -463,7 +474,6 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros((ee, 3)),
         np.zeros((vt, 2), np.int32),
         np.zeros((ee, 2), np.int32),
-        np.zeros((4 * vt, 2), np.int32),
         np.zeros(table, np.int64),
         np.zeros(table, np.int32),
         np.zeros((m, 6)),
@@ -474,6 +484,8 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros(m),
         np.zeros((m, 3)),
         np.zeros((m, 3)),
+        np.zeros(m, np.int32),
+        np.zeros(n, np.int32),
         np.zeros(m, np.int32),
     )
 
