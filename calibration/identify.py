@@ -17,7 +17,7 @@ as many independent points as the outline has correlation lengths.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,12 +38,15 @@ __all__ = [
     "Noise",
     "Quantity",
     "identify_material",
+    "outline_residual",
     "predict_candidates",
     "silhouette",
 ]
 
 FRICTIONS = (0.5, 0.65, 0.8, 1.0, 1.25, 1.6)
 """Candidates, as factors of what is believed."""
+BOUND = 0.5
+"""How far an update may lead away from the garment file's friction, as a share of it."""
 POINTS = 240
 """Places along each observed outline that are compared."""
 FINE = 81
@@ -100,11 +103,24 @@ class MaterialEstimate:
             material = replace(material, stretch_fraction=self.stretch.value)
         return material
 
+    def update_of(self, believed: Material, nominal: Material) -> Material:
+        """`believed` with its friction moved towards the estimate by the share that was learned, in logarithms,
+        and no further from the `nominal` one than BOUND."""
+        before, lowest = believed.friction_static, (1.0 - BOUND) * nominal.friction_static
+        moved = before * (self.friction.value / before) ** self.friction.learned
+        return believed.with_friction(float(np.clip(moved, lowest, (1.0 + BOUND) * nominal.friction_static)))
+
 
 def silhouette(vertices: Array, triangles: NDArray[np.int32]) -> shapely.Geometry:
     """The shape of a mesh seen from above: vertices (n, 3), triangles (m, 3)."""
     flat = shapely.polygons(np.asarray(vertices)[triangles][:, :, :2])
     return shapely.union_all(shapely.buffer(flat, 1e-5))
+
+
+def outline_residual(contour: Array, vertices: Array, triangles: NDArray[np.int32]) -> float:
+    """Root mean square distance [m] of an observed outline (k, 2) from a predicted shape, vertices (n, 3)."""
+    ring = shapely.LinearRing(contour)
+    return float(np.sqrt(np.mean(_distances([ring], [silhouette(vertices, triangles)]) ** 2)))
 
 
 def predict_candidates(
@@ -114,10 +130,12 @@ def predict_candidates(
     paths: Mapping[Side, ToolPath],
     friction_factors: Sequence[float] = FRICTIONS,
     stretch_factors: Sequence[float] = (1.0,),
+    seen_as: Callable[[Array], Array] = np.asarray,
 ) -> Candidates:
     """Simulate the fold that was made from `positions` (n, 3) with each friction and stretch about `material`'s.
 
-    One picture: the end of the fold. len(friction_factors) * len(stretch_factors) simulations.
+    One picture: the end of the fold. len(friction_factors) * len(stretch_factors) simulations. seen_as: where a
+    camera sees vertices (n, 3) -> (n, 3), default from straight above.
     """
     friction = material.friction_static * np.sort(friction_factors)
     stretch = material.stretch_fraction * np.sort(stretch_factors)
@@ -127,7 +145,7 @@ def predict_candidates(
         row = []
         for s in stretch:
             end = predict_fold(mesh, positions, replace(fabric, stretch_fraction=float(s)), paths)
-            row.append((silhouette(end.vertices, mesh.triangles),))
+            row.append((silhouette(seen_as(end.vertices), mesh.triangles),))
         shapes.append(row)
     return Candidates(friction, stretch, shapes)
 

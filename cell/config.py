@@ -194,6 +194,7 @@ class OptimiserConfig(_Group):
     simulations: int = _count(1, 2000, "budget of one fold step, in cloth simulations")
     threads: int = _count(1, 64, "simulations at a time")
     use_library: bool = Field(strict=True, description="take a stored trajectory where one fits")
+    adapt: bool = Field(strict=True, description="learn the friction from each fold, for the next")
 
 
 class ComputingConfig(_Group):

@@ -19,7 +19,7 @@ from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import Library, LibraryEntry, entry_from, trajectory_from
 from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
-from skills.trajectory.paths import tool_paths
+from skills.trajectory.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.trajectory.problem import Predictor
 from skills.vocabulary import Array, Failure, FoldStep, GraspTrajectory, Material, Outcome, Side, ToolPath
 
@@ -158,9 +158,8 @@ class _Build:
     ) -> Array:
         trajectory = trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
         assert trajectory is not None  # an entry fits the step that it was made from
-        return self.executor.submit(
-            _predict, self.predict, mesh, positions, garment.material, tool_paths(trajectory, step)
-        ).result()
+        paths = {side: lifted(path, LIFT_HEIGHT) for side, path in tool_paths(trajectory, step).items()}
+        return self.executor.submit(_predict, self.predict, mesh, positions, garment.material, paths).result()
 
     def _kept(self, garment: Garment, step: str) -> LibraryEntry | None:
         return next((e for e in self.finished.entries if e.step == step and _is_of(e, garment, self.method)), None)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result, StepNote
+from cell.effects.adapting import adapt
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
@@ -36,8 +37,9 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
     if seen.diagnosis is None:
+        context, learned = adapt(cell, context)
         ended = next_step(cell, context)
-        return replace(ended, record={**figures(seen), **ended.record})
+        return replace(ended, record={**figures(seen), **learned, **ended.record})
     failure = Failure(
         seen.diagnosis,
         f"fold {context.step.name}: overlap {seen.iou_aligned:.2f}, drift {seen.drift_m * 1e3:.0f} mm, "

@@ -26,16 +26,15 @@ from skills.trajectory.bezier import evaluate
 from skills.trajectory.library import lookup, trajectory_from
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import tool_paths
+from skills.trajectory.paths import lifted, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
-__all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
+__all__ = ["choose_trajectory", "executed_paths", "named_garment", "plan_motion", "plan_steps"]
 
 INWARD = 0.012
 """How much further inside each further try takes hold [m]."""
 KEY_FRAMES = 6
-LIFT_SPEED = 0.04  # [m/s]
 _ARC = np.linspace(0.0, 1.0, 40)
 """Where on a curve the view's points lie."""
 
@@ -45,7 +44,7 @@ def plan_steps(cell: Workcell, context: Context) -> Result:
     if context.index > 0:
         return Result(Event.DONE, context)
     assert context.perception is not None
-    garment = _garment(cell, context)
+    garment = named_garment(cell, context)
     state = context.perception.state
     planned = plan_folds(state, garment)
     if planned.failure:
@@ -74,12 +73,15 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
     if found is not None:
         cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
     trusted = found is not None and not context.count(Adjustment.OPTIMISE)
+    nominal = named_garment(cell, context)
+    if found is None and settings.use_library and not plain:  # of a fabric that turned out otherwise: a beginning
+        found = _look_up(cell, nominal, step)
     outcome = _optimise(cell, context, method, found, trusted)
     failure = stopped(cell.ports) or outcome.failure  # what a stop has cut short is no trajectory to keep
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
-    if trajectory.source == "optimised":
+    if trajectory.source == "optimised" and garment.material == nominal.material:
         cell.keep(trajectory, step, garment, outcome.notes)
     return Result(Event.DONE, replace(context, trajectory=trajectory), {**_described(trajectory), **outcome.notes})
 
@@ -109,6 +111,7 @@ def _optimise(
             threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
             predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
             promised=found.dissimilarity if found is not None and trusted else None, watch=watch,
+            lift_height=cell.settings.grasp.lift_height,
         ),
     )  # fmt: skip
 
@@ -167,11 +170,11 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
 
 
-def _garment(cell: Workcell, context: Context) -> Garment:
-    """The garment that was named, or the one that was recognised."""
-    assert context.perception is not None
+def named_garment(cell: Workcell, context: Context) -> Garment:
+    """The garment that was named, or the one that was recognised, as its file describes it."""
     if cell.expected is not None:
         return cell.expected
+    assert context.perception is not None
     return next(g for g in cell.garments if g.name == context.perception.garment)
 
 
@@ -210,36 +213,18 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
 
 
 def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPrediction:
-    """The step simulated with the tool paths that the arms execute: lift, arc, orientation and time law."""
+    """The step simulated with the tool paths that the arms execute: orientation and time law included."""
     assert context.mesh is not None and context.vertices is not None
-    height = cell.settings.grasp.lift_height
-    executed = {posture.path: _lifted(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
     return predict_fold(
-        context.mesh, context.vertices, context.known_garment.material, executed,
+        context.mesh, context.vertices, context.known_garment.material, executed_paths(cell, motion),
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
     )  # fmt: skip
 
 
-def _lifted(executed: ToolPath, height: float) -> ToolPath:
-    """The straight lift, then the executed arc, whose start the lift has moved up; the offset fades along it."""
-    n = max(2, int(np.ceil(height / LIFT_SPEED * 60)))
-    up = np.linspace(0.0, 1.0, n, endpoint=False)
-    lift_s = height / LIFT_SPEED
-    fade = np.linspace(1.0, 0.0, len(executed.t))
-    fade = fade**2 * (3 - 2 * fade)
-    arc = executed.position + np.outer(fade, (0.0, 0.0, height))
-    start = executed.position[0] + np.outer(up, (0.0, 0.0, height))
-
-    def held(x: Array) -> Array:
-        return np.concatenate([np.full(n, x[0]), x])
-
-    return ToolPath(
-        t=frozen(np.concatenate([up * lift_s, lift_s + executed.t])),
-        position=frozen(np.vstack([start, arc])),
-        heading=frozen(held(executed.heading)),
-        pitch=frozen(held(executed.pitch)),
-        roll=frozen(held(executed.roll)),
-    )
+def executed_paths(cell: Workcell, motion: FoldMotion) -> dict[Side, ToolPath]:
+    """The tool paths of a motion by grasp: the lift, then the arc."""
+    height = cell.settings.grasp.lift_height
+    return {posture.path: lifted(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
 def _believed(context: Context, prediction: FoldPrediction) -> tuple[Context, float]:

@@ -205,6 +205,10 @@ class Recorder:
         entries = partial(scene.candidate_entries, t, simulations, _kept(arcs), own, best)
         self._submit(entries, sum(arc.nbytes for arc in arcs.values()) + 200.0)
 
+    def adapted(self, t: float, friction: float, learned: float) -> None:
+        """The friction that is believed after a fold, and the share of what was unsure that the fold told."""
+        self._submit(partial(scene.adapted_entries, t, friction, learned), essential=True)
+
     def joints(self, state: JointState) -> None:
         self._submit(partial(self._series_entries, state.stamp, self._series_of("joints"), state), 400.0)
 

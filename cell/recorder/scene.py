@@ -22,9 +22,9 @@ from skills.perception.view import TableView
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
 
 __all__ = [
-    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "arc_entries", "camera_entries", "candidate_entries",
-    "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries", "mask_entries",
-    "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
+    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
+    "candidate_entries", "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries",
+    "mask_entries", "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
     "target_entries", "truth_entries", "vertex_normals",
 ]  # fmt: skip
 
@@ -222,6 +222,12 @@ def candidate_entries(
     figures = {"candidate_mm": 1e3 * own[0], "dissimilarity_mm": 1e3 * best[0], "cost": best[1],
                "simulations": float(simulations)}  # fmt: skip
     return [*shown, *(Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items())]
+
+
+def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
+    """The believed friction of the table, and how much (0..1) the fold before taught of it."""
+    figures = {"friction": friction, "friction_learned": learned}
+    return [Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items()]
 
 
 def target_entries(t: float, shape: PredictedShape) -> list[Entry]:

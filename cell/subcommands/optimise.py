@@ -22,7 +22,7 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import tool_paths
+from skills.trajectory.paths import lifted, tool_paths
 from skills.vocabulary import FoldStep, GarmentState, Outcome, ToolPath
 
 __all__ = ["export_text", "run"]
@@ -53,14 +53,15 @@ def run(options: argparse.Namespace) -> int:
         outcome = optimise_fold(
             step, mesh, vertices, garment.material, method if wanted else "initial", budget if wanted else None,
             threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
-            progress=partial(_show, bar, step),
+            progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
         )  # fmt: skip
         if wanted or outcome.failure:
-            told.append(_figures(step, outcome, time.monotonic() - began))
+            told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
             bar.line(_line(told[-1]))
         if outcome.failure:
             break
-        timed = tool_paths(outcome.unwrap(), step)
+        arcs = tool_paths(outcome.unwrap(), step)
+        timed = {side: lifted(path, settings.grasp.lift_height) for side, path in arcs.items()}
         if wanted:
             paths[step.name] = {side.value: path for side, path in timed.items()}
         if step is not steps[-1]:
@@ -95,12 +96,13 @@ def _check_export(path: Path | None) -> None:
         raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
 
 
-def _figures(step: FoldStep, outcome: Outcome, wall_time_s: float) -> dict[str, Any]:
+def _figures(step: FoldStep, outcome: Outcome, lift_height: float, wall_time_s: float) -> dict[str, Any]:
     trajectory = outcome.value
     return {
         "name": step.name,
         "step": step.index + 1,
         **outcome.notes,
+        "lift_m": lift_height,
         "duration_s": trajectory.duration if trajectory else None,
         "wall_time_s": wall_time_s,
         "control_points_m": trajectory.control_points if trajectory else None,
@@ -123,8 +125,8 @@ COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
-    """Tool poses over time: position of the tool centre point and orientation (quaternion, scalar last) of the
-    tool frame in the table frame (robots/ports.py says which is which)."""
+    """Tool poses over time, from the grasp through the straight lift to the release: position of the tool centre
+    point and orientation (quaternion, scalar last) of the tool frame in the table frame (robots/ports.py)."""
     rows: list[tuple[Any, ...]] = [
         (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
         for fold, arms in paths.items()

@@ -13,8 +13,9 @@ from skills.cloth.predict import predict_fold
 from skills.trajectory.acceptance import acceptance_limit, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
 from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
-from skills.trajectory.paths import tool_paths
+from skills.trajectory.paths import LIFT_HEIGHT, tool_paths
 from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
+from skills.trajectory.robust import MARGIN, MISHAPS, most_robust
 from skills.vocabulary import (
     Array,
     Failure,
@@ -38,10 +39,19 @@ Watch = Callable[[int, Candidate, Candidate], None]
 PAPER_H = 1.0 / 3.0
 HEIGHTS = (PAPER_H, 0.5, 0.7)
 SKEWS = (0.0, 0.15, -0.15)
-"""The grid of the default method, in units of the fold's distance; the paper's initial arc comes first."""
+"""The grid of the two-parameter method, in units of the fold's distance; the paper's initial arc comes first."""
+
+TWO_PARAMETER_STARTS = ((0.6, 0.0), (0.5, 0.15), (0.5, -0.15), (0.7, 0.15), (0.7, -0.15))
+"""Height and skew of arcs that the default method tries."""
+STEEP_STARTS = ((0.0, 0.3, 1.0, 0.3), (0.0, 0.6, 1.0, 0.3), (0.15, 0.3, 0.85, 0.5))
+"""And of arcs that rise and come down steeply: way along and height of the first inner point and of the second.
+The cloth is laid down from the crease to the edge, which no height or skew does."""
 
 POLISH_DELTA = 0.05
 """Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
+
+LEAST_POLISH = 2
+"""Simulations for each variable below which a polish is not begun: half of them go into the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
 """The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
@@ -52,11 +62,14 @@ BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
 is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment. The first
 half of the points stay before OVERLAP, the others after 1 - OVERLAP: arcs go forward."""
 
-CONFIRM, SLIPPERY = 4, 0.75
-"""How many of the best arcs the default method simulates once more, and at what share of the friction."""
+FINALISTS = 5
+"""Arcs that are confirmed at most; with a small budget fewer."""
 
-ROUGHNESS = 0.001
-"""A gain in D below this is luck of the draw [m]: the plain arc is kept, which bears more."""
+GOOD = 0.002
+"""Where the plain arc misses by no more than this nothing can be gained that could be told from luck [m]."""
+
+ALIKE = 0.0002
+"""Of good arcs the plain one is kept where the best gains less than this in D [m]."""
 
 PLAIN_H = 0.45
 """Height of both inner points of the plain arc, in units of the fold's distance: a middle
@@ -79,13 +92,15 @@ def optimise_fold(
     start: Controls | None = None,
     promised: float | None = None,
     watch: Watch | None = None,
+    lift_height: float = LIFT_HEIGHT,
 ) -> Outcome[GraspTrajectory]:
     """The arcs, one for each arm of the step, that fold the mesh from `positions` (n, 3) best.
 
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
-    points, secant Levenberg-Marquardt), 'default' (grid over height and skew, then a polish of variables that the
-    arms share). budget: simulations (default 1, 25, 120, 25). predict: the simulation, default `ClothPredictor()`.
-    max_height: of an arc over the table [m].
+    points, secant Levenberg-Marquardt), 'default' (arcs spread over height, skew and steepness, a polish of
+    variables that the arms share, and of the best few the one that bears most). budget: simulations (default 1,
+    25, 120, 25). predict: the simulation, default `ClothPredictor()`. max_height: of an arc over the table,
+    lift_height: of the straight lift before it [m].
 
     start: arcs to begin from besides (warm start). promised: the D [m] that they are said to come to, of arcs from
     the library: they are simulated first, besides the budget, and where they keep the promise they are the result,
@@ -99,7 +114,9 @@ def optimise_fold(
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
     search, default_budget = METHODS[method]
-    problem = FoldProblem(step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height)
+    problem = FoldProblem(
+        step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height, lift_height
+    )
     own = ThreadPoolExecutor(threads) if executor is None else None
     try:
         problem.prepare()
@@ -152,11 +169,8 @@ def _looked_up(evaluator: Evaluator, kept: Candidate) -> Outcome[GraspTrajectory
 
 
 def _outcome(problem: FoldProblem, evaluator: Evaluator, method: str) -> Outcome[GraspTrajectory]:
-    """The best arc, or the plain one where the best gains no more than luck."""
     first, best = evaluator.first, evaluator.best
     assert first is not None and best is not None
-    if evaluator.plain is not None and _good_as(evaluator.plain, best):
-        best = evaluator.plain
     notes: dict[str, float | int | str] = {
         "method": method,
         "dissimilarity_initial_m": first.dissimilarity,
@@ -175,11 +189,6 @@ def _outcome(problem: FoldProblem, evaluator: Evaluator, method: str) -> Outcome
         best.controls, best.duration, "optimised", best.cost, best.dissimilarity, evaluator.count
     )
     return Outcome(trajectory, notes=notes)
-
-
-def _good_as(plain: Candidate, best: Candidate) -> bool:
-    """Whether the best gains no more than luck over the plain arc."""
-    return not plain.failed and plain.dissimilarity - best.dissimilarity < ROUGHNESS
 
 
 def _initial(problem: FoldProblem) -> Controls:
@@ -217,20 +226,38 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """The grid, then a polish in four variables that the arms share: way along and height of both inner points.
+    """Arcs of many forms, then a polish in four variables that the arms share: way along and height of both inner
+    points. Of the best few, the plain arc and the best by two parameters the most robust one is taken.
 
-    The best few are then confirmed at lower friction. Where nothing in the grid is better than the plain arc, the
-    search ends: over the towels' folds the polish then gained 0.2 mm at most.
+    Where the plain arc is good the search ends at once.
     """
-    _search_grid(problem, evaluator)
-    assert evaluator.best is not None
-    if evaluator.plain is not None and _good_as(evaluator.plain, evaluator.best):
+    plain = evaluator.plain
+    if plain is None or plain.dissimilarity <= GOOD:
+        _keep_plain(evaluator, ALIKE)
         return
+    finalists = min(FINALISTS, (evaluator.budget - 10) // len(MISHAPS) // 2 + 1)
+    reserve = finalists * len(MISHAPS) if finalists >= 2 else 0
+    forms = [
+        *(_two_parameter(problem, h, s) for h, s in TWO_PARAMETER_STARTS),
+        *(_shared(problem, np.array(x)) for x in STEEP_STARTS),
+    ]
+    tried = evaluator.many(forms[: max(0, evaluator.left - reserve)])
+    assert evaluator.best is not None and evaluator.first is not None
     frames = problem.frames
-    reserve = CONFIRM if evaluator.left > CONFIRM + 6 else 0
     inner = np.mean([frames[s].normalise(c) for s, c in evaluator.best.controls.items()], axis=0)
     _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x), reserve)
-    evaluator.confirm(reserve, SLIPPERY)
+    if not reserve:
+        _keep_plain(evaluator, MARGIN)
+        return
+    by_two = [evaluator.first, *tried[: len(TWO_PARAMETER_STARTS)]]
+    evaluator.best = most_robust(evaluator, plain, [min(by_two, key=lambda c: c.cost)], finalists)
+
+
+def _keep_plain(evaluator: Evaluator, least: float) -> None:
+    """The plain arc where the best does not gain `least` [m] over it: it bears more."""
+    plain, best = evaluator.plain, evaluator.best
+    if plain is not None and best is not None and not plain.failed:
+        evaluator.best = plain if plain.dissimilarity - best.dissimilarity < least else best
 
 
 def _shared(problem: FoldProblem, x: Array) -> Controls:
@@ -253,7 +280,7 @@ def _polish(
 ) -> None:
     """Secant Levenberg-Marquardt from the best point known, within what is left of the budget."""
     budget = evaluator.left - reserve
-    if budget <= len(x0):
+    if budget < LEAST_POLISH * len(x0):
         return
     assert evaluator.best is not None
     distance = max(f.distance for f in problem.frames.values())

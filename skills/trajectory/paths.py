@@ -10,13 +10,16 @@ import numpy as np
 from skills.trajectory.bezier import arc_lengths, evaluate
 from skills.vocabulary import Array, FoldStep, GraspTrajectory, Side, ToolPath, frozen
 
-__all__ = ["SpeedLaw", "fold_duration", "fold_paths", "tool_paths"]
+__all__ = ["LIFT_HEIGHT", "SpeedLaw", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
 TOOL_ACCELERATION = 0.8
 """Peak of the tool's acceleration along a fold [m/s2]: jerks pull at the cloth, the paper's cause of drift."""
 
 RATE = 100.0
 """Samples of a tool path per second [Hz]."""
+
+LIFT_HEIGHT, LIFT_SPEED = 0.03, 0.04
+"""A grasp is lifted straight up to be confirmed before the arc begins: how high [m], and how fast [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -116,3 +119,31 @@ def _share_travelled(controls: Mapping[Side, Array], duration: float, t: Array) 
     """(n,) share of its arc that every arm has covered at t: the law of the longest, stretched to the duration."""
     longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
     return SpeedLaw.lasting(longest, duration).distance(t) / longest
+
+
+def lifted(path: ToolPath, height: float) -> ToolPath:
+    """The straight lift by `height` [m], then the arc, whose start it has moved up: the offset fades along it.
+
+    What the arms execute, and what is simulated: a lift straight up draws the cloth taut where it lies, so that an
+    arc may end centimetres from where it would end without.
+    """
+    if height <= 0.0:
+        return path
+    law = SpeedLaw.fastest(height, LIFT_SPEED)
+    n = max(2, int(np.ceil(law.duration * RATE)))
+    up = np.linspace(0.0, law.duration, n, endpoint=False)
+    fade = np.linspace(1.0, 0.0, len(path.t))
+    fade = fade**2 * (3 - 2 * fade)
+    arc = path.position + np.outer(fade, (0.0, 0.0, height))
+    start = path.position[0] + np.outer(law.distance(up), (0.0, 0.0, 1.0))
+
+    def held(x: Array) -> Array:
+        return np.concatenate([np.full(n, x[0]), x])
+
+    return ToolPath(
+        t=frozen(np.concatenate([up, law.duration + path.t])),
+        position=frozen(np.vstack([start, arc])),
+        heading=frozen(held(path.heading)),
+        pitch=frozen(held(path.pitch)),
+        roll=frozen(held(path.roll)),
+    )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,10 +16,10 @@ from skills.planning.folding import target_vertices
 from skills.trajectory.bezier import arc_lengths
 from skills.trajectory.frame import FoldFrame, frames_of
 from skills.trajectory.objective import ALPHA, cost, dissimilarity
-from skills.trajectory.paths import fold_duration, fold_paths
+from skills.trajectory.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
 from skills.vocabulary import Array, FoldStep, Material, Side, ToolPath
 
-__all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Predictor", "TrajectoryMesh"]
+__all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor", "TrajectoryMesh"]
 
 Controls = dict[Side, Array]
 """Control points (n + 1, 3) of each arm, table frame."""
@@ -38,6 +38,8 @@ class TrajectoryMesh(Protocol):
     @property
     def triangles(self) -> NDArray: ...
     @property
+    def triangle_layer(self) -> NDArray: ...
+    @property
     def area(self) -> Array: ...
 
 
@@ -47,6 +49,23 @@ class Predictor(Protocol):
     def __call__(
         self, mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /
     ) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Mishap:
+    """How an executed fold may depart from the planned one.
+
+    pitch: lean of each hand about its held line [rad]; roll: lean of both along it [rad]; along, across: how far
+    both tools are off, away from the fold line and along it [m]; friction, bending: factors of what the table's
+    friction and the cloth's bending length are believed to be.
+    """
+
+    pitch: Mapping[Side, float]
+    roll: float = 0.0
+    along: float = 0.0
+    across: float = 0.0
+    friction: float = 1.0
+    bending: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +83,8 @@ class Candidate:
 class FoldProblem:
     """What does not change while one fold is optimised. positions: (n, 3) of the mesh before the fold.
 
-    max_tool_speed [m/s], max_height: of the arcs above the table [m].
+    max_tool_speed [m/s], max_height: of the arcs above the table [m]. lift_height: of the straight lift before the
+    arc [m].
     """
 
     step: FoldStep
@@ -74,6 +94,7 @@ class FoldProblem:
     predict: Predictor
     max_tool_speed: float
     max_height: float
+    lift_height: float = LIFT_HEIGHT
 
     @cached_property
     def target(self) -> Array:
@@ -92,22 +113,41 @@ class FoldProblem:
         """Work out what every candidate needs, once: a process that is sent the problem gets it along."""
         _ = self.target, self.frames, self.headings
 
-    def evaluate(self, controls: Controls, friction: float = 1.0) -> Candidate:
-        """Simulate one candidate, on a table with `friction` times the material's.
+    def evaluate(self, controls: Controls, mishap: Mishap | None = None) -> Candidate:
+        """Simulate one candidate as the arms execute it: lift, then arc; with something gone wrong if asked.
 
         A simulation that fails is a candidate that failed, not an exception.
         """
-        material = self.material.with_friction(friction * self.material.friction_static)
         duration = fold_duration(controls, self.max_tool_speed)
         lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
+        material, paths = self.material, fold_paths(controls, self.headings, duration)
+        if mishap is not None:
+            material = _altered(material, mishap)
+            paths = {side: self._astray(side, path, mishap) for side, path in paths.items()}
+        paths = {side: lifted(path, self.lift_height) for side, path in paths.items()}
         try:
-            end = self.predict(self.mesh, self.positions, material, fold_paths(controls, self.headings, duration))
+            end = self.predict(self.mesh, self.positions, material, paths)
             d = dissimilarity(self.target, end, self.mesh.triangles, self.mesh.area)
         except CellError:
             d = float("nan")
         failed = not np.isfinite(d)
         d = FAILED if failed else d
         return Candidate(controls, d, cost(lengths, d, ALPHA), duration, failed)
+
+    def _astray(self, side: Side, path: ToolPath, mishap: Mishap) -> ToolPath:
+        line = self.step.line
+        off = mishap.along * line.normal + mishap.across * line.direction
+        return replace(
+            path,
+            position=path.position + np.append(off, 0.0),
+            pitch=path.pitch + mishap.pitch[side],
+            roll=path.roll + mishap.roll,
+        )
+
+
+def _altered(material: Material, mishap: Mishap) -> Material:
+    material = material.with_friction(mishap.friction * material.friction_static)
+    return replace(material, bending_length=mishap.bending * material.bending_length)
 
 
 class Evaluator:
@@ -151,21 +191,20 @@ class Evaluator:
             candidates.append(candidate)
         return candidates
 
-    def confirm(self, most: int, friction: float) -> None:
-        """Simulate the best few once more on a more slippery table; the one with the best mean cost is the best.
-
-        The lowest of many rough costs is partly luck, and friction is what is known least.
-        """
-        few = sorted(self.seen, key=lambda c: c.cost)[: min(most, self.left)]
-        if len(few) < 2:
-            return
-        again = list(
-            self._executor.map(partial(self.problem.evaluate, friction=friction), [c.controls for c in few])
-        )
-        means = [c.cost + a.cost for c, a in zip(few, again, strict=True)]
-        self.best = few[int(np.argmin(means))]
-        for _ in again:
+    def confirm(
+        self, problem: FoldProblem, finalists: Sequence[Candidate], mishaps: Sequence[Mishap | None]
+    ) -> list[float]:
+        """Simulate candidates again with each mishap, on a problem that may be stated on another mesh. Returns
+        (mean + worst) / 2 of the cost of each."""
+        pairs = [(f, m) for f in finalists for m in mishaps]
+        again = self._executor.map(problem.evaluate, [f.controls for f, _ in pairs], [m for _, m in pairs])
+        costs = []
+        for candidate in again:
+            costs.append(candidate.cost)
+            self.failed += candidate.failed
             self._tick()
+        every = np.array(costs).reshape(len(finalists), len(mishaps))
+        return [float(c) for c in (every.mean(axis=1) + every.max(axis=1)) / 2]
 
     def one(self, controls: Controls) -> Candidate:
         return self.many([controls])[0]

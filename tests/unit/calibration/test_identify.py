@@ -3,8 +3,21 @@
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
-from calibration.identify import FRICTIONS, Candidates, Noise, identify_material, predict_candidates, silhouette
+from calibration.identify import (
+    BOUND,
+    FRICTIONS,
+    Candidates,
+    MaterialEstimate,
+    Noise,
+    Quantity,
+    identify_material,
+    outline_residual,
+    predict_candidates,
+    silhouette,
+)
 from robots.errors import ConfigurationError
 from robots.ports import Side
 from skills.cloth.mesh import mesh_from_contour
@@ -111,3 +124,27 @@ def test_what_does_not_fit_is_refused(bad):
     square = np.array([[0.0, 0], [0.3, 0], [0.3, 0.3], [0, np.nan if bad == "nan" else 0.3]])
     with pytest.raises(ConfigurationError):
         identify_material([square] * (2 if bad == "count" else 1), grid, BELIEVED)
+
+
+@given(st.floats(0.05, 3.0), st.floats(0.0, 1.0), st.floats(0.3, 0.7))
+def test_an_update_goes_part_of_the_way_and_never_beyond_its_bound(value, learned, believed):
+    """Between what was believed and the estimate, the further the more was learned; both frictions alike."""
+    estimate = MaterialEstimate(Quantity(value, 0.1, learned), Quantity(0.03, 0.01, 0.0), 0.002)
+    before = BELIEVED.with_friction(believed)
+    after = estimate.update_of(before, BELIEVED)
+    low, high = (1.0 - BOUND) * MU, (1.0 + BOUND) * MU
+    assert low <= after.friction_static <= high
+    if low < after.friction_static < high:
+        moved = np.log(after.friction_static / believed)
+        assert moved == pytest.approx(learned * np.log(value / believed), abs=1e-9)
+    assert after.friction_dynamic / after.friction_static == pytest.approx(0.85)
+    assert after.stretch_fraction == before.stretch_fraction
+
+
+def test_the_residual_is_the_distance_of_the_outlines():
+    """Of a square that was moved by 4 mm along one axis: two of four sides are off by it."""
+    corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0.3, 0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    assert outline_residual(corners[:, :2], corners, triangles) < 1e-4
+    moved = outline_residual(corners[:, :2] + (0.004, 0.0), corners, triangles)
+    assert moved == pytest.approx(0.004 * np.sqrt(0.5), rel=0.03)

@@ -30,7 +30,7 @@ from skills.trajectory.library import Library, from_json, to_json
 from skills.vocabulary import Side
 
 TOWEL, SMALL = load_garment("medium_towel"), load_garment("small_towel")
-METHOD, BUDGET = "two_parameter", 12
+METHOD, BUDGET = "two_parameter", 14
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,8 @@ from skills.trajectory.bezier import evaluate, two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import triangle_areas
 from skills.trajectory.optimise import METHODS, optimise_fold
-from skills.trajectory.problem import Candidate, Evaluator, FoldProblem
+from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
+from skills.trajectory.robust import MARGIN, MISHAPS, most_robust
 from skills.vocabulary import Side
 
 TOWEL = load_garment("medium_towel")
@@ -37,6 +38,7 @@ class Sheet:
     rest: np.ndarray
     layer: np.ndarray
     triangles: np.ndarray
+    triangle_layer: np.ndarray
     area: np.ndarray
 
 
@@ -44,7 +46,8 @@ def _sheet() -> Sheet:
     x, y = np.meshgrid(np.linspace(0.38, 0.78, 9), np.linspace(-0.3, 0.3, 13))
     rest = np.column_stack([x.ravel(), y.ravel()])
     triangles = Delaunay(rest).simplices
-    return Sheet(rest, np.zeros(len(rest), int), triangles, triangle_areas(rest, triangles))
+    layers = np.zeros(len(rest), int), np.zeros(len(triangles), int)
+    return Sheet(rest, layers[0], triangles, layers[1], triangle_areas(rest, triangles))
 
 
 MESH = _sheet()
@@ -55,7 +58,7 @@ class Bowl:
     """D grows with the distance of the tool's path from a wanted one; counts its calls; may take its time."""
 
     def __init__(self, step=HALF, scale=0.05, delays=False, best=BEST):  # type: ignore[no-untyped-def]
-        self.target = target_vertices(MESH, step.lines, TOWEL.material)
+        self.lines = step.lines
         frames = frames_of(step, TOWEL.material.thickness)
         inner = np.array([[best[0], 0, best[1]], [best[2], 0, best[3]]])
         self.wanted = {s: f.denormalise(inner) for s, f in frames.items()}
@@ -73,15 +76,18 @@ class Bowl:
             wanted = evaluate(self.wanted[side], np.linspace(0, 1, 400))
             gap = np.linalg.norm(path.position[:, None] - wanted, axis=-1).min(axis=1)
             away += float(np.mean(gap**2))
-        return self.target + np.array([0.0, 0.0, 0.002 + self.scale * away / 0.01])
+        above = np.array([0.0, 0.0, 0.002 + self.scale * away / 0.01])
+        return target_vertices(mesh, self.lines, TOWEL.material) + above
 
 
 def run(method: str, bowl: Bowl, **more):  # type: ignore[no-untyped-def]
-    return optimise_fold(HALF, MESH, FLAT, TOWEL.material, method, predict=bowl, **more)
+    return optimise_fold(HALF, MESH, FLAT, TOWEL.material, method, predict=bowl, lift_height=0.0, **more)
 
 
 def test_default_comes_near_the_best_arc_and_beats_the_two_baselines() -> None:
-    figures = {m: run(m, Bowl()).notes["dissimilarity_m"] for m in ("initial", "two_parameter", "default")}
+    """With the cell's budget, which leaves room for a polish."""
+    methods = ("initial", "two_parameter", "default")
+    figures = {m: run(m, Bowl(), budget=40).notes["dissimilarity_m"] for m in methods}
     assert figures["default"] <= figures["two_parameter"] <= figures["initial"]
     assert figures["default"] - 0.002 < 0.15 * (figures["initial"] - 0.002)
 
@@ -131,24 +137,71 @@ def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
         assert min(z.min() for z in tops) >= 0.0
 
 
-def test_of_equally_good_arcs_the_one_that_bears_a_slippery_table_is_taken() -> None:
-    target = target_vertices(MESH, HALF.lines, TOWEL.material)
+def heights(problem: FoldProblem, *h: float) -> list[Controls]:
+    return [{s: two_parameter_controls(f.start, f.end, x, 0.0) for s, f in problem.frames.items()} for x in h]
+
+
+def test_of_equally_good_arcs_the_one_that_bears_mishaps_is_taken() -> None:
 
     def drags(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        target = target_vertices(mesh, HALF.lines, TOWEL.material)
         top = max(p.position[:, 2].max() for p in paths.values())
         slippery = material.friction_static < 0.9 * TOWEL.material.friction_static
         return target + np.array([0, 0, 0.02 if slippery and top < 0.2 else 0.004])
 
     problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, drags, 0.35, 0.4)
-    ends = {s: (f.start, f.end) for s, f in problem.frames.items()}
-    low, high = ({s: two_parameter_controls(*e, h, 0.0) for s, e in ends.items()} for h in (0.33, 0.6))
+    low, high = heights(problem, 0.33, 0.6)
     with ThreadPoolExecutor(2) as pool:
-        evaluator = Evaluator(problem, 4, pool, None)
-        evaluator.many([low, high])
-        assert evaluator.best is not None and evaluator.best.controls is low, "the shorter of two good arcs"
-        evaluator.confirm(4, 0.75)
-    assert evaluator.best.controls is high and evaluator.count == 4
-    assert evaluator.best.dissimilarity == pytest.approx(0.004), "the figure is that of the nominal table"
+        evaluator = Evaluator(problem, 20, pool, None)
+        plain, _ = evaluator.many([low, high])
+        assert evaluator.best is plain, "the shorter of two good arcs"
+        chosen = most_robust(evaluator, plain, (), 2)
+        assert evaluator.count == 2 + 2 * len(MISHAPS), "every simulation is counted"
+        assert chosen.controls is high
+        assert chosen.dissimilarity == pytest.approx(0.004), "the figure is that of the fold as it is planned"
+        assert most_robust(evaluator, plain, (), 1) is plain and evaluator.count == 2 + 2 * len(MISHAPS)
+
+
+def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> None:
+
+    def slope(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        top = max(p.position[:, 2].max() for p in paths.values())
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.02 - gain * top])
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, slope, 0.35, 0.4)
+    arcs = heights(problem, 0.4, 0.6)
+    rise = 0.75 * 0.2 * next(iter(problem.frames.values())).distance
+    for gained, expected in ((0.5 * MARGIN, 0), (3.0 * MARGIN, 1)):
+        gain = gained / rise
+        with ThreadPoolExecutor(2) as pool:
+            evaluator = Evaluator(problem, 20, pool, None)
+            simple, _ = evaluator.many(arcs)
+            assert most_robust(evaluator, simple, (), 3).controls is arcs[expected]
+
+
+def test_mishaps_are_what_they_say() -> None:
+    """Tools off along the fold's normal and its line, leaning hands, another table: seen by the simulation."""
+    met = []
+
+    def keep(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        met.append((material, paths))
+        return FLAT
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, keep, 0.35, 0.4)
+    (arcs,) = heights(problem, 0.4)
+    mishap = Mishap({Side.LEFT: 0.1, Side.RIGHT: -0.2}, 0.05, 0.004, -0.003, 0.8, 0.9)
+    problem.evaluate(arcs)
+    problem.evaluate(arcs, mishap)
+    (nominal, planned), (fabric, executed) = met
+    assert nominal == TOWEL.material
+    assert fabric.friction_static == pytest.approx(0.8 * nominal.friction_static)
+    assert fabric.friction_dynamic / nominal.friction_dynamic == pytest.approx(0.8)
+    assert fabric.bending_length == pytest.approx(0.9 * nominal.bending_length)
+    off = 0.004 * HALF.line.normal - 0.003 * HALF.line.direction
+    for side, lean in mishap.pitch.items():
+        assert np.allclose(executed[side].position - planned[side].position, (*off, 0.0))
+        assert np.allclose(executed[side].pitch, lean) and np.allclose(executed[side].roll, 0.05)
+        assert np.allclose(planned[side].pitch, 0.0)
 
 
 def test_single_arm_folds_are_optimised_too() -> None:

@@ -1,0 +1,164 @@
+"""Does it help to learn the table's friction from one fold for the next?
+
+    python -m benchmarks.adaptation [GARMENT...] [--seeds N] [--friction LOW HIGH]
+
+The last fold but one is made in a world whose friction is drawn, whose mesh is another, whose cloth is a little
+stiffer or limper, with hands that lean and tools that are off. Its outline, with a camera's error, is all that is
+seen of it. The last fold is then chosen twice: with the friction of the garment file, and with what was learned
+(calibration/identify.py, bounded as in a run), each as in a run: the arcs of a search with the nominal fabric
+where they keep their promise, or else a search that begins from them. Both are made in the same world with the
+same mishaps: D of each on the world's mesh. A third choice knows the world's friction: no learning does better.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from benchmarks.d_relax import d_relax, distance_to_target
+from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
+from cell.effects.adapting import FACTORS
+from cell.garments import load_garment
+from robots.ports import Array, Side
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.optimise import optimise_fold
+from skills.trajectory.paths import fold_paths, lifted
+from skills.vocabulary import FoldStep, GraspTrajectory, Material, ToolPath
+
+SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05
+"""Error of an observed outline and its correlation along it [m]."""
+FINER = 0.85
+BUDGET = 25
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """One drawn world: its mesh, fabric and what goes wrong with each arm."""
+
+    mesh: ClothMesh
+    material: Material
+    lean: Mapping[Side, float]
+    off: Array
+
+    @classmethod
+    def draw(cls, garment: Garment, contour: Array, friction: tuple[float, float], seed: int) -> World:
+        rng = np.random.default_rng(seed)
+        m = garment.material
+        fabric = replace(
+            m.with_friction(m.friction_static * rng.uniform(*friction)),
+            bending_length=m.bending_length * rng.uniform(0.85, 1.15),
+        )
+        edge = FINER * garment.mesh_edge_m * rng.uniform(0.95, 1.05)
+        mesh = mesh_from_contour(contour, edge, garment.layers, float(rng.uniform(0.2, 0.8)))
+        lean = {side: float(rng.uniform(-0.12, 0.12)) for side in Side}
+        return cls(mesh, fabric, lean, np.append(rng.uniform(-0.003, 0.003, 2), 0.0))
+
+    def fold(self, positions: Array, step: FoldStep, trajectory: GraspTrajectory) -> Array:
+        """(n, 3) after the fold as this world lets it happen."""
+        executed = {
+            side: replace(path, position=path.position + self.off, pitch=path.pitch + self.lean[side])
+            for side, path in planned(step, trajectory).items()
+        }
+        return predict_fold(self.mesh, positions, self.material, executed).vertices
+
+
+def planned(step: FoldStep, trajectory: GraspTrajectory) -> dict[Side, ToolPath]:
+    headings = {side: grasp.heading for side, grasp in step.grasps.items()}
+    arcs = fold_paths(trajectory.control_points, headings, trajectory.duration)
+    return {side: lifted(path, 0.03) for side, path in arcs.items()}
+
+
+def seen(shape: shapely.Geometry, rng: np.random.Generator) -> Array:
+    """(k, 2) the outline of a shape as a camera would have it: off by a little, alike over some length."""
+    ring = max(getattr(shape, "geoms", [shape]), key=lambda part: part.area).exterior
+    k = max(24, round(ring.length / SEEN_LENGTH))
+    error = np.repeat(rng.normal(0.0, SEEN_SIGMA, (k, 2)), 4, axis=0)
+    points = shapely.line_interpolate_point(ring, np.arange(4 * k) / (4 * k), normalized=True)
+    return shapely.get_coordinates(points) + error
+
+
+class Choice:
+    """Chooses the last fold's arcs for a believed fabric, as a run does."""
+
+    def __init__(self, garment: Garment, step: FoldStep, mesh: ClothMesh, threads: ThreadPoolExecutor) -> None:
+        self.garment, self.step, self.mesh, self.threads = garment, step, mesh, threads
+
+    def __call__(self, before: Array, material: Material, known: GraspTrajectory | None) -> GraspTrajectory | None:
+        return optimise_fold(
+            self.step, self.mesh, before, material, budget=BUDGET, executor=self.threads,
+            max_tool_speed=self.garment.max_tool_speed, start=dict(known.control_points) if known else None,
+            promised=known.dissimilarity if known else None,
+        ).value  # fmt: skip
+
+
+def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> list[dict[str, float | str]]:
+    """One row a seed: true, learned friction as shares of the file's; D [mm] without, with, and knowing."""
+    garment = load_garment(name, "bare_table")
+    state = garment.flat_state(*garment.poses.middle)
+    *_, first, last = plan_folds(state, garment).unwrap()
+    m = garment.material
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+    rows: list[dict[str, float | str]] = []
+    with ThreadPoolExecutor(2) as threads:
+        flat = _before(mesh, first, m)
+        one = Choice(garment, first, mesh, threads)(flat, m, None)
+        assert one is not None, f"{name}: no arcs for {first.name}"
+        believed = predict_fold(mesh, flat, m, planned(first, one)).vertices
+        choose = Choice(garment, last, mesh, threads)
+        known = choose(believed, m, None)
+        assert known is not None, f"{name}: no arcs for {last.name}"
+        for seed in seeds:
+            world = World.draw(garment, state.contour, friction, seed)
+            lies = world.fold(_before(world.mesh, first, m), first, one)
+            outline = seen(silhouette(lies, world.mesh.triangles), np.random.default_rng(seed))
+            residual = outline_residual(outline, believed, mesh.triangles)
+            learned, share = m, 0.0
+            if residual >= Noise().sigma:
+                grid = predict_candidates(mesh, flat, m, planned(first, one), FACTORS)
+                estimate = identify_material([outline], grid, m)
+                learned, share = estimate.update_of(m, m), estimate.friction.learned
+            ended = {}
+            for arm, fabric in (("off", m), ("on", learned), ("known", world.material)):
+                same = fabric == m
+                found = known if same else choose(believed, m.with_friction(fabric.friction_static), known)
+                after = world.fold(lies, last, found) if found else lies
+                ended[arm] = 1e3 * distance_to_target(world.mesh, last.lines, m, after)
+            rows.append({
+                "garment": name, "seed": seed, "friction": world.material.friction_static / m.friction_static,
+                "learned_friction": learned.friction_static / m.friction_static, "learned": share,
+                "residual_mm": 1e3 * residual, **{f"D_{arm}_mm": d for arm, d in ended.items()},
+            })  # fmt: skip
+            print({k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}, flush=True)
+    return rows
+
+
+def _before(mesh: ClothMesh, step: FoldStep, material: Material) -> Array:
+    return d_relax(mesh, step.earlier, material)[1] if step.earlier else mesh.lay_flat(material.thickness)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("garments", nargs="*", default=["small_towel"])
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--friction", type=float, nargs=2, default=(0.65, 1.35), metavar=("LOW", "HIGH"))
+    arguments = parser.parse_args()
+    for name in arguments.garments:
+        rows = compare(name, range(1, arguments.seeds + 1), tuple(arguments.friction))
+        d = np.array([[r["D_off_mm"], r["D_on_mm"], r["D_known_mm"]] for r in rows], dtype=float)
+        off, on, known = d.mean(axis=0)
+        moved = sum(r["learned_friction"] != 1.0 for r in rows)
+        print(f"{name}: D {off:.2f} mm without, {on:.2f} with, {known:.2f} mm knowing the friction; learned in"
+              f" {moved} of {len(rows)} worlds; paired difference {np.mean(d[:, 1] - d[:, 0]):+.2f} mm"
+              f" (largest {np.max(d[:, 1] - d[:, 0]):+.2f})", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""One step of one garment, ready to be folded, and how an arc for it is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from benchmarks.d_relax import EDGE, d_relax, distance_to_target
+from robots.ports import Array, Side
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.bezier import initial_controls
+from skills.trajectory.frame import frames_of
+from skills.trajectory.paths import LIFT_HEIGHT, fold_paths, lifted
+from skills.vocabulary import FoldStep, Material
+
+__all__ = ["Case", "Controls", "initial", "judge", "prepare"]
+
+Controls = Mapping[Side, Array]
+
+PERTURBED, SHIFT = 5, 0.0005
+"""Arcs that judge one, and how far their inner control points are moved [m]."""
+FINER = 0.85
+"""Edges of the mesh that judges, to those of the mesh that was optimised on, at most."""
+NEIGHBOURS = (0.95, 1.0, 1.05)
+"""Edges of the meshes that D_relax is the median of, to that of the finest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One step of one garment, ready to be folded. coarse, fine: mesh and its vertices (n, 3) before the step."""
+
+    garment: Garment
+    step: FoldStep
+    coarse: tuple[ClothMesh, Array]
+    fine: tuple[ClothMesh, Array]
+    d_relax: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.garment.name}/{self.step.name}"
+
+
+def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material | None = None) -> Case:
+    """The `index`-th step of a garment laid in the middle of its poses, in another size or fabric if asked."""
+    plan = tuple(replace(step, tension=(0.0, 0.0)) for step in garment.plan)
+    garment = replace(garment, plan=plan, material=material or garment.material)
+    state = garment.flat_state(*garment.poses.middle, scale=scale)
+    step = plan_folds(state, garment).unwrap()[index]
+    edge = garment.mesh_edge_m * scale
+    fine = min(EDGE, FINER * edge)
+    relaxed = []
+    for share in NEIGHBOURS:
+        mesh = mesh_from_contour(state.contour, share * fine, garment.layers)
+        relaxed.append((d_relax(mesh, step.lines, garment.material)[0], mesh))
+    d, judging = sorted(relaxed, key=lambda pair: pair[0])[len(relaxed) // 2]
+    optimised = mesh_from_contour(state.contour, edge, garment.layers)
+    return Case(garment, step, _before(optimised, step, garment), _before(judging, step, garment), d)
+
+
+def _before(mesh: ClothMesh, step: FoldStep, garment: Garment) -> tuple[ClothMesh, Array]:
+    """The mesh with its vertices (n, 3) before the step."""
+    if not step.earlier:
+        return mesh, mesh.lay_flat(garment.material.thickness)
+    return mesh, d_relax(mesh, step.earlier, garment.material)[1]
+
+
+def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecutor, n: int = PERTURBED) -> float:
+    """Median of D [m] on the fine mesh over arcs with their inner control points moved a little."""
+    rng = np.random.default_rng(0)
+    moved = []
+    for _ in range(n):
+        arcs = {side: np.array(c) for side, c in sorted(controls.items())}
+        for arc in arcs.values():
+            arc[1:-1] += rng.uniform(-SHIFT, SHIFT, arc[1:-1].shape)
+        moved.append(arcs)
+    return float(np.median(list(pool.map(partial(_miss, case, duration), moved))))
+
+
+def _miss(case: Case, duration: float, controls: Controls) -> float:
+    mesh, before = case.fine
+    headings = {side: grasp.heading for side, grasp in case.step.grasps.items()}
+    arcs = fold_paths(controls, headings, duration)
+    executed = {side: lifted(path, LIFT_HEIGHT) for side, path in arcs.items()}
+    after = predict_fold(mesh, before, case.garment.material, executed).vertices
+    return distance_to_target(mesh, case.step.lines, case.garment.material, after)
+
+
+def initial(case: Case) -> dict[Side, Array]:
+    frames = frames_of(case.step, case.garment.material.thickness)
+    return {side: initial_controls(frame.start, frame.end) for side, frame in frames.items()}

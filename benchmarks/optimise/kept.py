@@ -1,0 +1,54 @@
+"""What was measured of each step, kept as it comes: a run that was cut short goes on, and garments may be measured
+one by one. Figures are kept for as long as what they were measured of stays the same."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cell.garments import garment_path
+from cell.whole_file import write_whole
+
+__all__ = ["Kept", "fingerprint"]
+
+VERSION = 2
+"""Of the way in which this benchmark measures: raised when figures of before mean something else."""
+
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ("skills/cloth", "skills/trajectory", "skills/planning")
+
+
+def fingerprint(garment: str, **how: Any) -> str:
+    """Hash of the program's parts that a garment's figures come from, of its file, and of how it is measured."""
+    files = [path for folder in MEASURED for path in sorted((ROOT / folder).glob("*.py"))]
+    digest = hashlib.sha256(json.dumps([VERSION, garment, how], sort_keys=True).encode())
+    for path in [*files, garment_path(garment)]:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+class Kept:
+    """Figures by (fingerprint, part), in one file. A damaged file is begun anew: it can be measured again."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._all: dict[str, Any] = {}
+        if path is not None:
+            try:
+                self._all = dict(json.loads(path.read_text(encoding="utf-8")))
+            except (OSError, ValueError, TypeError):
+                self._all = {}
+
+    def get(self, key: str, part: str) -> Any:
+        """None where nothing is kept."""
+        return self._all.get(f"{key}/{part}")
+
+    def put(self, key: str, part: str, value: Mapping[str, Any] | list[Any]) -> None:
+        """Raises StorageError."""
+        self._all[f"{key}/{part}"] = value
+        if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self._path, json.dumps(self._all, indent=1) + "\n")

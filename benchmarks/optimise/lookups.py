@@ -1,0 +1,118 @@
+"""Optimised arcs in other sizes and fabrics, and what a look-up takes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.optimise.cases import Case, initial, judge, prepare
+from cell.garments import load_garment
+from cell.library import load_library
+from robots.ports import Side
+from skills.planning.plan import plan_folds
+from skills.trajectory.library import LibraryEntry, entry_from, lookup, trajectory_from
+from skills.trajectory.optimise import optimise_fold
+from skills.vocabulary import GraspTrajectory, Material
+
+__all__ = ["measure_lookup_times", "measure_lookups", "summary_of_lookups"]
+
+SIZES = (0.8, 1.2)
+JUDGES = 3
+LARGE_GAP_MM = 5.0
+LOOKUPS = 200
+
+
+def fabrics(m: Material) -> dict[str, Material]:
+    """The held-out materials."""
+    return {
+        "friction x0.75": m.with_friction(0.75 * m.friction_static),
+        "friction x1.25": m.with_friction(1.25 * m.friction_static),
+        "stretch x2": replace(m, stretch_fraction=2.0 * m.stretch_fraction),
+        "bending x1.3": replace(m, bending_length=1.3 * m.bending_length),
+        "mass x1.3": replace(m, areal_mass=1.3 * m.areal_mass),
+    }
+
+
+def measure_lookups(case: Case, row: Mapping[str, Any], pool: ThreadPoolExecutor) -> list[dict[str, Any]]:
+    """What the arcs of a default's row come to in other sizes and fabrics: one row each."""
+    garment, index = case.garment, case.step.index
+    entry = _entry(case, row)
+    cases = {f"size x{s}": prepare(garment, index, s) for s in SIZES}
+    cases |= {name: prepare(garment, index, material=m) for name, m in fabrics(garment.material).items()}
+    told = []
+    for name, other in cases.items():
+        found = trajectory_from(entry, other.step, garment.material.thickness)
+        if found is None:
+            continue
+        told.append({
+            "garment": garment.name, "step": case.step.name, "case": name, "accepted": _accepted(other, found),
+            "D_initial_mm": 1e3 * judge(other, initial(other), found.duration, pool, JUDGES),
+            "D_mm": 1e3 * judge(other, found.control_points, found.duration, pool, JUDGES),
+            "D_relax_mm": 1e3 * other.d_relax,
+            "closed_at_home": (row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"]),
+        })  # fmt: skip
+    return told
+
+
+def summary_of_lookups(told: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The worst of those that a run would take as they are."""
+    taken = [r for r in told if r["accepted"]]
+    large = [r for r in taken if r["D_initial_mm"] - r["D_relax_mm"] >= LARGE_GAP_MM and r["closed_at_home"] > 0.0]
+    return {
+        "lookups": len(told),
+        "lookups_accepted": len(taken),
+        "lookups_with_large_gap": len(large),
+        "scaled_gap_kept_min": min((_kept(r) for r in large), default=None),
+        "scaled_worse_than_initial_mm_max": max((r["D_mm"] - r["D_initial_mm"] for r in taken), default=None),
+    }
+
+
+def _kept(row: Mapping[str, Any]) -> float:
+    """The share of this case's gap that is closed, to that of its own case's that is closed there."""
+    closed = (row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"])
+    return float(closed / row["closed_at_home"])
+
+
+def _accepted(case: Case, found: GraspTrajectory) -> bool:
+    """Whether a run would take the arcs as they are."""
+    mesh, before = case.coarse
+    outcome = optimise_fold(
+        case.step, mesh, before, case.garment.material, "initial", start=dict(found.control_points),
+        promised=found.dissimilarity, max_tool_speed=case.garment.max_tool_speed,
+    )  # fmt: skip
+    return outcome.value is not None and outcome.value.source == "library"
+
+
+def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
+    garment, step = case.garment, case.step
+    controls = {Side(side): np.array(c) for side, c in row["arcs_m"].items()}
+    trajectory = GraspTrajectory(
+        controls, row["duration_s"], "optimised", 0.0, 1e-3 * row["D_promised_mm"], row["simulations"]
+    )
+    return entry_from(
+        trajectory, step, category=garment.category, variant=garment.plan[step.index].variants[0].name,
+        garment=garment.name, material=garment.material, size_m=garment.size_m, edge_length=garment.mesh_edge_m,
+        method="default", dissimilarity_initial=0.0, max_tool_speed=garment.max_tool_speed, version="benchmark",
+    )  # fmt: skip
+
+
+def measure_lookup_times(names: Sequence[str]) -> dict[str, Any]:
+    """Looking an arc up in the shipped library, among all its entries, and scaling it."""
+    library = load_library().library
+    times, found = [], 0
+    for name in names:
+        garment = load_garment(name, "bare_table")
+        for step in plan_folds(garment.flat_state(*garment.poses.middle), garment).unwrap():
+            for _ in range(LOOKUPS // len(names)):
+                began = time.perf_counter()
+                entry = lookup(library, garment.category, step.name, garment.material, garment.size_m)
+                if entry is not None:
+                    trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
+                times.append(time.perf_counter() - began)
+            found += entry is not None
+    return {"lookup_ms_p99": 1e3 * float(np.percentile(times, 99)), "steps_in_library": found}

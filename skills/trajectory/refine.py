@@ -1,0 +1,48 @@
+"""The same fold on a finer mesh: what a search found on one mesh may owe something to that mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skills.cloth.mesh import mesh_from_contour
+from skills.trajectory.problem import FoldProblem, TrajectoryMesh
+from skills.vocabulary import Array
+
+__all__ = ["carried", "refined"]
+
+
+def refined(problem: FoldProblem, share: float) -> FoldProblem:
+    """`problem` on a mesh with edges `share` as long, the garment lying as it does there."""
+    mesh = problem.mesh
+    edge = float(np.sqrt(4.0 / np.sqrt(3.0) * np.median(mesh.area)))  # of the equilateral triangle of that area
+    outline = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles[mesh.triangle_layer == 0]]))
+    contour = shapely.get_coordinates(outline.exterior)[:-1]
+    if not outline.exterior.is_ccw:
+        contour = contour[::-1]
+    finer = mesh_from_contour(contour, share * edge, int(mesh.layer.max()) + 1)
+    return replace(problem, mesh=finer, positions=carried(mesh, problem.positions, finer.rest, finer.layer))
+
+
+def carried(mesh: TrajectoryMesh, positions: Array, rest: Array, layer: NDArray) -> Array:
+    """(m, 3) where points of the garment lie: rest (m, 2) and layer (m,), on a mesh at `positions` (n, 3).
+
+    A point outside the mesh, as a resampled border has some, is carried by the nearest triangle.
+    """
+    out = np.empty((len(rest), 3))
+    for sheet in np.unique(layer):
+        own = np.flatnonzero(layer == sheet)
+        triangles = mesh.triangles[mesh.triangle_layer == sheet]
+        corners = mesh.rest[triangles]
+        nearest = shapely.STRtree(shapely.polygons(corners)).nearest(shapely.points(rest[own]))
+        a, b, c = np.moveaxis(corners[nearest], 1, 0)
+        u, v, w = b - a, c - a, rest[own] - a
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+        t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+        weights = np.column_stack([1.0 - s - t, s, t])
+        out[own] = np.einsum("ik,ikd->id", weights, positions[triangles[nearest]])
+    return out

@@ -1,0 +1,57 @@
+"""The optimiser's benchmark: its worst figures by hand, and what it keeps between runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.optimise import _worst
+from benchmarks.optimise.kept import Kept, fingerprint
+from benchmarks.optimise.lookups import summary_of_lookups
+
+
+def row(step: str, method: str, d: float | None, initial: float = 10.0, relaxed: float = 5.0, **more: Any) -> dict:
+    figures = {"D_initial_mm": initial, "D_relax_mm": relaxed, "D_mm": d, "seconds": 3.0, "cpu_seconds": 5.0}
+    return {"garment": "towel", "step": step, "method": method, "layers": 1, **figures, **more}
+
+
+def test_the_worst_figures_by_hand() -> None:
+    rows = [
+        row("a", "default", 6.0), row("a", "two_parameter", 6.5), row("a", "paper", 5.5),
+        row("b", "default", 4.2, 4.0, 3.0, seconds=4.5), row("b", "two_parameter", 4.1), row("b", "paper", None),
+        row("c", "default", 7.0, layers=2, seconds=9.0), row("d", "default", None),
+    ]  # fmt: skip
+    worst = _worst(rows)
+    assert worst["steps_optimised"] == 3 and worst["steps_failed"] == 1 and worst["steps_with_gap"] == 2
+    assert worst["gap_closed_min"] == pytest.approx(0.6) and worst["gap_closed_median"] == pytest.approx(0.7)
+    assert worst["worse_than_initial_mm_max"] == pytest.approx(0.2)
+    assert worst["worse_than_initial_without_gap_mm_max"] == pytest.approx(0.2)
+    assert worst["worse_than_two_parameter_mm_max"] == pytest.approx(0.1)
+    assert worst["worse_than_paper_mm_max"] == pytest.approx(0.5)
+    assert worst["towel_step_s_max"] == 4.5 and worst["two_layer_step_s_max"] == 9.0
+
+
+def test_only_accepted_look_ups_with_a_large_gap_count() -> None:
+    def told(d: float, initial: float, accepted: bool = True) -> dict[str, Any]:
+        return {"accepted": accepted, "D_initial_mm": initial, "D_mm": d, "D_relax_mm": 4.0, "closed_at_home": 0.8}
+
+    figures = summary_of_lookups([told(6.0, 14.0), told(12.0, 14.0, False), told(6.5, 6.0)])
+    assert figures["lookups"] == 3 and figures["lookups_accepted"] == 2 and figures["lookups_with_large_gap"] == 1
+    assert figures["scaled_gap_kept_min"] == pytest.approx(1.0)
+    assert figures["scaled_worse_than_initial_mm_max"] == pytest.approx(0.5)
+    assert summary_of_lookups([])["scaled_gap_kept_min"] is None
+
+
+def test_figures_are_kept_until_what_they_were_measured_of_changes(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "kept.json"
+    key = fingerprint("small_towel", budget=25)
+    Kept(path).put(key, "0/default", {"D_mm": 1.5})
+    assert Kept(path).get(key, "0/default") == {"D_mm": 1.5}
+    assert Kept(path).get(key, "1/default") is None
+    assert len({key, fingerprint("small_towel", budget=10), fingerprint("medium_towel", budget=25)}) == 3
+    assert fingerprint("small_towel", budget=25) == key
+    path.write_text("{ not JSON")
+    assert Kept(path).get(key, "0/default") is None
+    Kept(None).put(key, "0/default", {})
