@@ -98,12 +98,31 @@ def slides(
     mesh: ClothMesh, material: Material, angle: float, positions: Array | None = None, seconds: float = WATCH_S
 ) -> tuple[float, Array]:
     """How far the garment, at rest first, moves down the slope in `seconds` [m], and where it is then (n, 3)."""
-    settings = SolverSettings(gravity=(GRAVITY * math.sin(angle), 0.0, -GRAVITY * math.cos(angle)), drag=0.0)
-    simulation = ClothSimulation(mesh, material, positions, settings)
-    before = simulation.positions
-    simulation.advance(max(1, round(seconds * settings.frame_rate)))
-    after = simulation.positions
-    return float((after - before)[:, 0].mean()), after
+    table = _Table(mesh, material, positions)
+    moved = table.watch(material, angle, seconds)
+    return moved, table.positions
+
+
+class _Table:
+    """The garment on the table from one slope and friction to the next: what its contacts bear is kept. Laid
+    down anew, a garment of two layers shifts its weight first, and slips while it does."""
+
+    def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
+        self._mesh = mesh
+        self._saved: dict[str, Array] | None = None
+        self.positions = mesh.lay_flat(material.thickness) if positions is None else positions
+
+    def watch(self, material: Material, angle: float, seconds: float) -> float:
+        """How far it moves down the slope in `seconds` [m]."""
+        gravity = (GRAVITY * math.sin(angle), 0.0, -GRAVITY * math.cos(angle))
+        settings = SolverSettings(gravity=gravity, drag=0.0, sleep_frames=0)
+        simulation = ClothSimulation(self._mesh, material, self.positions, settings)
+        if self._saved is not None:
+            simulation.restore(self._saved)
+        before = simulation.positions
+        simulation.advance(max(1, round(seconds * settings.frame_rate)))
+        self._saved, self.positions = simulation.checkpoint(), simulation.positions
+        return float((self.positions - before)[:, 0].mean())
 
 
 def calibrate_friction(
@@ -122,14 +141,14 @@ def calibrate_friction(
     angle = friction_angle(height, length)
     wanted = math.tan(angle)
     mesh = mesh_from_contour(template, EDGE, layers)
-    held, x, film = _lift(mesh, material, angle, wanted)
+    held, table, film = _lift(mesh, material, angle, wanted)
     tried: list[tuple[float, float]] = []
     slid = 0.0
     while not slid and held > STEP * wanted:
         mu = held - STEP * wanted
-        moved, x = slides(mesh, material.with_friction(mu), angle, x)
+        moved = table.watch(material.with_friction(mu), angle, WATCH_S)
         tried.append((mu, moved))
-        film.take(x, WATCH_S, angle, mu)
+        film.take(table, WATCH_S, angle, mu)
         if moved > MOVED:
             slid = mu
         else:
@@ -150,23 +169,22 @@ class _Film:
         self.lifts: list[float] = []
         self.frictions: list[float] = []
 
-    def take(self, positions: Array, seconds: float, lift: float, friction: float) -> None:
-        self.pictures.append(positions)
+    def take(self, table: _Table, seconds: float, lift: float, friction: float) -> None:
+        self.pictures.append(table.positions)
         self.seconds.append(seconds)
         self.lifts.append(lift)
         self.frictions.append(friction)
 
 
-def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, Array, _Film]:
-    """Lift the table with a friction that holds the garment: that friction, and where it lies then (n, 3)."""
+def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, _Table, _Film]:
+    """Lift the table with a friction that holds the garment: that friction, and the garment on the slope."""
     factor = START
     while True:
-        mu, x = factor * wanted, mesh.lay_flat(material.thickness)
-        film = _Film()
+        mu, table, film = factor * wanted, _Table(mesh, material), _Film()
         for lift in np.linspace(0.0, angle, LIFTS):
-            _, x = slides(mesh, material.with_friction(mu), float(lift), x, LIFT_S)
-            film.take(x, LIFT_S, float(lift), mu)
-        moved, x = slides(mesh, material.with_friction(mu), angle, x)
+            table.watch(material.with_friction(mu), float(lift), LIFT_S)
+            film.take(table, LIFT_S, float(lift), mu)
+        moved = table.watch(material.with_friction(mu), angle, WATCH_S)
         if moved <= MOVED or factor >= MOST_FRICTION:
-            return mu, x, film
+            return mu, table, film
         factor *= 1.25

@@ -139,7 +139,7 @@ def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
 
 def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
     """A fold frame by frame, positions (n, 3): the same bits as `predict_fold`'s."""
-    simulation = ClothSimulation(mesh, material, x)
+    simulation = ClothSimulation(mesh, material, x, at_rest=True)
     frame = simulation.settings.frame
     frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
     p, r = hand_motion(paths, frames, frame)
