@@ -19,8 +19,8 @@ from skills.cloth.predict import predict_fold
 from skills.trajectory.paths import fold_paths
 from skills.vocabulary import Material
 
-OTHERS = (0.015, 0.030)
-"""[m] edge lengths of the meshes on which the garments are calibrated and hung again."""
+OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
+"""[m] edge lengths of the other meshes, for garments of one layer and of two (which take long)."""
 QUICK = ("small_towel",)
 TRUE_FRICTION = 0.8
 """Over what is believed, in the test of the identification."""
@@ -36,7 +36,7 @@ def hung(quick: bool) -> dict[str, Any]:
         pair = clip_and_lowest(garment.template, garment.keypoints)
         wanted = 0.01 * PAPER[name][0]
         l2 = float(np.linalg.norm(garment.template[pair[0]] - garment.template[pair[1]]))
-        edges = [garment.mesh_edge_m] if quick else [garment.mesh_edge_m, *OTHERS]
+        edges = dict.fromkeys([garment.mesh_edge_m, *(() if quick else OTHERS[garment.layers])])
         row: dict[str, Any] = {"garment": name, "wanted_percent": 100.0 * wanted, "hung": []}
         nominal = None
         for edge in edges:

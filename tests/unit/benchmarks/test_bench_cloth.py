@@ -10,6 +10,7 @@ import pytest
 
 import benchmarks.cloth as bench
 from benchmarks.cloth.contact import strain
+from benchmarks.cloth.results import page
 from benchmarks.cloth.scenes import MATERIAL, frames_of, mirrored, towel_half, towel_mesh
 from cell.cli import main
 from robots.errors import ConfigurationError
@@ -78,3 +79,15 @@ def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
     x[pulled, 0] += 0.005
     assert strain(mesh, x, none) > 0.1
     assert strain(mesh, x, mesh.rest[[pulled]]) < 1e-9
+
+
+def test_the_page_of_results_says_what_is_not_met_and_leaves_out_what_was_not_measured() -> None:
+    hung = [{"mesh_mm": 20.0}, {"mesh_mm": 30.0}]
+    text = page({
+        "towel_425_x_realtime": 61.0, "shirt_end_crossings": 2, "same_bits_again": True,
+        "hang_garment": [{"garment": "pants", "wanted_percent": 1.7, "hung": hung}],
+    })  # fmt: skip
+    assert "| towel, 425 vertices, in half | 61 x | at least 50 |" in text
+    assert "at most 0: **not met**" in text and "| True | at least 1 |" in text
+    assert "| pants | 1.7 | 30 |" in text
+    assert "PyBullet" not in text.split("Hung garments")[0]
