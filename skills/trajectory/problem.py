@@ -193,9 +193,9 @@ class Evaluator:
 
     def confirm(
         self, problem: FoldProblem, finalists: Sequence[Candidate], mishaps: Sequence[Mishap | None]
-    ) -> list[float]:
-        """Simulate candidates again with each mishap, on a problem that may be stated on another mesh. Returns
-        (mean + worst) / 2 of the cost of each."""
+    ) -> Array:
+        """Simulate candidates again with each mishap, on a problem that may be stated on another mesh: costs
+        (finalists, mishaps)."""
         pairs = [(f, m) for f in finalists for m in mishaps]
         again = self._executor.map(problem.evaluate, [f.controls for f, _ in pairs], [m for _, m in pairs])
         costs = []
@@ -203,8 +203,7 @@ class Evaluator:
             costs.append(candidate.cost)
             self.failed += candidate.failed
             self._tick()
-        every = np.array(costs).reshape(len(finalists), len(mishaps))
-        return [float(c) for c in (every.mean(axis=1) + every.max(axis=1)) / 2]
+        return np.array(costs).reshape(len(finalists), len(mishaps))
 
     def one(self, controls: Controls) -> Candidate:
         return self.many([controls])[0]
