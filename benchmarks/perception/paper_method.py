@@ -15,7 +15,7 @@ from benchmarks.perception.scenes import TABLE, LabelledScene
 from robots.ports import Array
 from skills.perception.energy import Boundary, EnergyWeights
 from skills.perception.register import RegistrationSettings, fit
-from skills.perception.segment import segment_watershed
+from skills.perception.segment_watershed import segment_watershed
 from skills.perception.template import GarmentOutline, polygon_area
 from skills.perception.view import TableView
 
@@ -36,7 +36,7 @@ def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[st
     contour = view.to_table(found.contour)
     contour = contour if polygon_area(contour) > 0 else contour[::-1]
     boundary = Boundary(contour)
-    X, feature, _ = fit(_similar(np.asarray(garment.template), boundary.points), boundary, SETTINGS)
+    X, feature, _, _ = fit(_similar(np.asarray(garment.template), boundary.points), boundary, SETTINGS)
     return {garment.keypoints[feature[i]]: X[i] for i in np.flatnonzero(feature >= 0)}
 
 

@@ -91,7 +91,7 @@ def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
     """Sleeves or legs turned about where they are sewn on, more and more over the first centimetres."""
     at = dict(zip(garment.keypoints, np.asarray(garment.template), strict=True))
     turns: list[Map] = []
-    if "armpit_left" in at:
+    if "cuff_upper_left" in at:
         for side, sign in (("left", 1.0), ("right", -1.0)):
             armpit, shoulder = at[f"armpit_{side}"], at[f"shoulder_{side}"]
             cuff = 0.5 * (at[f"cuff_lower_{side}"] + at[f"cuff_upper_{side}"])

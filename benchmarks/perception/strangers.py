@@ -55,12 +55,17 @@ def _scarf(rng: np.random.Generator) -> Array:
     return np.array([(w, h), (-w, h), (-w, -h), (w, -h)])
 
 
-def _vest(rng: np.random.Generator) -> Array:
-    """A garment of a kind that is not shipped: straps, deep armholes."""
-    w, h, s = rng.uniform(0.17, 0.20), rng.uniform(0.26, 0.30), rng.uniform(0.04, 0.05)
-    neck, arm = 0.06, rng.uniform(0.05, 0.10)
-    half = [(-h, w), (arm, w), (0.5 * h, neck + s), (h, neck + s), (h, neck), (0.55 * h, 0.5 * neck)]
+def _apron(rng: np.random.Generator) -> Array:
+    """A garment of a kind that is not shipped: a bib on a wide skirt, with ties at its sides."""
+    w, h, b = rng.uniform(0.20, 0.24), rng.uniform(0.28, 0.32), rng.uniform(0.09, 0.11)
+    tie = rng.uniform(0.12, 0.16)
+    half = [(-h, w), (0.1 * h, w), (0.1 * h, w + tie), (0.2 * h, w + tie), (0.2 * h, w), (0.45 * h, b), (h, b)]
     return np.array([*half, *[(x, -y) for x, y in reversed(half)]])
+
+
+def _sock(rng: np.random.Generator) -> Array:
+    a, b = rng.uniform(0.05, 0.06), rng.uniform(0.20, 0.26)
+    return np.array([(-0.22, -a), (0.24, -a), (0.24, a), (-0.10, a), (-0.10, b), (-0.22, b)])
 
 
 STRANGERS: Mapping[str, Callable[[np.random.Generator], Array]] = {
@@ -69,7 +74,8 @@ STRANGERS: Mapping[str, Callable[[np.random.Generator], Array]] = {
     "bag": _bag,
     "blob": _blob,
     "scarf": _scarf,
-    "vest": _vest,
+    "apron": _apron,
+    "sock": _sock,
 }
 SEEN_OF_EACH, QUICK_SEEN_OF_EACH = 10, 1
 

@@ -103,9 +103,7 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
     return chosen
 
 
-def _closer(
-    pose: _Pose, template: Array, q: Array, normals: Array, tukey: float, settings: BodySettings
-) -> _Pose:
+def _closer(pose: _Pose, template: Array, q: Array, normals: Array, tukey: float, settings: BodySettings) -> _Pose:
     """One Gauss-Newton step of point to line: boundary points q (m, 2) against the template's edges."""
     X = pose.of(template)
     segment, t, foot = closest_segments(X, q, normals, settings.normal_reach)

@@ -16,7 +16,11 @@ from skills.perception.body import BodySettings, lay_body
 from skills.perception.energy import Boundary, closest_segments, interior_angles, segment_lengths
 from skills.perception.template import polygon_area
 
-__all__ = ["CornerSettings", "set_corners"]
+__all__ = ["CornerSettings", "least_turn", "set_corners"]
+
+
+_TIP = 8
+"""How many points of the boundary before and after the nearest one a corner's tip is looked for."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +33,14 @@ class CornerSettings:
     """Sine of the angle from which a corner is sharp."""
     snap: float = 0.03
     """A corner is moved by at most this much."""
-    notch: float = 0.08
+    notch: float = 0.25
     """As `snap`, for a notch."""
     edge: float = 0.08
     notch_edge: float = 0.16
     """How far from a corner, and from a notch, the edges are looked at."""
     line_sigma: float = 0.0025
     """How well a line through the boundary is known where it meets another."""
-    template_sigma: float = 0.006
+    template_sigma: float = 0.004
     """How well the template's proportions hold from one corner to its neighbours."""
     smoothed: float = 0.0015
     """What segmentation takes off a very acute corner."""
@@ -85,10 +89,35 @@ def set_corners(
             tip = _most_likely(lines, _by_template(k, shape, X[corners], clear), settings)
         else:
             meeting = _meet(lines)
-            tip = X[vertex] if meeting is None else _round_tip(meeting, angles[k], boundary, settings.smoothed)
+            tip = X[vertex] if meeting is None else _round_tip(meeting, lines, angles[k], boundary, settings)
         if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
             moved[vertex] = tip
     return moved
+
+
+def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: CornerSettings | None = None) -> float:
+    """How much of a sharp corner's angle the boundary turns by where that corner was set: the least share.
+
+    corners: (k, 2) [m]; angles: (k,) the template's interior ones [rad]. A corner of which the boundary shows
+    nothing (share near 0) was set somewhere along an edge. Notches are left out: nobody sees into them.
+    """
+    settings = settings or CornerSettings()
+    sharp = (np.abs(np.sin(angles)) >= settings.sharp) & (angles <= settings.notch_angle)
+    if not sharp.any():
+        return 1.0
+    n, points = len(boundary.points), boundary.points
+    near, far = _TIP, 3 * _TIP
+    at = boundary.nearest(corners[sharp])[1]
+    # The corner may be set a little beside the tip, and rounded: the chords begin beside it.
+    shares = []
+    for offset in (-near, 0, near):
+        i = at + offset
+        coming = points[(i - near) % n] - points[(i - far) % n]
+        going = points[(i + far) % n] - points[(i + near) % n]
+        cross = coming[:, 0] * going[:, 1] - coming[:, 1] * going[:, 0]
+        turn = np.arctan2(cross, (coming * going).sum(axis=1))
+        shares.append(turn / (np.pi - angles[sharp]))
+    return float(np.max(shares, axis=0).min())
 
 
 def _edges(k: int, at: Array, total: float, q: Array, along: Array, reach: float) -> list[tuple[Array, Array]]:
@@ -144,14 +173,24 @@ def _meet(lines: list[tuple[Array, Array]]) -> Array | None:
     return np.asarray(a + u * (d[0] * v[1] - d[1] * v[0]) / cross)
 
 
-def _round_tip(corner: Array, angle: float, boundary: Boundary, smoothed: float) -> Array:
-    """The tip of a round corner: the boundary there, less what smoothing the picture took off it."""
+def _round_tip(
+    corner: Array, lines: list[tuple[Array, Array]], angle: float, boundary: Boundary, settings: CornerSettings
+) -> Array:
+    """The tip of a round corner: how far the boundary reaches there along the bisector of its edges, less what
+    smoothing the picture took off it."""
     _, nearest = boundary.nearest(corner[None])
-    tip = boundary.points[nearest[0]]
+    near = boundary.points[(nearest[0] + np.arange(-_TIP, _TIP + 1)) % len(boundary.points)]
+    away = sum(_towards(corner, point, u) for point, u in lines)
+    tip = near[int(np.argmax(near @ away))]
     missing = corner - tip
     far = float(np.linalg.norm(missing))
-    cut = smoothed * abs(float(np.cos(0.5 * angle)))
+    cut = settings.smoothed * abs(float(np.cos(0.5 * angle)))
     return np.asarray(tip + missing * min(1.0, cut / max(far, 1e-9)))
+
+
+def _towards(corner: Array, point: Array, direction: Array) -> Array:
+    """The unit vector along a line through `point` that leads to the corner."""
+    return direction * np.sign(float(direction @ (corner - point)))
 
 
 def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:

@@ -22,6 +22,10 @@ from skills.vocabulary import FoldStep, PredictedShape
 __all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]
 
 
+_TOLERANCE = 0.010
+"""Strips further than this from the fitted shape of an edge count less [m]."""
+
+
 @dataclass(frozen=True)
 class EdgeSettings:
     """Lengths [m]."""
@@ -57,11 +61,19 @@ class MovedEdge:
 
     @property
     def sag(self) -> float:
-        """How much further behind the middle third lies than the worse one of the two ends [m]."""
-        n = len(self.lag)
-        middle = self.lag[n // 3 : n - n // 3]
-        ends = (_median(self.lag[: max(n // 4, 1)]), _median(self.lag[n - max(n // 4, 1) :]))
-        return _median(middle) - max(ends)
+        """How much further behind the middle lies than the line between the two ends [m]: the amplitude of half a
+        sine over a straight line, fitted to all strips with Huber's weights; NaN where too few are seen."""
+        known = np.isfinite(self.lag)
+        if np.count_nonzero(known) < 5:
+            return float("nan")
+        t = (np.flatnonzero(known) + 0.5) / len(self.lag)
+        basis, lag = np.stack([1.0 - t, t, np.sin(np.pi * t)], axis=1), self.lag[known]
+        weight = np.ones(len(lag))
+        fit = np.zeros(3)
+        for _ in range(5):
+            fit = np.asarray(np.linalg.lstsq(basis * weight[:, None], lag * weight, rcond=None)[0], dtype=float)
+            weight = np.sqrt(np.minimum(1.0, _TOLERANCE / np.maximum(np.abs(lag - basis @ fit), 1e-9)))
+        return float(fit[2])
 
     @staticmethod
     def _end(lag: Array) -> float:

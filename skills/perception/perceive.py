@@ -14,14 +14,8 @@ from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.energy import segment_lengths
 from skills.perception.register import Registration, RegistrationSettings, register
-from skills.perception.segment import (
-    Segmentation,
-    SegmentationSettings,
-    segment_grabcut,
-    segment_plain,
-    segment_reference,
-    segment_watershed,
-)
+from skills.perception.segment import segment
+from skills.perception.segmentation import Segmentation, SegmentationSettings
 from skills.perception.template import GarmentOutline
 from skills.perception.view import RectifiedView, TableView
 from skills.vocabulary import (
@@ -45,8 +39,8 @@ _SUREST = 0.97
 class PerceptionSettings:
     """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
 
-    method: 'reference' (falls back to 'plain' without a picture of the empty table), 'plain', 'grabcut' or
-    'watershed' (the paper's).
+    method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table
+    'reference' stands for 'plain', and where that leads to no garment, 'grabcut'.
     """
 
     pixel: float = 0.002
@@ -64,6 +58,8 @@ class PerceptionSettings:
     """Nor is one known that the straight lines between its key points overlap no better than this,"""
     proportions: float = 0.20
     """or whose key points lie apart unlike the template's: root mean square of the logarithm of length ratios."""
+    least_turn: float = 0.35
+    """Nor is one whose sharp corners were set where the outline turns by less than this share of their angle."""
     category_margin: float = 0.03
     """The expected category is accepted when the best one overlaps no better than by this."""
     size_tolerance: float = 0.20
@@ -134,22 +130,57 @@ def perceive(
     wanted = _wanted(garments, expected)
     stages = _Stages()
 
-    def failed(failure: Failure) -> Outcome[Perception]:
-        return Outcome(failure=failure, notes=stages.notes)
-
     fault = camera_fault(frame, calibration, previous, settings)
     if fault is None and reference is not None:
         fault = camera_fault(reference, calibration, None, settings)
     if fault is not None:
-        return failed(fault)
+        return Outcome(failure=fault, notes=stages.notes)
     view = TableView(calibration, table, settings.pixel)
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
-    height = height_above(seen, empty)
+    picture = _Picture(view, seen, empty, height_above(seen, empty))
     stages.done("view")
+    outcomes = []
+    for method in _methods(settings, empty):
+        outcome = _perceive_by(method, picture, garments, wanted, settings, stages)
+        if outcome.ok:
+            return outcome
+        outcomes.append(outcome)
+    told = [o for o in outcomes if o.failure is not None and o.failure.kind is not FailureKind.NO_GARMENT]
+    return (told or outcomes)[0]
 
-    segmentation = segment(seen, empty, height, settings)
+
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """What there is to see: the picture in its view, the empty table (or None), height above it (H, W) [m]."""
+
+    view: TableView
+    seen: RectifiedView
+    empty: RectifiedView | None
+    height: NDArray[np.float32]
+
+
+def _methods(settings: PerceptionSettings, empty: RectifiedView | None) -> tuple[str, ...]:
+    return ("plain", "grabcut") if settings.method == "reference" and empty is None else (settings.method,)
+
+
+def _perceive_by(
+    method: str,
+    picture: _Picture,
+    garments: Sequence[GarmentOutline],
+    wanted: GarmentOutline | None,
+    settings: PerceptionSettings,
+    stages: _Stages,
+) -> Outcome[Perception]:
+    view, seen, height = picture.view, picture.seen, picture.height
+
+    def failed(failure: Failure) -> Outcome[Perception]:
+        return Outcome(failure=failure, notes=dict(stages.notes))
+
+    reference = picture.empty.rgb if picture.empty is not None else None
+    segmentation = segment(method, seen.rgb, reference, seen.valid, height, settings.segmentation)
     stages.done("segment")
+    stages.notes["segmentation_method"] = method
     stages.notes["segmentation_confidence"] = segmentation.confidence
     failure = _not_usable(segmentation, view, height, settings)
     if failure is not None:
@@ -173,7 +204,7 @@ def perceive(
     stages.notes |= {
         "iou": iou, "scale": chosen.scale, "confidence": confidence,
         "boundary_rms_m": registration.residual, "updates": len(registration.history) - 1,
-        "garment_height_m": top,
+        "garment_height_m": top, "least_turn": registration.least_turn,
     }
     if confidence < settings.lowest_confidence:
         return failed(
@@ -190,7 +221,7 @@ def perceive(
     value = Perception(
         state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top
     )
-    return Outcome(value=value, notes=stages.notes)
+    return Outcome(value=value, notes=dict(stages.notes))
 
 
 def camera_fault(
@@ -246,24 +277,6 @@ def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np
     coarse = cv2.resize(known, (max(columns // 4, 1), max(rows // 4, 1)), interpolation=cv2.INTER_AREA)
     smooth = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), 1.0), (columns, rows), interpolation=cv2.INTER_LINEAR)
     return np.asarray(seen.height - smooth, dtype=np.float32)
-
-
-def segment(
-    seen: RectifiedView,
-    empty: RectifiedView | None,
-    height: NDArray[np.float32],
-    settings: PerceptionSettings,
-) -> Segmentation:
-    """The garment by the method that `settings` names."""
-    if settings.method == "watershed":
-        return segment_watershed(seen.rgb, seen.valid, settings.segmentation)
-    if settings.method == "grabcut":
-        return segment_grabcut(seen.rgb, seen.valid, settings.segmentation)
-    if settings.method == "plain" or empty is None:
-        return segment_plain(seen.rgb, seen.valid, height, settings.segmentation)
-    if settings.method == "reference":
-        return segment_reference(seen.rgb, empty.rgb, seen.valid, height, settings.segmentation)
-    raise ValueError(f"method {settings.method!r} is none of reference, plain, grabcut, watershed")
 
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
@@ -393,13 +406,21 @@ def _choose(
 def _not_of_its_kind(
     registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
 ) -> Failure | None:
-    """A contour that bends freely follows any silhouette; the polygon of its key points does not."""
+    """A contour that bends freely follows any silhouette; the polygon of its key points does not, and a corner
+    that lies along an edge is none."""
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     overlap = polygon_iou(polygon, contour)
     ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
     distortion = float(ratio.std())
     if overlap >= settings.polygon_iou and distortion <= settings.proportions:
-        return None
+        if registration.least_turn >= settings.least_turn:
+            return None
+        return Failure(
+            FailureKind.LOW_CONFIDENCE,
+            f"the outline has no corner where one of {garment.name} should be",
+            "straighten the garment, above all its ends, or make a template with `foldcell garment new`",
+            {"least_turn": registration.least_turn},
+        )
     return Failure(
         FailureKind.UNKNOWN_GARMENT,
         f"the silhouette is not that of {garment.name} (key points' outline overlaps by {overlap:.2f}, "

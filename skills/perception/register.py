@@ -17,18 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.corners import CornerSettings, set_corners
+from skills.perception.corners import CornerSettings, least_turn, set_corners
 from skills.perception.energy import (
     Boundary,
     EnergyWeights,
     closest_segments,
     contour_terms,
+    interior_angles,
     segment_lengths,
     solve_damped,
 )
 from skills.perception.template import GarmentOutline, polygon_area, symmetries
 
 __all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "fit", "register"]
+
+
+_MARGIN = 0.005
+"""Distances between boundaries that differ by less do not rule an orientation out [m]."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,8 @@ class Registration:
     scale: float
     ambiguous: tuple[str, ...]
     history: tuple[float, ...]
+    stages: tuple[Array, ...]
+    least_turn: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +102,17 @@ def register(
     open_to = symmetries(polygon)
     starts = best_starts(polygon, boundary, settings)
     fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
-    (X, feature, history), start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
+    best, start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
+    X, feature, history, stages = best
     if settings.corners is not None:
         X = set_corners(X, feature, polygon, boundary, settings.corners)
     vertices = np.flatnonzero(feature >= 0)
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
-    distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0)))
+    angles = interior_angles(polygon)[feature[vertices]]
+    notch = np.zeros(len(X), bool)
+    notch[vertices] = angles > (settings.corners or CornerSettings()).notch_angle
+    # A crotch lies where no boundary is seen: the two segments that end there are not compared with it.
+    distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
         contour=frozen(X),
@@ -110,6 +122,8 @@ def register(
         scale=float(np.sqrt(polygon_area(contour) / polygon_area(polygon))),
         ambiguous=open_to,
         history=tuple(history),
+        stages=tuple(frozen(stage) for stage in stages),
+        least_turn=least_turn(X[vertices], angles, boundary, settings.corners),
     )
 
 
@@ -133,12 +147,16 @@ def _starts(polygon: Array, boundary: Boundary) -> list[Start]:
     for a in observed:
         for b in ours:
             angles += [a - b + k * np.pi / 2 for k in range(4)]
-    starts: list[Start] = []
-    for angle in angles:
-        angle = float((angle + np.pi) % (2 * np.pi) - np.pi)
-        if all(abs(_wrap(angle - s.angle)) > np.deg2rad(3) for s in starts):
-            placed = _place(polygon, angle, boundary)
-            starts.append(Start(placed, angle, _boundary_distance(placed, boundary)))
+    placed: list[tuple[Array, float, float]] = []
+    for angle in map(_wrap, angles):
+        if all(abs(_wrap(angle - a)) > np.deg2rad(3) for _, a, _ in placed):
+            X = _place(polygon, angle, boundary)
+            placed.append((X, angle, _distance_there(X, boundary)))
+    # The way back costs more: it is looked at only where the way there is no longer than twice the shortest.
+    most = 2.0 * min(there for _, _, there in placed) + _MARGIN
+    starts = [
+        Start(X, angle, 0.5 * (there + _distance_back(X, boundary))) for X, angle, there in placed if there <= most
+    ]
     return sorted(starts, key=lambda s: s.distance)
 
 
@@ -181,13 +199,16 @@ def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
     return ((polygon - middle) * stretch + 0.5 * (low + high)) @ R.T
 
 
-def _boundary_distance(polygon: Array, boundary: Boundary) -> float:
-    """Mean distance between two boundaries, both ways [m]."""
+def _distance_there(polygon: Array, boundary: Boundary) -> float:
+    """Mean distance of a placed template from the boundary [m]."""
     X = _subdivide(polygon, np.arange(len(polygon)), 0.03)[0]
-    there, _ = boundary.nearest(X)
-    _, _, foot = closest_segments(X, boundary.samples, boundary.sample_normals, 0.0)
-    back = np.linalg.norm(foot - boundary.samples, axis=1)
-    return 0.5 * float(there.mean() + back.mean())
+    return float(boundary.nearest(X)[0].mean())
+
+
+def _distance_back(polygon: Array, boundary: Boundary) -> float:
+    """Mean distance of the boundary from a placed template [m]."""
+    _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, 0.0)
+    return float(np.linalg.norm(foot - boundary.samples, axis=1).mean())
 
 
 def _judge(
@@ -206,18 +227,20 @@ def _judge(
 
 def fit(
     polygon: Array, boundary: Boundary, settings: RegistrationSettings
-) -> tuple[Array, NDArray[np.intp], list[float]]:
-    """Registered contour (n, 2), which key point each vertex is (-1: none), and the energies."""
+) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
+    """Registered contour (n, 2), which key point each vertex is (-1: none), the energies, and the contours that
+    have them."""
     X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
-    history = [_energy(X, boundary, settings)]
+    history, stages = [_energy(X, boundary, settings)], [X]
     for _ in range(settings.updates):
         X = _levenberg_marquardt(X, boundary, settings)
         X, feature = _subdivide(X, feature, settings.longest)
         X, feature = _merge(X, feature, settings.shortest)
         history.append(_energy(X, boundary, settings))
+        stages.append(X)
         if history[-1] > (1 - settings.reduction) * history[-2]:
             break
-    return X, feature, history
+    return X, feature, history, stages
 
 
 def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> float:

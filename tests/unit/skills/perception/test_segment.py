@@ -5,7 +5,9 @@ import pytest
 from cell.subcommands.perceive import photographed
 from skills.perception.boundary import refine_boundary, smooth_closed
 from skills.perception.perceive import height_above
-from skills.perception.segment import segment_grabcut, segment_plain, segment_reference, segment_watershed
+from skills.perception.segment_grabcut import segment_grabcut
+from skills.perception.segment_reference import segment_plain, segment_reference
+from skills.perception.segment_watershed import segment_watershed
 from skills.perception.view import TableView
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 

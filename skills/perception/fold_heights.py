@@ -1,0 +1,84 @@
+"""Heights over a folded garment against the predicted ones: cloth heaped up, and layers that are not there."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.perception.inspection import InspectionSettings
+from skills.perception.view import TableView
+from skills.vocabulary import FoldStep
+
+__all__ = ["extra_height", "missing_layer", "piled_area"]
+
+
+def extra_height(
+    excess: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    view: TableView,
+    step: FoldStep | None,
+    settings: InspectionSettings,
+) -> float:
+    """95th percentile of the excess (H, W) [m] where it is judged; 0 where there is too little to see."""
+    samples = excess[_judged(mask, view, step, settings) & np.isfinite(excess)]
+    return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
+
+
+def piled_area(
+    excess: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    view: TableView,
+    step: FoldStep | None,
+    settings: InspectionSettings,
+) -> float:
+    """Area over which the excess (H, W) [m] is more than `settings.extra_height` [m2]."""
+    high = (excess > settings.extra_height) & _judged(mask, view, step, settings)
+    return float(np.count_nonzero(high)) * view.pixel**2
+
+
+def missing_layer(
+    height: NDArray[np.float32],
+    moved: NDArray[np.float32],
+    view: TableView,
+    step: FoldStep | None,
+    R: Array,
+    t: Array,
+    settings: InspectionSettings,
+) -> float:
+    """How much of the upper layers that were to come to a target is not there (0..1), the worst target.
+
+    Mean height over a patch inside each target, where the prediction has folded cloth, against prediction.
+    """
+    if step is None:
+        return float("nan")
+    shares = []
+    rows, columns = np.nonzero(np.isfinite(moved) & np.isfinite(height))
+    if not len(rows):
+        return float("nan")
+    xy = view.to_table(np.stack([columns, rows], axis=1))
+    want, have = moved[rows, columns], height[rows, columns]
+    for target in step.targets.values():
+        patch = np.linalg.norm(xy - (R @ target[:2] + t), axis=1) < 0.04
+        if np.count_nonzero(patch) < 300:
+            continue
+        planned = float(want[patch].mean())
+        if planned >= settings.layer_height:
+            shares.append(1.0 - float(have[patch].mean()) / planned)
+    return max(shares) if shares else float("nan")
+
+
+def _judged(
+    mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
+) -> NDArray[np.bool_]:
+    """The part of a mask away from its rim and from the fold lines."""
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    if step is not None:
+        rows, columns = np.nonzero(inner)
+        xy = view.to_table(np.stack([columns, rows], axis=1))
+        near = np.zeros(len(xy), bool)
+        for line in step.lines:
+            near |= np.abs(line.signed_distance(xy)) < settings.fold_margin
+        inner[rows[near], columns[near]] = False
+    return inner

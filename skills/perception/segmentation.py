@@ -1,0 +1,105 @@
+"""What a segmentation is, and how a raw mask becomes one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+
+__all__ = [
+    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "eroded", "fill", "nothing",
+    "opened",
+]  # fmt: skip
+
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Field = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class SegmentationSettings:
+    """Lengths in view pixels, colours in units of the natural logarithm of intensity."""
+
+    deepest_shadow: float = 1.0
+    """A shadow may darken the table to exp(-1.0) = 37 %."""
+    shadow_share: float = 0.05
+    """How much of the table may lie in shadow, before anything is known of a pixel."""
+    surely_garment: float = 6.0
+    """Distance from every shade of the table, in standard deviations."""
+    dark_offset: float = 0.04
+    """What is darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
+    shadow_rim: int = 13
+    """Cast shadows of a flat garment are narrower than this."""
+    garment_height: float = 0.0006
+    """Mean height over a dark region that tells cloth from shadow [m]."""
+    smallest_area: int = 2500
+    """Smaller regions are no garment (1 dm2 at 2 mm a pixel)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """mask: (H, W) bool. contour: (n, 2) sub-pixel (column, row), one per pixel of boundary, not closed.
+
+    confidence: 0..1, the share of the boundary where cloth and table could be told apart, times the share
+    of the foreground that this one region holds. An empty mask has confidence 0 and no contour.
+    others: (H, W) bool, what else lies there that is not the table, larger than a tenth of the smallest garment.
+    """
+
+    mask: Mask
+    contour: Array
+    confidence: float
+    others: Mask
+
+    @property
+    def found(self) -> bool:
+        return len(self.contour) > 0
+
+
+def nothing(shape: tuple[int, ...]) -> Segmentation:
+    return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0, np.zeros(shape, bool))
+
+
+def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float]:
+    """The largest region, closed, opened and without holes; other large ones; its share of all the foreground."""
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    # Closed by no more than a pixel: the table between two legs is narrow.
+    work = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
+    work = cv2.morphologyEx(work, cv2.MORPH_OPEN, ball)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(work)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    if count < 2 or areas.max() < settings.smallest_area:
+        return np.zeros(mask.shape, bool), np.zeros(mask.shape, bool), 0.0
+    largest = (labels == 1 + int(np.argmax(areas))).astype(np.uint8)
+    contours, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(largest, contours, -1, 1, thickness=cv2.FILLED)
+    large = np.flatnonzero(areas > settings.smallest_area // 10)
+    others = np.isin(labels, 1 + large[large != int(np.argmax(areas))]) & (largest == 0)
+    return largest > 0, others, float(areas.max() / max(areas[large].sum(), areas.max()))
+
+
+def fill(contour: Array, valid: Mask) -> Mask:
+    """The pixels whose centres lie within a sub-pixel contour."""
+    # Four times finer than the picture: fillPoly also paints every cell that the outline touches.
+    fine = np.zeros((4 * valid.shape[0], 4 * valid.shape[1]), np.uint8)
+    cv2.fillPoly(fine, [np.round((contour + 0.5) * 4 * 16 - 8).astype(np.int32)], 255, shift=4)
+    image = cv2.resize(fine, (valid.shape[1], valid.shape[0]), interpolation=cv2.INTER_AREA)
+    return (image > 127) & valid
+
+
+def opened(mask: Mask, size: int) -> Mask:
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, ball) > 0
+
+
+def closed(mask: Mask, size: int) -> Mask:
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ball) > 0
+
+
+def eroded(mask: Mask, reach: int) -> Mask:
+    ball = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.erode(mask.astype(np.uint8), ball, borderValue=0) > 0
