@@ -38,7 +38,7 @@ OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def closest_on_segments(x, i, j, k, m):
     """Closest points of segments i-j and k-m (Ericson 2005, 5.1.9): parameters and p - q."""
     ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
@@ -61,7 +61,7 @@ def closest_on_segments(x, i, j, k, m):
     return s, t, rx + s * ax - t * bx, ry + s * ay - t * by, rz + s * az - t * bz
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _point_segment2(px, py, pz, x, i, j):
     """Squared distance of a point from segment i-j."""
     ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
@@ -88,7 +88,7 @@ def _same_contact(i, k, nx, ny, nz, first, after, act_i, act_b, act_n):
     return -1
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_vertex_triangle(
     count,
     pair,
@@ -201,7 +201,7 @@ def narrow_vertex_triangle(
     return n
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(
     count,
     pair,
@@ -288,7 +288,7 @@ def narrow_edge_edge(
     return n
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def apply_impulses(n, act_i, act_b, act_m, act_j, w, x):
     """What the contacts have borne of late, to begin a substep with."""
     for c in range(n):
@@ -305,7 +305,7 @@ def apply_impulses(n, act_i, act_b, act_m, act_j, w, x):
             x[i, 2] += s * jz
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, friction, h, sweep):
     """One sweep: no approach below the contact distance, old overlap released, Coulomb friction. act_j: (m, 3)
     what each contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""

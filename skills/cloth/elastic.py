@@ -132,7 +132,7 @@ def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
     return weight, areas
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_edges(n, edge, length, wi, wj, x):
     """One sweep over the first n packed edges; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2)."""
     for k in range(n):
@@ -151,7 +151,7 @@ def solve_edges(n, edge, length, wi, wj, x):
         x[j, 2] -= b * dz
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_hinges(n, hinge, weight, inverse, w, x):
     """One sweep over the first n packed hinges; inverse: 1 / (sum w K^2 + compliance / h^2)."""
     for k in range(n):
@@ -167,7 +167,7 @@ def solve_hinges(n, hinge, weight, inverse, w, x):
             x[d, m] += r * fd
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def damp_edges(n, edge, rate, w, x, v):
     """Take the share `rate` of the speed at which each edge's ends part or meet: momentum is kept."""
     for k in range(n):

@@ -37,11 +37,12 @@ DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
-SLACK = 0.0015  # [m] that a vertex may stray from its straight course before pairs are searched anew
+SLACK = 0.0010  # [m] that a vertex may stray from its straight course before pairs are searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
 STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
-HORIZON = 6  # narrow phases for which the search looks ahead
-CALM = 2  # frames in which a vertex has not left its place: it is not foreseen to move
+HORIZON = 5  # narrow phases for which the search looks ahead
+SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
+STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
@@ -94,7 +95,8 @@ class State(NamedTuple):
     """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
     press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
     base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
-    elsewhere, or has just woken."""
+    elsewhere, or has just woken. still: it hardly
+    moved in the last frame."""
 
     x: Array
     xp: Array
@@ -110,6 +112,7 @@ class State(NamedTuple):
     wa: Array
     press: Array
     quiet: NDArray[np.int32]
+    still: NDArray[np.bool_]
     awake: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
     near: NDArray[np.bool_]
@@ -192,7 +195,7 @@ def _grow(start, ring, near, rings):
 
 
 @njit(nogil=True)
-def _find_moving(index, n_awake, x, ref, last, quiet, distance, frames, stirred):
+def _find_moving(index, n_awake, x, ref, last, quiet, still, distance, frames, stirred):
     """Mark awake vertices that left their reference point, which follows them; the others get quieter. What
     gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean."""
     for c in range(n_awake):
@@ -203,6 +206,7 @@ def _find_moving(index, n_awake, x, ref, last, quiet, distance, frames, stirred)
             step += (x[i, m] - last[i, m]) ** 2
             last[i, m] = x[i, m]
         quiet[i] += 1
+        still[i] = step < STILL * STILL
         gathers = quiet[i] >= frames and np.sqrt(step) * frames > 1.5 * np.sqrt(away) + 1e-4
         if away > distance * distance or gathers:
             stirred[i] = True
@@ -271,6 +275,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.ref,
         state.last,
         state.quiet,
+        state.still,
         rules.sleep_distance,
         rules.sleep_frames,
         stirred,
@@ -356,7 +361,7 @@ def _search(body, rules, state, pairs):
     for i in range(len(state.stale)):
         if state.stale[i]:
             state.born[i] = now
-            calm = state.quiet[i] >= CALM or not state.awake[i]
+            calm = state.still[i] or not state.awake[i]
             state.slack[i] = min(SLACK, CALM_SLACK * rules.thickness) if calm else SLACK
             for m in range(3):
                 state.base[i, m] = state.x[i, m]
@@ -489,7 +494,7 @@ def _get(key, row, k, none):
     return none
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _needs_search(rules, state):
     """Whether a vertex left the course that was foreseen for it, or its course has run out. Then those that are
     about to are stale with it."""
@@ -517,7 +522,7 @@ def _needs_search(rules, state):
     return True
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _integrate(rules, state):
     h = rules.h
     keep = 1.0 / (1.0 + rules.drag * h)
@@ -537,7 +542,7 @@ def _integrate(rules, state):
         state.x[i, 2] += h * vz
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _bend(rules, state):
     """Hinges with damping: solved for u = x + gamma (x - xp), in which the damped constraint is the plain one."""
     g = rules.bend_gamma
@@ -562,7 +567,7 @@ def _clear_press(state):
         state.press[i, 0] = state.press[i, 1] = state.press[i, 2] = 0.0
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _table(rules, state):
     """The table (a plane at z = 0) with Coulomb friction. It is asked before the contacts, so that layers rest on
     what it holds, and after them, with the sum of what it bore: press, the displacements in this substep."""
@@ -579,16 +584,20 @@ def _table(rules, state):
         floor = min(low, old + min(OVERLAP_SHARE * (low - old), OVERLAP_SPEED * rules.h)) if old < low else low
         up = max(0.0, borne + floor - x[i, 2])
         sx, sy = press[i, 0] - x[i, 0] + xp[i, 0], press[i, 1] - x[i, 1] + xp[i, 1]
+        # by the speed that it has: else whatever gives way a little while loads settle would go on sliding
+        v = state.v
+        sliding = min(1.0, np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1]) / SLIDING)
+        limit = (rules.mu_static + sliding * (rules.mu_dynamic - rules.mu_static)) * up
         hold = np.sqrt(sx * sx + sy * sy)
-        if hold > rules.mu_static * up:
-            sx, sy = sx * rules.mu_dynamic * up / hold, sy * rules.mu_dynamic * up / hold
+        if hold > limit:
+            sx, sy = sx * limit / hold, sy * limit / hold
         x[i, 0] += sx - press[i, 0]
         x[i, 1] += sy - press[i, 1]
         x[i, 2] += up - borne
         press[i, 0], press[i, 1], press[i, 2] = sx, sy, up
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _take_speed(rules, state):
     """Velocities from displacements."""
     inv_h = 1.0 / rules.h
@@ -598,7 +607,7 @@ def _take_speed(rules, state):
             state.v[i, m] = (state.x[i, m] - state.xp[i, m]) * inv_h
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _hold(rules, state, holds, a, tool_p, tool_r, f):
     """Draw the pinched points to where the tools have them, at the share a of frame f."""
     frame = rules.h * rules.substeps
@@ -627,7 +636,7 @@ def _hold(rules, state, holds, a, tool_p, tool_r, f):
         )
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
     """One hand's points. Several layers are held as a stack that is free to turn about the line: they keep their
     distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""

@@ -478,6 +478,10 @@ def _near_triangles(vertex, first, last, b, place, bound, tris, geo, reach, tri,
         bits = 0 if out else _triangles_near(geo[b], x, y, z, limit)
         c = 0
         while bits:
+            if not bits & 15:
+                bits >>= 4
+                c += 4
+                continue
             t = tris[b, c]
             if bits & 1 and i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
                 if n < len(vt):
@@ -506,6 +510,10 @@ def _near_edges(a, b, owned, start, geo, bound, reach, edge, ee, n):
                 bits = _edges_near(geo[row], geo[other], c, limit)
                 k = 0
                 while bits:
+                    if not bits & 15:
+                        bits >>= 4
+                        k += 4
+                        continue
                     f = owned[other, k]
                     apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
                     if bits & 1 and apart and (a != b or other > row or (other == row and k > c)):

@@ -173,7 +173,7 @@ class ClothSimulation:
         s.v[:] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.u[:] = x
-        s.press[:] = 0.0
+        s.press[:], s.still[:] = 0.0, False
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
@@ -444,6 +444,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         wa=f(n),
         press=f(n, 3),
         quiet=np.zeros(n, np.int32),
+        still=np.zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
         near=np.zeros(n, np.bool_),

@@ -120,12 +120,13 @@ def pile(count):
     return of_vertex, ClothMesh(rest, of_vertex, triangles, of_triangle, np.zeros((0, 2), np.int32))
 
 
-def on_a_slope(count, mu, mu_layers, ratio):
+def on_a_slope(count, mu, mu_layers, ratio, mu_dynamic=None):
     """The pile on a table that is tilted to `ratio` times the critical slope, after 0.2 s: nothing sleeps."""
     sheet, mesh = pile(count)
     a = np.arctan(ratio * mu)
     settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
-    material = replace(MATERIAL, friction_static=mu, friction_dynamic=mu, friction_layers=mu_layers)
+    dynamic = mu if mu_dynamic is None else mu_dynamic
+    material = replace(MATERIAL, friction_static=mu, friction_dynamic=dynamic, friction_layers=mu_layers)
     x = np.column_stack([mesh.rest, material.thickness * (0.5 + sheet)])
     s = ClothSimulation(mesh, material, x, settings)
     s.advance(12)
@@ -141,6 +142,18 @@ def test_a_pile_holds_below_the_friction_angle_and_the_table_bears_it(count, mu)
     s.advance(60)
     assert np.abs(s.positions - before)[:, 0].max() < 5e-5
     assert s.table_force == pytest.approx([along, 0.0, -down], rel=0.01, abs=0.002 * down)
+
+
+def test_two_layers_begin_to_slide_at_the_static_friction():
+    """However much lower the dynamic one is: what gives way a little while loads settle does not go on sliding."""
+    ways = []
+    for ratio in (0.98, 1.02):
+        s, _, _, _ = on_a_slope(2, 0.6, 0.6, ratio, mu_dynamic=0.4)
+        before = s.positions
+        s.advance(60)
+        ways.append((s.positions - before)[:, 0])
+    assert np.abs(ways[0]).max() < 5e-5
+    assert ways[1].min() > 0.02
 
 
 @pytest.mark.parametrize(("mu", "mu_layers"), [(0.2, 5.0), (0.6, 5.0), (0.6, 0.6), (1.0, 1.0)])
