@@ -61,7 +61,10 @@ PARTS: Mapping[str, Part] = {
     "garment": Part("calibrated:hung", "hung garments, calibrated on one mesh and hung again on others"),
     "friction": Part("calibrated:friction", "the paper's friction test of all garments"),
     "identify": Part("calibrated:identified", "friction from one recorded fold"),
-    "mujoco": Part("mujoco_peer:measure", "MuJoCo: the lab's tests and the same folds", "mujoco"),
+    "mujoco_lab": Part("mujoco_peer:lab", "MuJoCo: the laboratory's tests", "mujoco"),
+    "mujoco_refinement": Part("mujoco_peer:refinement", "MuJoCo: what its own refinement changes", "mujoco"),
+    "mujoco_folds": Part("mujoco_peer:folds", "MuJoCo: the same towel folds", "mujoco"),
+    "mujoco_optimised": Part("mujoco_peer:optimised", "MuJoCo: our optimised towel fold", "mujoco"),
     "pybullet": Part("pybullet_peer:measure", "PyBullet's soft body: the same fold", "pybullet"),
 }
 

@@ -29,7 +29,7 @@ TRUE_FRICTION = 0.8
 def hung(quick: bool) -> dict[str, Any]:
     """The paper's test of its garments: each calibrated on the mesh that predicts its folds, and on a finer and
     a coarser one; there the fabric is hung again with the predictor's own substeps. The spread: one fabric, the
-    one of the predicting mesh, on all three."""
+    one of the predicting mesh, on all of them."""
     first, again, spread, rows = 0.0, 0.0, 0.0, []
     for name in QUICK if quick else tuple(PAPER):
         garment = load_garment(name)

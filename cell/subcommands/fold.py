@@ -58,7 +58,8 @@ def _summary(figures: dict) -> None:
     if score:
         verdict = "passed" if score.get("passed") else "not passed"
         print(
-            f"  score (simulated): {verdict}, IoU {_figure(score.get('iou'))}, edges {_mm(score.get('edges_m'))},"
+            f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
+            f" edges {_mm(score.get('edges_m'))},"
             f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
         )
     print(

@@ -13,3 +13,17 @@ def test_mujocos_cloth_slides_and_hangs_as_the_closed_forms():
     mujoco_peer.hang(figures, (0.02,), (0.026,))
     assert figures["mujoco_tilt_slide_error_rel_max"] < 0.02
     assert figures["mujoco_hang_error_pp_max"] < 0.4
+
+
+def test_a_coarse_towel_folds_alike_in_both():
+    """Two independent solvers, the same mesh, fabric and pads: the folds end within a few millimetres."""
+    from benchmarks.cloth import mujoco_peer
+    from benchmarks.cloth.scenes import SharedFold, mirrored, towel_half, towel_mesh
+    from skills.cloth.predict import predict_fold
+
+    mesh, material = towel_mesh(110)
+    fold = SharedFold(mesh, material, towel_half(), lambda x: mirrored(mesh, material, x))
+    ours = predict_fold(mesh, fold.start, material, fold.paths, 0.3, 1.0).vertices
+    theirs, _ = mujoco_peer.folded(fold, mujoco_peer.refined(4))
+    assert mujoco_peer.apart(ours, theirs) < 4.0
+    assert fold.error(theirs) < 0.1 * fold.error(fold.start)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cell.cli import main
 from cell.simulation import SimulationSettings, check_settings
 from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
 from robots.errors import ConfigurationError
@@ -135,6 +137,11 @@ def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -
         check_settings(SimulationSettings(garment="small_towel", world="mujoco"))
     assert "peers" in caught.value.hint
     check_body("xpbd", "pants", 2)
+
+
+def test_a_run_in_a_world_that_cannot_be_is_refused_before_it_begins(tmp_path: Path) -> None:
+    assert main(["fold", "pants", "--world", "mujoco", "--logs", str(tmp_path)]) == 64
+    assert not list(tmp_path.rglob("ledger.db"))
 
 
 def test_our_own_body_has_the_pieces_traits() -> None:
