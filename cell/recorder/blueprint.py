@@ -45,7 +45,8 @@ def _camera() -> rrb.Tabs:
             origin=CAMERA, contents=[f"+ {CAMERA}/picture/**", f"+ {CAMERA}/mask/**", *drawn], name="Camera"
         ),
         rrb.Spatial2DView(origin=CAMERA, contents=[f"+ {CAMERA}/depth/**"], name="Depth"),
-        rrb.Spatial2DView(origin="perception", contents=["+ perception/**"], name="Recognised"),
+        rrb.Spatial2DView(origin="perception", contents=["+ perception/overlay/**"], name="Recognised"),
+        rrb.Spatial2DView(origin="perception", contents=["+ perception/fitting/**"], name="Fitting"),
         active_tab=0,
     )
 

@@ -30,6 +30,7 @@ from cell.recorder.robot import RobotFigure
 from cell.recorder.series import Series
 from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
 from robots.visual import RobotVisual
+from skills.perception.fitting_picture import draw_fitting
 from skills.perception.overlay import draw_on_view
 from skills.perception.perceive import Perception
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
@@ -273,8 +274,9 @@ class Recorder:
         yield from scene.perception_entries(t, seen.state)
         if self._calibration is not None and self._picture is not None:
             yield from scene.mask_entries(t, seen.mask, self._calibration, self._table, self._picture)
-        if overlay is None and isinstance(seen, Perception):
-            overlay = draw_on_view(seen)
+        if isinstance(seen, Perception):
+            yield Log("perception/fitting", t, (scene.jpeg(draw_fitting(seen)),))
+            overlay = draw_on_view(seen) if overlay is None else overlay
         if overlay is not None:
             yield Log("perception/overlay", t, (scene.jpeg(overlay),))
         yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))

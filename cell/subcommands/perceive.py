@@ -97,7 +97,9 @@ def _read_image(path: Path, flags: int) -> NDArray:
     except cv2.error:  # claims to be a picture of an impossible size
         image = None
     if image is None:
-        raise ConfigurationError(f"{path}: is no picture that can be read (PNG or JPEG)", path=str(path))
+        raise ConfigurationError(
+            f"{path}: is no picture that can be read (PNG or JPEG)", "export or copy it anew", path=str(path)
+        )
     return np.asarray(image)
 
 

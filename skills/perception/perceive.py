@@ -132,7 +132,7 @@ def perceive(
 
     fault = camera_fault(frame, calibration, previous, settings)
     if fault is None and reference is not None:
-        fault = camera_fault(reference, calibration, None, settings)
+        fault = camera_fault(reference, calibration, None, settings) or _same_picture(frame, reference)
     if fault is not None:
         return Outcome(failure=fault, notes=stages.notes)
     view = TableView(calibration, table, settings.pixel)
@@ -256,6 +256,16 @@ def camera_fault(
             {"sequence": frame.sequence, "stamp_s": frame.stamp},
         )
     return None
+
+
+def _same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
+    """Noise makes two pictures of an empty table differ, too."""
+    if not np.array_equal(frame.rgb, reference.rgb):
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT, "the picture is that of the empty table, byte for byte",
+        "the camera is frozen, or one file was given twice: take a new picture",
+    )  # fmt: skip
 
 
 def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from robots.ports import Array
 
 __all__ = [
-    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "eroded", "fill", "nothing",
-    "opened",
+    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "eroded", "fill",
+    "nothing", "opened",
 ]  # fmt: skip
 
 Image = NDArray[np.uint8]

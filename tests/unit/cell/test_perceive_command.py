@@ -7,7 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.perception.photograph_figures import look_at, worst_error
+from benchmarks.perception.photographs import photograph as drawn
 from cell.cli import main
+from cell.garments import list_garments, load_garment
 
 KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
 
@@ -44,3 +47,30 @@ def test_what_is_refused_says_why_under_the_same_keys(
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert set(answer) >= KEYS
     assert not answer["accepted"] and answer["reason"] == "no_garment" and answer["keypoints"] == {}
+
+
+def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photograph(tmp_path / "towel.png", (640, 480))
+    image = str(tmp_path / "towel.png")
+    assert main(["perceive", image, "--reference", image, "--unit", "px", "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["reason"] == "camera_fault" and "twice" in answer["failure"]["hint"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "error"), [("towel", 18, 0.02), ("skirt", 5, 0.03), ("shorts", 4, 0.05), ("vest", 42, 0.05)]
+)
+def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, error: float) -> None:
+    """Tilted, unevenly lit, vignetted, JPEG; error: over the garment's diagonal."""
+    picture = drawn(kind, seed)
+    seen = look_at(picture, [load_garment(name) for name in list_garments()]).unwrap()
+    assert seen.state.category == kind
+    points = {name: seen.view.to_image(p) for name, p in seen.state.keypoints.items()}
+    size = np.linalg.norm(np.ptp(picture.outline, axis=0))
+    assert worst_error(points, picture.points) < error * size
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("thrown", 7), ("hung", 8)])
+def test_what_does_not_lie_flat_is_refused_with_what_helps(kind: str, seed: int) -> None:
+    failure = look_at(drawn(kind, seed), [load_garment(name) for name in list_garments()]).failure
+    assert failure is not None and "spread" in failure.hint

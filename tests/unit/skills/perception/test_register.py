@@ -154,3 +154,19 @@ def test_symmetries_of_silhouettes():
 def test_a_template_that_is_no_polygon_is_refused(polygon, names):
     with pytest.raises(ValueError):
         Template("x", "x", names, polygon)
+
+
+def test_a_corner_set_along_an_edge_is_told():
+    """The outline of a towel that has lost a corner, under a template that has all four."""
+    whole = register(resample_closed(TOWEL, 0.002), TOWEL_TEMPLATE)
+    assert whole.least_turn > 0.8
+    cut = np.array([TOWEL[0], TOWEL[1], TOWEL[2], TOWEL[3] + (-0.25, 0.0), TOWEL[3] + (0.0, 0.35)])
+    assert register(resample_closed(cut, 0.002), TOWEL_TEMPLATE).least_turn < 0.7
+
+
+def test_the_stages_lead_from_the_template_to_the_fit():
+    truth = place(shirt(0.2, -0.1), 0.6, 0.0, 0.1)
+    found = register(resample_closed(truth, 0.002), Template("shirt", "shirt", SHIRT_NAMES, shirt()))
+    assert len(found.stages) == len(found.history)
+    off = [np.mean([np.linalg.norm(stage - p, axis=1).min() for p in truth]) for stage in found.stages]
+    assert off[-1] < 0.5 * off[0]

@@ -134,3 +134,16 @@ def test_grabcut_finds_cloth_on_boards_in_uneven_light(size, fabric):
 def test_grabcut_finds_nothing_on_bare_boards():
     seen = VIEW.rectify(render(Scene(seed=5, table_contrast=0.15)))
     assert not segment_grabcut(seen.rgb, seen.valid).found
+
+
+def test_a_shadow_beside_dark_cloth_is_not_taken_for_it():
+    """One dark region: a grey towel that stands 2.5 mm high, and a shadow beside it that does not."""
+    towel = place(TOWEL * 0.8, 0.6, -0.1, 0.0)
+    scene = Scene(seed=6, polygons=[towel], fabric=(0.2, 0.2, 0.2), table_colour=(0.5, 0.5, 0.5), shadow=0.2)
+    seen, table, height = pair(render(scene), empty(scene))
+    shade = np.ones(VIEW.shape, np.float32)
+    low, high = np.round(VIEW.to_pixel(np.array([[0.72, 0.45], [0.48, 0.10]]))).astype(int)
+    shade[low[1] : high[1], low[0] : high[0]] = 0.8
+    rgb = (seen.rgb * cv2.GaussianBlur(shade, (0, 0), 4)[..., None]).astype(np.uint8)
+    found = segment_reference(rgb, table.rgb, seen.valid, height)
+    assert iou(found.mask, true_mask(scene, towel)) > 0.9
