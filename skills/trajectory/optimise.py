@@ -68,7 +68,7 @@ FINALISTS = 5
 GOOD = 0.002
 """Where the plain arc misses by no more than this nothing can be gained that could be told from luck [m]."""
 
-ALIKE = 0.0002
+ALIKE = 0.0001
 """Of good arcs the plain one is kept where the best gains less than this in D [m]."""
 
 PLAIN_H = 0.45
