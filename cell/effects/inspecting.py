@@ -84,7 +84,9 @@ def find_folded(cell: Workcell, context: Context) -> Result:
 
 
 def figures(seen: Inspection) -> dict[str, float]:
-    """An inspection as plain numbers."""
+    """An inspection as plain numbers; what nobody could see is left out."""
+    edge = {} if seen.edge is None else {"edge_corner_m": seen.edge.corner, "edge_sag_m": seen.edge.sag}
+    hard_to_see = {"missing_layer": seen.missing_layer, **edge}
     return {
         "iou": seen.iou,
         "iou_aligned": seen.iou_aligned,
@@ -93,6 +95,7 @@ def figures(seen: Inspection) -> dict[str, float]:
         "extra_height_m": seen.extra_height_m,
         "edge_deviation_m": seen.edge_deviation_m,
         "confidence": seen.confidence,
+        **{name: value for name, value in hard_to_see.items() if np.isfinite(value)},
     }
 
 
