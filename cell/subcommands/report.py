@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.journal import Entry, Journal
+from cell.journal import Entry, Journal, RunRecord
 from cell.paths import ledger_path, logs_directory
 from cell.subcommands.output import print_json
 from cell.subcommands.runs import run_figures
@@ -33,8 +33,21 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, or the machine went down)")
-    print(f"report  {page}" if page.is_file() else "report  none: the run ended before it was written")
+    print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
     return 0
+
+
+def _no_page(record: RunRecord) -> str:
+    """Why there is no page, and what there is instead."""
+    recorded = (record.directory / "run.rrd").is_file()
+    replay = f"\n        foldcell replay {record.id} opens what was recorded" if recorded else ""
+    if record.status == "running":
+        return f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run as it goes{replay}"
+    if record.status == "interrupted":
+        return f"none: the run was cut off before it was written{replay}"
+    if not (record.directory / "result.json").is_file():
+        return "none: it is written after the run's end (this moment, or something cut that off)"
+    return f"none: see {record.directory}"
 
 
 def _effects(entries: list[Entry]) -> list[dict[str, Any]]:

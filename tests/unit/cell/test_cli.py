@@ -351,6 +351,21 @@ def test_report_of_an_interrupted_run(ledger: Path, capsys: pytest.CaptureFixtur
     assert answer["effects"][-1]["ended_s"] is None
 
 
+@pytest.mark.parametrize(
+    ("name", "says", "not_says"),
+    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
+     ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
+)  # fmt: skip
+def test_why_there_is_no_page(
+    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
+) -> None:
+    (run,) = ledger.glob(f"{name}*")
+    (run / "run.rrd").write_bytes(b"RRF2")
+    assert main(["report", name]) == 0
+    text = capsys.readouterr().out
+    assert all(part in text for part in says) and not_says not in text
+
+
 def test_replay_says_where_the_recording_is(
     ledger: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
