@@ -6,16 +6,16 @@ python -m benchmarks.cloth.results figures.json > docs/results/cloth.md
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.figures_file import command, read_figures
 from robots.errors import ConfigurationError
 
-__all__ = ["page"]
+__all__ = ["main", "page"]
 
 
 @dataclass(frozen=True)
@@ -167,15 +167,15 @@ def main(arguments: Sequence[str], tell: Callable[[str], Any] = sys.stdout.write
         raise ConfigurationError(
             "one file of figures is expected", "python -m benchmarks.cloth.results figures.json"
         )
-    try:
-        figures = json.loads(Path(arguments[0]).read_text(encoding="utf-8").splitlines()[-1])
-    except (OSError, ValueError, IndexError) as e:
+    figures = read_figures(Path(arguments[0]), "cloth")
+    known = {row.key for rows in SECTIONS.values() for row in rows} | set(LISTS)
+    if known.isdisjoint(figures):
         raise ConfigurationError(
-            f"{arguments[0]} holds no figures", "give the output of bench cloth --json"
-        ) from e
+            f"{arguments[0]} holds no figures of the cloth", "give the output of: foldcell bench cloth --json"
+        )
     tell(page(figures))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(command(main))

@@ -1,12 +1,11 @@
-"""docs/perception.md and its pictures from the figures of one run:
+"""docs/perception.md and its pictures from the figures of one run.
 
-    foldcell bench perception --json | tail -1 > figures.json
-    python -m benchmarks.perception.document figures.json
+foldcell bench perception --json > figures.json
+python -m benchmarks.perception.document figures.json
 """
 
 from __future__ import annotations
 
-import json
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,13 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.figures_file import command, read_figures
 from benchmarks.perception.scenes import TABLE, draw_scene
 from cell.garments import list_garments, load_garment
 from cell.whole_file import write_whole
+from robots.errors import ConfigurationError
 from skills.perception.fitting_picture import draw_fitting
 from skills.perception.perceive import perceive
 
-__all__ = ["draw_curve", "draw_example", "draw_reliability", "write"]
+__all__ = ["draw_curve", "draw_example", "draw_reliability", "main", "write"]
 
 DOCS = Path(__file__).parents[2] / "docs"
 FEW = 10
@@ -39,7 +40,8 @@ BARS = {
 
 
 def write(figures: Mapping[str, Any], docs: Path = DOCS) -> None:
-    """The page and its pictures, each whole or not at all."""
+    """The page and its pictures, each whole or not at all. Raises KeyError for a figure that is missing."""
+    page = _page(figures)
     pictures = docs / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     bins = [b for key in ("reliability", "held_out_reliability") for b in figures.get(key, [])]
@@ -54,7 +56,7 @@ def write(figures: Mapping[str, Any], docs: Path = DOCS) -> None:
     }  # fmt: skip
     _save(pictures / "inspection_curves.png", draw_curve(curves))
     _save(pictures / "perception_fitting.png", draw_example()[:, :, ::-1])
-    write_whole(docs / "perception.md", _page(figures).encode())
+    write_whole(docs / "perception.md", page.encode())
 
 
 def draw_example() -> NDArray[np.uint8]:
@@ -216,5 +218,21 @@ def _save(path: Path, picture: NDArray[np.uint8]) -> None:
     write_whole(path, png.tobytes())
 
 
+def main(arguments: Sequence[str]) -> int:
+    if len(arguments) != 1:
+        raise ConfigurationError(
+            "one file of figures is expected", "python -m benchmarks.perception.document figures.json"
+        )
+    figures = read_figures(Path(arguments[0]), "perception")
+    try:
+        write(figures)
+    except KeyError as e:
+        raise ConfigurationError(
+            f"{arguments[0]} holds no figures of perception: {e} is not among them",
+            "give the output of: foldcell bench perception --json",
+        ) from e
+    return 0
+
+
 if __name__ == "__main__":
-    write(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
+    sys.exit(command(main))

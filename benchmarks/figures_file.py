@@ -1,0 +1,46 @@
+"""Figures that a bench printed, read back by what makes a page of them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from robots.errors import CellError, ConfigurationError
+
+__all__ = ["command", "read_figures"]
+
+USAGE = 64
+
+
+def read_figures(path: Path, bench: str) -> dict[str, Any]:
+    """The JSON object in the file, or on its last line: the output of `foldcell bench NAME --json`.
+
+    Raises ConfigurationError for a file that cannot be read or holds no object.
+    """
+    hint = f"give the output of: foldcell bench {bench} --json"
+    try:
+        text = path.read_text(encoding="utf-8").strip()
+    except OSError as e:
+        raise ConfigurationError(f"{path} cannot be read: {e.strerror}", hint) from e
+    except UnicodeDecodeError as e:
+        raise ConfigurationError(f"{path} is no text", hint) from e
+    for part in (text, text.rpartition("\n")[2]):
+        try:
+            figures = json.loads(part)
+        except ValueError:
+            continue
+        if isinstance(figures, dict):
+            return figures
+    raise ConfigurationError(f"{path} holds no figures", hint)
+
+
+def command(main: Callable[[Sequence[str]], int]) -> int:
+    """Exit code of `main` over the command line; what the user got wrong is a message and 64, no traceback."""
+    try:
+        return main(sys.argv[1:])
+    except CellError as e:
+        print(f"{e.what}\n  {e.hint}", file=sys.stderr)
+        return USAGE
