@@ -46,6 +46,7 @@ def assemble(
     commands: CommandQueue,
     workers: ThreadPoolExecutor,
     tell: Callable[[str], None],
+    progress: Callable[[int, int, str], None],
 ) -> Workcell:
     """Everything that a run works with. Raises ConfigurationError for a file that cannot be used."""
     settings = request.settings
@@ -82,6 +83,7 @@ def assemble(
         attended=request.approve,
         approve=request.approve,
         tell=tell,
+        progress=progress,
         rng=_generator,
     )
 

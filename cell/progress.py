@@ -6,6 +6,7 @@ from typing import TextIO
 
 from cell.context import Result
 from cell.executive import Step
+from cell.progress_bar import ProgressBar
 from cell.states import Event, State
 
 __all__ = ["ProgressLines"]
@@ -18,24 +19,26 @@ _HINTS = {
 
 
 class ProgressLines:
-    """One line a state, one more for a failure. A terminal that is gone never hinders the run."""
+    """One line a state, one more for a failure, a bar for long computing; nothing without a stream. A terminal
+    that is gone never hinders the run."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream: TextIO | None = stream
+    def __init__(self, stream: TextIO | None) -> None:
+        self._bar = ProgressBar(stream)
 
     def entered(self, t: float, step: Step) -> None:
         hint = _HINTS.get(step.target)
-        self._say(f"{t:8.1f} s  {step.target.value.replace('_', ' ')}" + (f": {hint}" if hint else ""))
+        self._bar.line(f"{t:8.1f} s  {step.target.value.replace('_', ' ')}" + (f": {hint}" if hint else ""))
+        self._bar.restart()
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
         if failure is not None and result.event in {Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT}:
-            self._say(f"{t:8.1f} s    {failure}")
+            self._bar.line(f"{t:8.1f} s    {failure}")
 
-    def _say(self, text: str) -> None:
-        if self._stream is None:
-            return
-        try:
-            print(text, file=self._stream, flush=True)
-        except (OSError, ValueError):  # a closed pipe or stream
-            self._stream = None
+    def computing(self, done: int, total: int, remark: str) -> None:
+        """How far the state's long computing is."""
+        self._bar.update(done, total, remark)
+
+    def note(self, text: str) -> None:
+        """What happens within a state."""
+        self._bar.line(f"{'':12}{text}")

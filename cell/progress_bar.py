@@ -17,12 +17,12 @@ KNOWN = 3
 
 
 class ProgressBar:
-    """Shows `done` of `total`, a remark and the time left. A stream that is gone never hinders the work."""
+    """Shows `done` of `total`, a remark and the time left. No stream, or one that is gone, never hinders."""
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._stream: TextIO | None = stream
+    def __init__(self, stream: TextIO | None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream = stream
         self._clock = clock
-        self._terminal = stream.isatty()
+        self._terminal = stream is not None and stream.isatty()
         self._began = clock()
         self._told = self._began
         self._shown = False
@@ -39,6 +39,11 @@ class ProgressBar:
         elif now - self._told >= EVERY_S:
             self._told = now
             self._write(text + "\n")
+
+    def restart(self) -> None:
+        """Other work begins: the time left counts from now."""
+        self.clear()
+        self._began = self._told = self._clock()
 
     def line(self, text: str) -> None:
         """A line that stays; the bar goes on below it."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
+from cell.compiling import compiling_told
 from cell.context import Context
 from cell.driver import check_cell, opened_cell
 from cell.effects import EFFECTS
@@ -108,22 +109,22 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
     recorder = _recorder(request, run)
     commands = CommandQueue()
     remarks = Remarks()
-    observers: list[Observer] = [RecorderObserver(recorder), remarks]
-    if not request.quiet:
-        observers.append(ProgressLines(sys.stdout))
+    lines = ProgressLines(None if request.quiet else sys.stdout)
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines)
     try:
         with (
+            compiling_told(lines.note),
             opened_cell(request.driver, _simulated(request), request.seed) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
         ):
-            cell = assemble(request, robot, ports, recorder, commands, workers, _teller(request))
+            cell = assemble(request, robot, ports, recorder, commands, workers, lines.note, lines.computing)
             witness = _witness(request, ports, recorder)
             if request.approve:
                 TerminalOperator(commands, sys.stdin, sys.stderr).start()
             if script is not None:
                 script(ports, commands)
-            end = Runner(cell, EFFECTS, run, commands, tuple(observers)).run()
+            end = Runner(cell, EFFECTS, run, commands, observers).run()
             score = witness.score() if witness else None
     finally:
         kept = recorder.close()
@@ -159,17 +160,6 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
         world=request.world,
         as_built=settings.calibrated,
     )
-
-
-def _teller(request: FoldRequest) -> Callable[[str], None]:
-    """Progress of long computing: one line that is written over on a terminal, nothing elsewhere."""
-    if request.quiet or not sys.stdout.isatty():
-        return lambda text: None
-
-    def tell(text: str) -> None:
-        print(f"\r            {text}\x1b[K", end="", flush=True)
-
-    return tell
 
 
 def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:

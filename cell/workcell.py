@@ -60,7 +60,9 @@ class Workcell:
     attended: bool
     approve: bool
     tell: Callable[[str], None]
-    """Says how far a long computation is."""
+    """Says something to whoever watches."""
+    progress: Callable[[int, int, str], None]
+    """Says how far a long computation is: so many done of so many at most, a remark."""
     rng: Callable[[], np.random.Generator]
     """Makes the motion planner's generator, always from the same seed."""
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None

@@ -46,6 +46,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "attended": False,
         "approve": False,
         "tell": lambda text: None,
+        "progress": lambda *_: None,
         "rng": lambda: np.random.default_rng(1),
     }
     return Workcell(**{**fields, **changes})

@@ -20,6 +20,7 @@ from calibration.effects import Procedure
 from cell.assembly import assemble, load_robot
 from cell.calibrating.performing import STATE, Performer
 from cell.commands import CommandQueue
+from cell.compiling import compiling_told
 from cell.config import CellSettings
 from cell.context import Context
 from cell.driver import opened_cell
@@ -137,12 +138,13 @@ def _with_cell(
 ) -> CalibrationEnd[T]:
     robot = load_robot(request.settings)
     with (
+        compiling_told(lambda text: request.say(f"{'':12}{text}")),
         opened_cell(request.driver, _simulated(request), request.seed) as ports,
         ThreadPoolExecutor(1, "skill") as workers,
         stop_on_signals(ports) as received,
     ):
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
-        cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, lambda text: None)
+        cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, _unsaid, _unsaid)
         if script is not None:
             script(ports)
         outcome, safe = _perform(request, run, cell, procedure)
@@ -158,6 +160,9 @@ def _with_cell(
             robot_time_s=round(ports.clock.now(), 3),
             wall_time_s=round(time.monotonic() - began, 3),
         )
+
+
+def _unsaid(*_: Any) -> None: ...
 
 
 def _perform(

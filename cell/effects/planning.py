@@ -96,7 +96,7 @@ def _optimise(
     now, each = cell.ports.clock.now(), cell.settings.computing.simulation_s
 
     def progress(done: int, budget: int, best: float) -> None:
-        cell.tell(f"simulation {done} of {budget}: best D {best * 1e3:.1f} mm")
+        cell.progress(done, budget, f"simulations at most, best D {best * 1e3:.1f} mm")
 
     def watch(done: int, candidate: Candidate, best: Candidate) -> None:
         arcs = {side: evaluate(c, _ARC) for side, c in candidate.controls.items()}

@@ -14,6 +14,7 @@ from typing import Any
 from calibration.bending import calibrate_bending
 from calibration.friction import FrictionCalibration, calibrate_friction
 from calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
+from cell.compiling import compiling_told
 from cell.config import load_settings
 from cell.garments import garment_path, load_garment, shipped_garment_path
 from cell.material_file import with_material
@@ -63,12 +64,14 @@ def run(options: argparse.Namespace) -> int:
         print(line, file=stream, flush=True)
 
     if options.action == "paper":
-        return _paper(options, surface, tell)
+        with compiling_told(tell):
+            return _paper(options, surface, tell)
     source = garment_path(options.garment)
     garment = load_garment(source, _known_surface(source, surface, options))
     _check_output(options.output, options.replace)
     folder = _folder(options, garment)
-    result = MEASURE[options.action](garment, options, surface, tell)
+    with compiling_told(tell):
+        result = MEASURE[options.action](garment, options, surface, tell)
     text = with_material(
         source.read_text(encoding="utf-8"), garment.name, result.values, result.measured, result.fields, surface
     )

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cell.compiling import compiling_told
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.journal import to_json
@@ -47,25 +48,28 @@ def run(options: argparse.Namespace) -> int:
     told: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
     steps = _steps(state, garment)[: options.step]
-    for step in steps:
-        wanted = options.step in (None, step.index + 1)
-        began = time.monotonic()
-        outcome = optimise_fold(
-            step, mesh, vertices, garment.material, method if wanted else "initial", budget if wanted else None,
-            threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
-            progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
-        )  # fmt: skip
-        if wanted or outcome.failure:
-            told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
-            bar.line(_line(told[-1]))
-        if outcome.failure:
-            break
-        arcs = tool_paths(outcome.unwrap(), step)
-        timed = {side: lifted(path, settings.grasp.lift_height) for side, path in arcs.items()}
-        if wanted:
-            paths[step.name] = {side.value: path for side, path in timed.items()}
-        if step is not steps[-1]:
-            vertices = predict(mesh, vertices, garment.material, timed)
+    with compiling_told(bar.line):
+        for step in steps:
+            wanted = options.step in (None, step.index + 1)
+            began = time.monotonic()
+            bar.restart()
+            outcome = optimise_fold(
+                step, mesh, vertices, garment.material,
+                method if wanted else "initial", budget if wanted else None,
+                threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
+                progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
+            )  # fmt: skip
+            if wanted or outcome.failure:
+                told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
+                bar.line(_line(told[-1]))
+            if outcome.failure:
+                break
+            arcs = tool_paths(outcome.unwrap(), step)
+            timed = {side: lifted(path, settings.grasp.lift_height) for side, path in arcs.items()}
+            if wanted:
+                paths[step.name] = {side.value: path for side, path in timed.items()}
+            if step is not steps[-1]:
+                vertices = predict(mesh, vertices, garment.material, timed)
     bar.clear()
     if options.export is not None:
         write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())

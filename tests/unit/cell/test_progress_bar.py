@@ -72,6 +72,16 @@ def test_time_left_follows_the_mean_pace_and_a_total_that_shrinks() -> None:
     assert out.getvalue().split("\r")[-1].count("left") == 0
 
 
+def test_other_work_is_timed_from_its_own_begin() -> None:
+    out, clock = Terminal(), Clock()
+    bar = ProgressBar(out, clock)
+    clock.now += 1000.0
+    bar.restart()
+    clock.now += 4.0
+    bar.update(4, 10)
+    assert "  6 s left" in out.getvalue()
+
+
 def test_a_stream_that_is_gone_does_no_harm() -> None:
     out = Terminal()
     bar = ProgressBar(out)

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 from contextlib import suppress
 
 from cell.commands import OPERATOR_EVENTS, CommandQueue
@@ -65,6 +66,27 @@ def test_progress_tells_a_failure_once() -> None:
     lines.performed(2.0, STEP, Result(Event.FAILED, context))
     lines.performed(3.0, STEP, Result(Event.DONE, context))  # the old failure is still known, but over
     assert stream.getvalue().count("missed_grasp: nothing between the pads (regrasp)") == 1
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_bar_of_long_computing_makes_room_for_the_next_line() -> None:
+    screen = Screen()
+    lines = ProgressLines(screen)
+    lines.computing(3, 60, "simulations at most")
+    lines.entered(2.0, STEP)
+    assert re.fullmatch(
+        r"\r\[.+\] 3/60  simulations at most.*\x1b\[K\r\x1b\[K     2.0 s  lifting\n", screen.getvalue()
+    )
+
+
+def test_without_a_stream_nothing_is_said() -> None:
+    lines = ProgressLines(None)
+    lines.computing(3, 60, "simulations at most")
+    lines.entered(2.0, STEP)
 
 
 def test_progress_survives_a_reader_that_is_gone() -> None:
