@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from importlib import metadata
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from cell.commands import CommandQueue
 from cell.config import CellSettings
 from cell.execution import ExecutionLimits
 from cell.garments import list_garments, load_garment
-from cell.library import add_entry, load_library
+from cell.library import add_entry, entry_of, load_library
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.workcell import Workcell
@@ -21,7 +20,7 @@ from robots.model import RobotModel
 from robots.ports import Ports
 from skills.garments.garment import Garment
 from skills.motion.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.trajectory.library import Library, entry_from
+from skills.trajectory.library import Library
 from skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = ["assemble", "load_robot"]
@@ -101,20 +100,8 @@ class _RunLibrary:
     def keep(
         self, trajectory: GraspTrajectory, step: FoldStep, garment: Garment, notes: Mapping[str, float | int | str]
     ) -> None:
-        entry = entry_from(
-            trajectory,
-            step,
-            category=garment.category,
-            variant=garment.plan[step.index].variants[0].name,
-            garment=garment.name,
-            material=garment.material,
-            size_m=garment.size_m,
-            edge_length=garment.mesh_edge_m,
-            method=str(notes["method"]),
-            dissimilarity_initial=float(notes["dissimilarity_initial_m"]),
-            max_tool_speed=garment.max_tool_speed,
-            version=metadata.version("foldcell"),
-        )
+        initial = float(notes["dissimilarity_initial_m"])
+        entry = entry_of(garment, step, trajectory, str(notes["method"]), initial)
         self._library = self._library.with_entry(entry)
         add_entry(self._logs, entry)
 

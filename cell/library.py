@@ -6,17 +6,20 @@ import os
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import resources
+from importlib import metadata, resources
 from pathlib import Path
 
 from cell.whole_file import write_whole
 from robots.errors import StorageError
-from skills.trajectory.library import Library, LibraryEntry, Refusal, from_json, to_json
+from skills.garments.garment import Garment
+from skills.trajectory.library import Library, LibraryEntry, Refusal, entry_from, from_json, to_json
+from skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = [
     "LoadedLibrary",
     "UnfinishedBuild",
     "add_entry",
+    "entry_of",
     "load_library",
     "put_garments",
     "shipped_library_path",
@@ -54,6 +57,26 @@ def load_library(logs: Path | None = None) -> LoadedLibrary:
         library = library.merged(part)
         refused += [(path, refusal) for refusal in bad]
     return LoadedLibrary(library, tuple(refused))
+
+
+def entry_of(
+    garment: Garment, step: FoldStep, trajectory: GraspTrajectory, method: str, dissimilarity_initial: float
+) -> LibraryEntry:
+    """What a library keeps of a fold. dissimilarity_initial: of the arc that the search began with [m]."""
+    return entry_from(
+        trajectory,
+        step,
+        category=garment.category,
+        variant=garment.plan[step.index].variants[0].name,
+        garment=garment.name,
+        material=garment.material,
+        size_m=garment.size_m,
+        edge_length=garment.mesh_edge_m,
+        method=method,
+        dissimilarity_initial=dissimilarity_initial,
+        max_tool_speed=garment.max_tool_speed,
+        version=metadata.version("foldcell"),
+    )
 
 
 def add_entry(logs: Path, entry: LibraryEntry) -> Path:

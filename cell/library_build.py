@@ -14,14 +14,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
 
+from cell.library import entry_of
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.library import Library, LibraryEntry, entry_from, trajectory_from
+from skills.trajectory.library import Library, LibraryEntry, trajectory_from
 from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
 from skills.trajectory.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.trajectory.problem import Predictor
-from skills.vocabulary import Array, Failure, FoldStep, GraspTrajectory, Material, Outcome, Side, ToolPath
+from skills.vocabulary import Array, Failure, FoldStep, Material, Side, ToolPath
 
 __all__ = ["BuildProgress", "BuiltStep", "build_library"]
 
@@ -151,7 +152,9 @@ class _Build:
         self._skip(self.budget - counted)
         if outcome.value is None:
             return BuiltStep(garment.name, step.name, None, outcome.failure)
-        return BuiltStep(garment.name, step.name, _entry(garment, step, outcome, self.method), None)
+        initial = float(outcome.notes["dissimilarity_initial_m"])
+        entry = entry_of(garment, step, outcome.unwrap(), self.method, initial)
+        return BuiltStep(garment.name, step.name, entry, None)
 
     def _folded(
         self, mesh: ClothMesh, positions: Array, garment: Garment, step: FoldStep, entry: LibraryEntry
@@ -196,23 +199,6 @@ def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:
         and entry.material == garment.material
         and entry.size_m == garment.size_m
         and (entry.edge_length, entry.max_tool_speed) == (garment.mesh_edge_m, garment.max_tool_speed)
-    )
-
-
-def _entry(garment: Garment, step: FoldStep, outcome: Outcome[GraspTrajectory], method: str) -> LibraryEntry:
-    return entry_from(
-        outcome.unwrap(),
-        step,
-        category=garment.category,
-        variant=garment.plan[step.index].variants[0].name,
-        garment=garment.name,
-        material=garment.material,
-        size_m=garment.size_m,
-        edge_length=garment.mesh_edge_m,
-        method=method,
-        dissimilarity_initial=float(outcome.notes["dissimilarity_initial_m"]),
-        max_tool_speed=garment.max_tool_speed,
-        version=metadata.version("foldcell"),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cloth.scenes import MATERIAL, RELEASE, frames_of, towel_half, towel_mesh
+from benchmarks.cloth.scenes import MATERIAL, RELEASE, frames_of, stacked, towel_half, towel_mesh
 from calibration.bending import cantilever
 from robots.ports import Array
 from skills.cloth.elastic import GRAVITY
@@ -79,13 +79,7 @@ def _sheet_on_a_sheet() -> tuple[int, ClothMesh]:
     """Two sheets that are not joined, and how many vertices the lower one has."""
     lower = mesh_from_contour(np.array([[-0.2, -0.15], [0.6, -0.15], [0.6, 0.15], [-0.2, 0.15]]), 0.026)
     upper = mesh_from_contour(PATCH * [0.66, 0.7], 0.026, rotate=0.3)
-    n, m = len(lower.rest), len(upper.rest)
-    return n, ClothMesh(
-        np.vstack([lower.rest, upper.rest]), np.repeat([0, 1], [n, m]).astype(np.int32),
-        np.vstack([lower.triangles, upper.triangles + n]).astype(np.int32),
-        np.repeat([0, 1], [len(lower.triangles), len(upper.triangles)]).astype(np.int32),
-        np.zeros((0, 2), np.int32),
-    )  # fmt: skip
+    return len(lower.rest), stacked([lower, upper])
 
 
 def hang_strip(quick: bool) -> dict[str, Any]:

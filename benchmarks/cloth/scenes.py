@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,6 +54,19 @@ def towel_mesh(vertices: int) -> tuple[ClothMesh, Material]:
     edge = float(np.sqrt(0.24 / (0.5 * np.sqrt(3.0) * vertices))) * (0.0262 / 0.02554)
     thickness = min(MATERIAL.thickness, 0.4 * edge)
     return mesh_from_contour(TOWEL, edge), replace(MATERIAL, thickness=thickness)
+
+
+def stacked(sheets: Sequence[ClothMesh]) -> ClothMesh:
+    """Sheets of one layer that are not joined, as the layers of one mesh, the first the lowest."""
+    starts = np.cumsum([0, *(len(s.rest) for s in sheets)])
+    numbers = np.arange(len(sheets), dtype=np.int32)
+    return ClothMesh(
+        np.vstack([s.rest for s in sheets]),
+        np.repeat(numbers, [len(s.rest) for s in sheets]),
+        np.vstack([s.triangles + start for s, start in zip(sheets, starts[:-1], strict=True)]).astype(np.int32),
+        np.repeat(numbers, [len(s.triangles) for s in sheets]),
+        np.zeros((0, 2), np.int32),
+    )
 
 
 def towel_half(lift: float = 0.4) -> Paths:

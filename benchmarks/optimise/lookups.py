@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks.optimise.cases import Case, initial, judge, prepare
 from cell.garments import load_garment
-from cell.library import load_library
+from cell.library import entry_of, load_library
 from robots.ports import Side
 from skills.planning.plan import plan_folds
-from skills.trajectory.library import LibraryEntry, entry_from, lookup, trajectory_from
+from skills.trajectory.library import LibraryEntry, lookup, trajectory_from
 from skills.trajectory.optimise import optimise_fold
 from skills.vocabulary import GraspTrajectory, Material
 
@@ -89,16 +89,11 @@ def _accepted(case: Case, found: GraspTrajectory) -> bool:
 
 
 def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
-    garment, step = case.garment, case.step
     controls = {Side(side): np.array(c) for side, c in row["arcs_m"].items()}
     trajectory = GraspTrajectory(
         controls, row["duration_s"], "optimised", 0.0, 1e-3 * row["D_promised_mm"], row["simulations"]
     )
-    return entry_from(
-        trajectory, step, category=garment.category, variant=garment.plan[step.index].variants[0].name,
-        garment=garment.name, material=garment.material, size_m=garment.size_m, edge_length=garment.mesh_edge_m,
-        method="default", dissimilarity_initial=0.0, max_tool_speed=garment.max_tool_speed, version="benchmark",
-    )  # fmt: skip
+    return entry_of(case.garment, case.step, trajectory, "default", 0.0)
 
 
 def measure_lookup_times(names: Sequence[str]) -> dict[str, Any]:

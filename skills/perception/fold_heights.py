@@ -11,31 +11,33 @@ from skills.perception.inspection import InspectionSettings
 from skills.perception.view import TableView
 from skills.vocabulary import FoldStep
 
-__all__ = ["extra_height", "missing_layer", "piled_area"]
+__all__ = ["extra_height", "judged_area", "missing_layer", "piled_area"]
 
 
-def extra_height(
-    excess: NDArray[np.float32],
-    mask: NDArray[np.bool_],
-    view: TableView,
-    step: FoldStep | None,
-    settings: InspectionSettings,
-) -> float:
+def judged_area(
+    mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
+) -> NDArray[np.bool_]:
+    """The part of a mask (H, W) away from its rim and from the fold lines: heights are judged there."""
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    if step is not None:
+        rows, columns = np.nonzero(inner)
+        xy = view.to_table(np.stack([columns, rows], axis=1))
+        near = np.zeros(len(xy), bool)
+        for line in step.lines:
+            near |= np.abs(line.signed_distance(xy)) < settings.fold_margin
+        inner[rows[near], columns[near]] = False
+    return inner
+
+
+def extra_height(excess: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
     """95th percentile of the excess (H, W) [m] where it is judged; 0 where there is too little to see."""
-    samples = excess[_judged(mask, view, step, settings) & np.isfinite(excess)]
+    samples = excess[judged & np.isfinite(excess)]
     return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
 
 
-def piled_area(
-    excess: NDArray[np.float32],
-    mask: NDArray[np.bool_],
-    view: TableView,
-    step: FoldStep | None,
-    settings: InspectionSettings,
-) -> float:
-    """Area over which the excess (H, W) [m] is more than `settings.extra_height` [m2]."""
-    high = (excess > settings.extra_height) & _judged(mask, view, step, settings)
-    return float(np.count_nonzero(high)) * view.pixel**2
+def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold: float, pixel: float) -> float:
+    """Area over which the excess (H, W) [m] is more than the threshold [m2]. pixel: a pixel's edge [m]."""
+    return float(np.count_nonzero((excess > threshold) & judged)) * pixel**2
 
 
 def missing_layer(
@@ -67,18 +69,3 @@ def missing_layer(
         if planned >= settings.layer_height:
             shares.append(1.0 - float(have[patch].mean()) / planned)
     return max(shares) if shares else float("nan")
-
-
-def _judged(
-    mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
-) -> NDArray[np.bool_]:
-    """The part of a mask away from its rim and from the fold lines."""
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    if step is not None:
-        rows, columns = np.nonzero(inner)
-        xy = view.to_table(np.stack([columns, rows], axis=1))
-        near = np.zeros(len(xy), bool)
-        for line in step.lines:
-            near |= np.abs(line.signed_distance(xy)) < settings.fold_margin
-        inner[rows[near], columns[near]] = False
-    return inner

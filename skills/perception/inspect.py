@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robots.ports import frozen
 from skills.perception.alignment import align, edge_deviation
 from skills.perception.diagnosis import diagnose
-from skills.perception.fold_heights import extra_height, missing_layer, piled_area
+from skills.perception.fold_heights import extra_height, judged_area, missing_layer, piled_area
 from skills.perception.inspection import Inspection, InspectionSettings
 from skills.perception.left_behind import left_behind
 from skills.perception.moved_edge import MovedEdge, moved_edge
@@ -120,6 +120,7 @@ class _Figures:
         centre = self._outline.mean(axis=0)
         drift = self.R @ centre + self.t - centre
         excess = smooth_height(self._height, 7) - moved
+        judged = judged_area(mask, view, step, settings)
         deviation, place = edge_deviation(self._outline @ self.R.T + self.t, self._observed)
         return Inspection(
             iou=_iou(mask, where),
@@ -127,8 +128,8 @@ class _Figures:
             drift=frozen(drift),
             drift_m=float(np.linalg.norm(drift)),
             drift_rad=float(np.arctan2(self.R[1, 0], self.R[0, 0])),
-            extra_height_m=extra_height(excess, mask, view, step, settings),
-            piled_area_m2=piled_area(excess, mask, view, step, settings),
+            extra_height_m=extra_height(excess, judged),
+            piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
             edge_deviation_m=deviation,
             edge_place=frozen(place),
             missing_layer=missing_layer(self._height, moved, view, step, self.R, self.t, settings),

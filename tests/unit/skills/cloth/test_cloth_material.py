@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
+from benchmarks.cloth.scenes import stacked
 from robots.errors import ConfigurationError, InternalError
 from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -83,13 +84,7 @@ def sheet_on_a_sheet():
     upper = mesh_from_contour(
         np.array([[-0.1, -0.07], [0.1, -0.07], [0.1, 0.07], [-0.1, 0.07]]), 0.026, rotate=0.3
     )
-    n, m = len(lower.rest), len(upper.rest)
-    return n, ClothMesh(
-        np.vstack([lower.rest, upper.rest]), np.repeat([0, 1], [n, m]).astype(np.int32),
-        np.vstack([lower.triangles, upper.triangles + n]).astype(np.int32),
-        np.repeat([0, 1], [len(lower.triangles), len(upper.triangles)]).astype(np.int32),
-        np.zeros((0, 2), np.int32),
-    )  # fmt: skip
+    return len(lower.rest), stacked([lower, upper])
 
 
 @pytest.mark.parametrize("mu", [0.3, 0.6, 0.9])
@@ -109,29 +104,23 @@ def test_a_layer_slides_on_a_layer_as_coulomb_says(mu):
 
 
 def pile(count):
-    """Sheets that lie on each other, their meshes turned against each other; which sheet each vertex is of."""
+    """Sheets that lie on each other, their meshes turned against each other."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
-    sheets = [mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(count)]
-    starts = np.cumsum([0, *(len(m.rest) for m in sheets)])
-    of_vertex = np.repeat(np.arange(count), [len(m.rest) for m in sheets]).astype(np.int32)
-    of_triangle = np.repeat(np.arange(count), [len(m.triangles) for m in sheets]).astype(np.int32)
-    triangles = np.vstack([m.triangles + k for m, k in zip(sheets, starts, strict=False)]).astype(np.int32)
-    rest = np.vstack([m.rest for m in sheets])
-    return of_vertex, ClothMesh(rest, of_vertex, triangles, of_triangle, np.zeros((0, 2), np.int32))
+    return stacked([mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(count)])
 
 
 def on_a_slope(count, mu, mu_layers, ratio, mu_dynamic=None):
     """The pile on a table that is tilted to `ratio` times the critical slope, after 0.2 s: nothing sleeps."""
-    sheet, mesh = pile(count)
+    mesh = pile(count)
     a = np.arctan(ratio * mu)
     settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
     dynamic = mu if mu_dynamic is None else mu_dynamic
     material = replace(MATERIAL, friction_static=mu, friction_dynamic=dynamic, friction_layers=mu_layers)
-    x = np.column_stack([mesh.rest, material.thickness * (0.5 + sheet)])
+    x = np.column_stack([mesh.rest, material.thickness * (0.5 + mesh.layer)])
     s = ClothSimulation(mesh, material, x, settings)
     s.advance(12)
     weight = material.areal_mass * mesh.area.sum() * GRAVITY
-    return s, sheet, weight * np.sin(a), weight * np.cos(a)
+    return s, mesh.layer, weight * np.sin(a), weight * np.cos(a)
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
