@@ -29,7 +29,7 @@ LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
 UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
 KEY_FRAMES = 6
 BREAK_S = 3.0
-"""Frames of the held garment that are further apart in time belong to different folds."""
+"""Frames of the held garment that are further apart in time belong to different holds."""
 
 
 def report(
@@ -43,11 +43,10 @@ def report(
 ) -> Path:
     """Write `report.html` and `fold.png` into the run's folder. Raises StorageError when the page cannot be."""
     context = end.context
-    folds = _folds(frames)[-len(context.done) :] if context.done else []
-    steps = []
-    for index, note in enumerate(context.done):
-        shown = folds[index] if index < len(folds) else []
-        steps.append(_step(note, result.steps[index], shown, triangles, request))
+    steps = [
+        _step(note, result.steps[index], _held_during(note, frames), triangles, request)
+        for index, note in enumerate(context.done)
+    ]
     steps += [
         StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False)
         for s in result.steps[len(context.done) :]
@@ -140,16 +139,17 @@ def _arcs(trajectory: GraspTrajectory) -> list[Array]:
     return [evaluate(c, u) for c in trajectory.control_points.values()]
 
 
-def _folds(frames: Sequence[TrueFrame]) -> list[list[TrueFrame]]:
-    """The recorded frames, one list for each time that the garment was held."""
-    folds: list[list[TrueFrame]] = []
+def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
+    """The recorded frames of the hold in which the fold's pictures were taken: other holds were tried and lost."""
+    holds: list[list[TrueFrame]] = []
     last = -np.inf
     for frame in frames:
         if frame[0] - last > BREAK_S:
-            folds.append([])
-        folds[-1].append(frame)
+            holds.append([])
+        holds[-1].append(frame)
         last = frame[0]
-    return folds
+    taken = [p.stamp for p in note.pictures]
+    return next((h for h in holds if taken and h[0][0] <= max(taken) and min(taken) <= h[-1][0]), [])
 
 
 def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:

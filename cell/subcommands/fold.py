@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from cell.config import load_settings
 from cell.garments import load_garment
@@ -48,6 +49,9 @@ def _summary(figures: dict) -> None:
     words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": "FAULT (see the report)"}
     result = str(figures.get("result"))
     print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
+    failure = figures.get("failure")
+    if failure:
+        print(f"  {failure['what']}" + (f" ({failure['hint']})" if failure.get("hint") else ""))
     for step in figures.get("steps") or []:
         overlap = step.get("observed_iou")
         seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
@@ -56,10 +60,10 @@ def _summary(figures: dict) -> None:
         )
     score = figures.get("score")
     if score:
-        verdict = "passed" if score.get("passed") else "not passed"
+        verdict = "passed" if score.get("passed") else f"not passed ({_missed(score)})"
         print(
             f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
-            f" edges {_mm(score.get('edges_m'))},"
+            f" correspondence {_mm(score.get('correspondence_m'))}, edges {_mm(score.get('edges_m'))},"
             f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
         )
     print(
@@ -69,6 +73,20 @@ def _summary(figures: dict) -> None:
     if folder:
         print(f"  report     {folder}/report.html")
         print(f"  recording  {folder}/run.rrd   (foldcell replay last)")
+
+
+def _missed(score: dict) -> str:
+    """The figures that are beyond their limits, with these."""
+    missed = []
+    for name, limit in (score.get("limits") or {}).items():
+        value, word = score[name], name.rpartition("_")[0] or name
+        if name == "iou" and value < limit:
+            missed.append(f"IoU {value:.3f}, passes from {limit:.3f}")
+        elif name.endswith("_m") and value > limit:
+            missed.append(f"{word} {1e3 * value:.1f} mm, passes to {1e3 * limit:.1f}")
+        elif name.endswith("_rad") and value > limit:
+            missed.append(f"turn {math.degrees(value):.1f} degrees, passes to {math.degrees(limit):.1f}")
+    return "; ".join(missed)
 
 
 def _figure(value: float | None) -> str:

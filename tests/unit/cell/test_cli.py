@@ -199,6 +199,26 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
         assert part in text
 
 
+def test_the_summary_tells_which_figure_missed_its_limit(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = {"iou": 0.9, "edges_m": 0.03, "height_m": 0.0195, "drift_rad": 0.1745}
+    score = {"passed": False, "iou": 0.95, "edges_m": 0.01, "height_m": 0.0241, "drift_rad": 0.2, "limits": limits}
+    fake.answer = Result({**FIGURES, "score": score})
+    main(["fold", "vest"])
+    assert (
+        "not passed (height 24.1 mm, passes to 19.5; turn 11.5 degrees, passes to 10.0), IoU 0.950"
+        in capsys.readouterr().out
+    )
+
+
+def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
+    fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
+    assert main(["fold", "vest"]) == 2
+    assert "nothing lies on the table (lay the garment)" in capsys.readouterr().out
+
+
 def test_a_run_that_saw_little_has_a_summary_too(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "steps": []}, 2)
     assert main(["fold", "auto"]) == 2

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -28,6 +29,7 @@ from cell.report import (
     silhouettes,
     write_report,
 )
+from cell.reporting import _held_during
 from robots.errors import StorageError
 from robots.ports import Side
 
@@ -97,6 +99,9 @@ def test_page_says_what_matters(run):
         "Grasp again", "41.2 mm", "≤ 30.0 mm", "failed", "1.8°", "0.941", "cell.table.height_m", "0.2, 1.0",
     ):  # fmt: skip
         assert needed in text, needed
+    assert "Score not passed" in text
+    good = tuple(row for row in run.score if row.passed)
+    assert "Score passed" in Page(render(replace(run, score=good))).text
 
 
 def test_hardware_run_is_not_called_simulated(run):
@@ -244,3 +249,17 @@ def test_record_takes_pictures_of_any_width(tmp_path):
     path = write_report(Path(tmp_path / "r.html"), RunRecord("r", "t", "folded", pictures=(wide,)))
     uri = next(s for s in Page(path.read_text()).sources if s.startswith("data:"))
     assert cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), 1).shape == (29, 640, 3)
+
+
+def test_the_frames_shown_are_of_the_hold_that_made_the_fold():
+    """A hold that was lost before, of this fold or of the next, is not in the fold's strip."""
+    held = [(3.0, 4.5), (9.0, 9.4), (15.0, 19.0)]
+    frames = [(t, np.zeros((3, 3)), {}) for begin, end in held for t in np.arange(begin, end, 0.1)]
+
+    def note(*stamps: float) -> SimpleNamespace:
+        return SimpleNamespace(pictures=tuple(SimpleNamespace(stamp=t) for t in stamps))
+
+    for (begin, end), stamps in zip(held[::2], [(3.2, 4.4), (15.1, 19.2)], strict=True):
+        times = [t for t, *_ in _held_during(note(*stamps), frames)]
+        assert begin <= times[0] and times[-1] < end and len(times) >= 15
+    assert _held_during(note(30.0, 31.0), frames) == [] and _held_during(note(), frames) == []
