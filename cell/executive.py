@@ -20,7 +20,7 @@ _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
 
 def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
-    """The table with the rows that hold in every working state: stop, crash, abort, pause and resume.
+    """The table with the rows that hold in every working state: stop, lost ledger, crash, abort, pause and resume.
 
     Pause is taken between two effects; resuming enters the interrupted state anew (its effect is
     issued again and checks its own start). While the cell makes itself safe it can only be stopped.
@@ -29,6 +29,7 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
     added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # target: see Executive.handle
     for s in [*working, State.PAUSED]:
         added.append(Row(s, Event.STOP, State.STOPPED, Effect.HOLD))
+        added.append(Row(s, Event.UNRECORDED, State.FAULT, Effect.HOLD))
         if s in _ENDING:
             added.append(Row(s, Event.CRASH, State.FAULT, Effect.HOLD))
             continue

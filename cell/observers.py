@@ -9,9 +9,9 @@ from cell.executive import Step
 from cell.recorder import Recorder
 from cell.states import Effect, Event
 
-__all__ = ["RecorderObserver", "Remark", "Remarks"]
+__all__ = ["FAILING", "RecorderObserver", "Remark", "Remarks"]
 
-FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT})
+FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT, Event.UNRECORDED})
 
 
 class RecorderObserver:
@@ -27,7 +27,7 @@ class RecorderObserver:
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
         if result.event in FAILING and failure is not None:
-            level = "ERROR" if result.event in {Event.CRASH, Event.STOP} else "WARN"
+            level = "ERROR" if result.event in {Event.CRASH, Event.STOP, Event.UNRECORDED} else "WARN"
             self._recorder.event(t, str(failure), level)
 
 

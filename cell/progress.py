@@ -6,8 +6,9 @@ from typing import TextIO
 
 from cell.context import Result
 from cell.executive import Step
+from cell.observers import FAILING
 from cell.progress_bar import ProgressBar
-from cell.states import Event, State
+from cell.states import State
 
 __all__ = ["ProgressLines"]
 
@@ -32,7 +33,7 @@ class ProgressLines:
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
-        if failure is not None and result.event in {Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT}:
+        if failure is not None and result.event in FAILING:
             self._bar.line(f"{t:8.1f} s    {failure}")
 
     def computing(self, done: int, total: int, remark: str) -> None:

@@ -56,6 +56,8 @@ class FoldResult:
     run_dir: str
     signal: int | None = None
     recording: Mapping[str, Any] = field(default_factory=dict)
+    unwritten: tuple[str, ...] = ()
+    """What could not be kept of the run when it had ended, with the reason."""
 
     @property
     def exit_code(self) -> int:

@@ -11,8 +11,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from cell.simulation import SimulationSettings
 from cell.states import State
 from cell.terminal import TerminalOperator
 from cell.whole_file import write_whole
-from robots.errors import Failure, StorageError
+from robots.errors import Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ Script = Callable[[Ports, CommandQueue], None]
 def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
     """Perform one run. `script` gets ports and command queue before the first effect (tests, HIL scripts).
 
-    Raises ConfigurationError and StorageError before anything moves.
+    Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
+    ends the run as a fault, the arms held.
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
@@ -79,13 +81,34 @@ def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
         except BaseException:
             run.abandon()
             raise
-        run.end(ended.result.result, ended.result.as_json())
-    write_whole(run.directory / "result.json", json.dumps(ended.result.as_json(), indent=1) + "\n")
-    if request.record:
-        from cell.reporting import report
+        result = _ended_in_ledger(run, ended.result)
+    return _with_files(run.directory, request, replace(ended, result=result))
 
-        report(run.directory, request, ended.end, ended.result, ended.remarks, ended.frames, ended.triangles)
-    return ended.result
+
+def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
+    """The result, once it is in the ledger. What cannot be put there has not ended well: a fault."""
+    try:
+        run.end(result.result, result.as_json())
+    except StorageError as e:
+        run.abandon()
+        if result.failure is not None:
+            return replace(result, result="fault", unwritten=(e.what,))
+        return replace(result, result="fault", failure=_failure(Failure(FailureKind.UNRECORDED, e.what, e.hint)))
+    return result
+
+
+def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult:
+    """The result with its files beside the recording. The run has ended: what cannot be written is told."""
+    result = ended.result
+    try:
+        write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
+        if request.record:
+            from cell.reporting import report
+
+            report(folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles)
+    except StorageError as e:
+        return replace(result, unwritten=(*result.unwritten, e.what))
+    return result
 
 
 def _versioned(request: FoldRequest) -> tuple[str, ...]:
@@ -190,9 +213,7 @@ def _result(
         world=request.world if request.driver == "sim" else None,
         result=RESULTS[end.state],
         state=end.state.value,
-        failure=None
-        if failure is None
-        else {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint},
+        failure=None if failure is None else _failure(failure),
         score=score,
         steps=tuple(_steps(context)),
         robot_time_s=end.ended - end.started - context.waited_s,

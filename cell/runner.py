@@ -19,7 +19,7 @@ from cell.executive import Executive, Step
 from cell.journal import RunJournal
 from cell.states import TERMINAL, Effect, Event, State
 from cell.workcell import Workcell
-from robots.errors import CellError, DriverError, Failure, FailureKind
+from robots.errors import CellError, DriverError, Failure, FailureKind, StorageError
 
 __all__ = ["EffectFunction", "Observer", "RunEnd", "Runner"]
 
@@ -67,26 +67,55 @@ class Runner:
         self._observers = observers
         self._machine = Executive()
         self._state = State.IDLE
+        self._context = Context()
+        self._times: dict[str, float] = {}
 
     def run(self, context: Context | None = None) -> RunEnd:
-        """From START to a declared end. Returns however it ended; raises only what the ledger raises."""
+        """From START to a declared end. Returns however it ended."""
         clock = self._cell.ports.clock
         started = clock.now()
-        context = context or Context()
-        times: dict[str, float] = {}
+        self._context, self._times = context or Context(), {}
+        try:
+            state = self._walk()
+        except StorageError as error:
+            state = self._unrecorded(error)
+        return RunEnd(state, self._context, started, clock.now(), self._times)
+
+    def _walk(self) -> State:
+        """Through the table to its end. Raises StorageError when the ledger takes no more lines."""
+        clock = self._cell.ports.clock
         event = Event.START
         while True:
             step = self._machine.handle(event)
             entered = clock.now()
             self._note_entry(entered, step)
             if step.target in TERMINAL:
-                self._perform(step, context)
-                return RunEnd(step.target, context, started, clock.now(), times)
-            result = self._perform(step, context)
-            context, event = result.context, result.event
-            times[step.target.value] = times.get(step.target.value, 0.0) + clock.now() - entered
+                self._perform(step, self._context)
+                return step.target
+            result = self._perform(step, self._context)
+            self._context, event = result.context, result.event
+            self._times[step.target.value] = self._times.get(step.target.value, 0.0) + clock.now() - entered
             for o in self._observers:
                 o.performed(clock.now(), step, result)
+
+    def _unrecorded(self, error: StorageError) -> State:
+        """What the ledger cannot tell of is not done: the arms are held where they are, and that is the end."""
+        now, source = self._cell.ports.clock.now(), self._machine.state
+        hint = f"the arms are held where they are: free the garment by hand. {error.hint}"
+        failure = Failure(FailureKind.UNRECORDED, error.what, hint)
+        self._context = self._context.with_failure(failure)
+        if not self._machine.ended:
+            self._machine.handle(Event.UNRECORDED)
+        step = Step(source, Event.UNRECORDED, State.FAULT, Effect.HOLD)
+        for o in self._observers:
+            o.performed(now, replace(step, target=source), Result(Event.UNRECORDED, self._context))
+            o.entered(now, step)
+        try:
+            self._effects[Effect.HOLD](self._cell, self._context)
+        except Exception as e:  # there is no ledger to tell, and no other way to hold them
+            told = replace(failure, hint=f"{hint}. Holding them failed ({e}): press the emergency stop")
+            self._context = replace(self._context, failure=told)
+        return State.FAULT
 
     def _note(self, name: str, values: Mapping[str, float]) -> None:
         """Something that happened within an effect."""

@@ -4,8 +4,9 @@ A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effec
 event. DONE says that it worked; FAILED that it did not (the failure travels beside it); the others
 are choices that were made before the event.
 
-Three rows hold in every working state and are added by `executive.py`: STOP -> STOPPED (HOLD),
-CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE).
+Four rows hold in every working state and are added by `executive.py`: STOP -> STOPPED (HOLD),
+CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a ledger
+nothing moves any more.
 """
 
 from __future__ import annotations
@@ -74,6 +75,7 @@ class Event(StrEnum):
     ABORT = "abort"
     STOP = "stop"
     CRASH = "crash"
+    UNRECORDED = "unrecorded"  # the ledger takes no more lines
 
 
 class Effect(StrEnum):

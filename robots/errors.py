@@ -20,6 +20,7 @@ __all__ = [
     "Failure",
     "FailureKind",
     "InternalError",
+    "RecordError",
     "StorageError",
 ]
 
@@ -63,6 +64,7 @@ class FailureKind(StrEnum):
     ABORTED = "aborted"
     HARDWARE_FAULT = "hardware_fault"
     SKILL_CRASHED = "skill_crashed"
+    UNRECORDED = "unrecorded"
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,10 @@ class DriverError(CellError):
 
 class StorageError(CellError):
     """Logs, ledger or recording cannot be written. Raised before anything moves."""
+
+
+class RecordError(CellError):
+    """The ledger took no more lines while the cell was at work. The arms are held; the ledger ends before that."""
 
 
 class InternalError(CellError):

@@ -35,7 +35,7 @@ from cell.run import VERSIONED
 from cell.simulation import SimulationSettings, Truth, truth
 from cell.whole_file import write_whole
 from cell.workcell import Workcell
-from robots.errors import CellError, DriverError, Failure, FailureKind, StorageError
+from robots.errors import CellError, DriverError, Failure, FailureKind, RecordError, StorageError
 from robots.ports import Ports
 from skills.vocabulary import Outcome
 
@@ -147,7 +147,12 @@ def _with_cell(
         cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, _unsaid, _unsaid)
         if script is not None:
             script(ports)
-        outcome, safe = _perform(request, run, cell, procedure)
+        try:
+            outcome, safe = _perform(request, run, cell, procedure)
+        except StorageError as e:
+            hold_still(cell, Context())
+            hint = f"the arms are held where they are: free what they hold by hand. {e.hint}"
+            raise RecordError(e.what, hint) from e
         return CalibrationEnd(
             run_id=run.id,
             run_dir=run.directory,

@@ -69,9 +69,13 @@ def _summary(figures: dict) -> None:
     print(
         f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
     )
+    unwritten = figures.get("unwritten") or ()
+    for what in unwritten:
+        print(f"  not kept   {what}")
     folder = figures.get("run_dir")
     if folder:
-        print(f"  report     {folder}/report.html")
+        if not unwritten:
+            print(f"  report     {folder}/report.html")
         print(f"  recording  {folder}/run.rrd   (foldcell replay last)")
 
 

@@ -45,6 +45,36 @@ def told(request: FoldRequest) -> list[Any]:
         return journal.entries(journal.run("last").id)
 
 
+# the ledger
+
+
+def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hands hold the garment where it is; the run ends as a fault, and says why the report is all there is."""
+    journals: list[Journal] = []
+    opened = Journal.open
+
+    def keep(path: Path) -> Journal:
+        journals.append(opened(path))
+        return journals[-1]
+
+    def lose(*_: Any) -> None:
+        journals[0]._connection.execute("PRAGMA query_only = ON")
+
+    monkeypatch.setattr("cell.run.Journal.open", keep)
+    onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path)
+    result = onlooker.fold(request)
+    monkeypatch.undo()
+    assert (result.result, result.state, result.exit_code) == ("fault", "fault", 3)
+    assert result.failure["kind"] == "unrecorded" and "free the garment by hand" in result.failure["hint"]
+    assert [effect for effect, _ in onlooker.performed[-2:]] == [Effect.FOLD, Effect.HOLD]
+    held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
+    assert len(held) == 1 and not np.any(held[0].qd)
+    assert min(onlooker.openings) < 0.01, "what was held is still held"
+    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+        assert journal.run("last").status == "interrupted"
+        assert journal.last_intent(journal.run("last").id).begun.name == "fold"
+
+
 # seeing
 
 

@@ -132,6 +132,34 @@ def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
         assert [e.name for e in journal.entries(run.id, "result")] == ["prepare", "grip", "make_safe"]
 
 
+def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit 3, not 64: the arms have moved. After the touch that cannot be noted they are only told to stand."""
+    opened, told = Journal.open, []
+
+    def journal(path: Path) -> Journal:
+        opening = opened(path)
+        monkeypatch.setattr(opening, "_write", lambda sql, values: write(opening, sql, values))
+        return opening
+
+    def write(opening: Journal, sql: str, values: tuple) -> int:
+        if "touch" in values:
+            opening._connection.execute("PRAGMA query_only = ON")
+            told.clear()
+        return Journal._write(opening, sql, values)
+
+    command = _Arms.command
+    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
+    monkeypatch.setattr("cell.calibrating.session.Journal.open", journal)
+    code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
+    assert code == 3 and "held where they are" in report["hint"] and "ledger.db" in err
+    assert len(told) == 1 and not np.any(told[0])
+    monkeypatch.undo()
+    with Journal.open(ledger_path(tmp_path), readonly=True) as kept:
+        assert kept.run("last").status == "interrupted"
+
+
 def test_lens_and_pose_are_found_one_after_the_other(tmp_path: Path, capsys) -> None:
     """The second calibration reads what the first one wrote; both are nearer to the truth than the drawings."""
     cell, lens, eye = (tmp_path / name for name in ("cell.yaml", "lens.yaml", "eye.yaml"))

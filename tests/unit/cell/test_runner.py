@@ -386,3 +386,51 @@ def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
     assert rig.performed[:asked].count(Effect.LOOK) == 3
     assert rig.performed[asked + 1] is Effect.LOOK
     assert end.context.waited_s > 0
+
+
+# a ledger that takes no more lines
+
+
+def lose(rig: Rig) -> None:
+    rig.journal._connection.execute("PRAGMA query_only = ON")
+
+
+@pytest.mark.parametrize("effect", STRAIGHT)
+def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = lambda: lose(rig)
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves that the ledger does not know of"
+    failure = end.context.failure
+    assert failure.kind is K.UNRECORDED and "ledger.db" in failure.what
+    assert "held where they are" in failure.hint and "read-only" in failure.hint
+    last = rig.journal.last_intent(rig.ledger.id)
+    assert last.begun.name == effect.value and last.result is None
+
+
+def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
+    class AtTheEntry:
+        def entered(self, t: float, step: Step) -> None:
+            seen.append(step.target)
+            if step.target is State.FOLDING:
+                lose(rig)
+
+        def performed(self, t: float, step: Step, result: Result) -> None:
+            failures.append(result.context.failure)
+
+    seen: list[State] = []
+    failures: list[Failure | None] = []
+    rig.observers = (AtTheEntry(),)
+    assert rig.run().state is State.FAULT
+    assert rig.performed[-2:] == [Effect.LIFT, Effect.HOLD]
+    assert seen[-2:] == [State.FOLDING, State.FAULT] and failures[-1].kind is K.UNRECORDED
+
+
+def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(rig: Rig) -> None:
+    def silent(cell: Any, context: Context) -> Result:
+        raise DriverError(K.HARDWARE_FAULT, "the robot is silent")
+
+    rig.special[Effect.HOLD] = silent
+    rig.after[Effect.FOLD] = lambda: lose(rig)
+    end = rig.run()
+    assert end.state is State.FAULT and "emergency stop" in end.context.failure.hint
