@@ -74,7 +74,7 @@ def lift(cell: Workcell, context: Context) -> Result:
     """A little way straight up; what was held must still be held."""
     q = cell.ports.arms.state().q
     sides = tuple(context.held)
-    up = plan_lift(cell.robot, cell.checker, q, sides, cell.settings.grasp.lift_height, limits=cell.limits)
+    up = plan_lift(cell.robot, cell.guard, q, sides, cell.settings.grasp.lift_height, limits=cell.limits)
     control = pausable(cell)
     failure = up.failure or move(cell, up.unwrap(), fingertips=True, control=control)
     context = waited(context, control)
@@ -91,7 +91,7 @@ def fold(cell: Workcell, context: Context) -> Result:
     """Along the arc, from where the hands really are, watching for a slip and taking the key pictures."""
     assert context.motion is not None
     arc = plan_arc(
-        cell.robot, cell.checker, cell.table, context.planned_paths, context.motion.postures,
+        cell.robot, cell.guard, cell.table, context.planned_paths, context.motion.postures,
         cell.ports.arms.state().q, limits=cell.limits, tool_speed=context.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:

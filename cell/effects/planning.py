@@ -26,7 +26,7 @@ from skills.trajectory.bezier import evaluate
 from skills.trajectory.library import lookup, trajectory_from
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import lifted, tool_paths
+from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
@@ -142,7 +142,8 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
         cell.settings.computing.motion_s,
         lambda: plan_fold_motion(
             cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
-            approach_height=cell.settings.motion.approach_height, rng=cell.rng(), avoid=avoid,
+            approach_height=cell.settings.motion.approach_height, lift=cell.settings.grasp.lift_height,
+            rng=cell.rng(), avoid=avoid,
         ),
     )  # fmt: skip
     if planned.failure:
@@ -224,7 +225,7 @@ def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPredic
 def executed_paths(cell: Workcell, motion: FoldMotion) -> dict[Side, ToolPath]:
     """The tool paths of a motion by grasp: the lift, then the arc."""
     height = cell.settings.grasp.lift_height
-    return {posture.path: lifted(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
+    return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
 def _believed(context: Context, prediction: FoldPrediction) -> tuple[Context, float]:

@@ -106,7 +106,7 @@ class Withdrawal:
 
 @dataclass(frozen=True, eq=False)
 class ArcMotion:
-    """fold: from the grasps to the release. tool_paths: what the tools then do, by arm, table frame."""
+    """fold: from the (lifted) grasps to the release. tool_paths: what the tools then do, by arm, table frame."""
 
     fold: ArmTrajectory
     retreat: ArmTrajectory
@@ -163,6 +163,7 @@ def plan_fold_motion(
     limits: JointLimits | None = None,
     tool_speed: float | None = None,
     approach_height: float = APPROACH_HEIGHT,
+    lift: float = 0.0,
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
@@ -170,6 +171,7 @@ def plan_fold_motion(
 
     paths: the tools' paths, keyed as step.grasps; where the hands lean and which arm takes which path is
     chosen here. limits: the model's planning set when None. tool_speed: cap while the cloth is held [m/s].
+    lift: by which the hands rise straight before the fold begins [m]; the paths then begin that much higher.
     avoid: `postures` of motions that were tried, for another choice. rng: for the search of detours.
     Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),
     LIMIT_EXCEEDED, STALE_STATE (q_now is no state).
@@ -189,7 +191,7 @@ def plan_fold_motion(
             break
         choices = ranked.unwrap()
         best, failure = _best_of(
-            model, checker, table, paths, choices, q_now, limits, tool_speed, approach_height, rng
+            model, checker, table, paths, choices, q_now, limits, tool_speed, approach_height, lift, rng
         )
         if best is not None:
             return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
@@ -215,6 +217,7 @@ def _best_of(
     limits: JointLimits | None,
     tool_speed: float | None,
     approach_height: float,
+    lift: float,
     rng: np.random.Generator | None,
 ) -> tuple[FoldMotion | None, Failure | None]:
     """The first choice whose fold the arms do not slow much, else the shortest; and why the first one fails."""
@@ -222,7 +225,9 @@ def _best_of(
     best: FoldMotion | None = None
     failure: Failure | None = None
     for choice in choices:
-        made = _planned_as(model, checker, table, paths, choice, q_now, limits, tool_speed, approach_height, rng)
+        made = _planned_as(
+            model, checker, table, paths, choice, q_now, limits, tool_speed, approach_height, lift, rng
+        )
         failure = failure or made.failure
         if made.value is not None and (best is None or made.value.duration < best.duration):
             best = made.value
@@ -241,6 +246,7 @@ def _planned_as(
     limits: JointLimits | None,
     tool_speed: float | None,
     approach_height: float,
+    lift: float,
     rng: np.random.Generator | None,
 ) -> Outcome[FoldMotion]:
     """The whole motion with one choice of postures, finely."""
@@ -250,10 +256,15 @@ def _planned_as(
     )  # fmt: skip
     if grasp.failure:
         return Outcome(failure=grasp.failure)
+    q_fold = grasp.unwrap().q_grasp
+    if lift > 0.0:
+        up = plan_lift(model, checker, q_fold, tuple(choice.postures), lift, limits=limits)
+        if up.failure:
+            return Outcome(failure=up.failure)
+        q_fold = up.unwrap().q[-1]
     arc = plan_arc(
-        model, checker, table, paths, choice.postures, grasp.unwrap().q_grasp,
-        limits=limits, tool_speed=tool_speed, rng=rng,
-    )  # fmt: skip
+        model, checker, table, paths, choice.postures, q_fold, limits=limits, tool_speed=tool_speed, rng=rng
+    )
     if arc.failure:
         return Outcome(failure=arc.failure)
     return Outcome(FoldMotion(choice.postures, grasp.unwrap(), arc.unwrap()))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skills.trajectory.bezier import arc_lengths, evaluate
 from skills.vocabulary import Array, FoldStep, GraspTrajectory, Side, ToolPath, frozen
 
-__all__ = ["LIFT_HEIGHT", "SpeedLaw", "fold_duration", "fold_paths", "lifted", "tool_paths"]
+__all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
 TOOL_ACCELERATION = 0.8
 """Peak of the tool's acceleration along a fold [m/s2]: jerks pull at the cloth, the paper's cause of drift."""
@@ -129,20 +129,26 @@ def lifted(path: ToolPath, height: float) -> ToolPath:
     """
     if height <= 0.0:
         return path
+    fade = np.linspace(1.0, 0.0, len(path.t))
+    fade = fade**2 * (3 - 2 * fade)
+    return after_lift(replace(path, position=frozen(path.position + np.outer(fade, (0.0, 0.0, height)))), height)
+
+
+def after_lift(path: ToolPath, height: float) -> ToolPath:
+    """The straight lift by `height` [m] that leads to where `path` begins, then the path."""
+    if height <= 0.0:
+        return path
     law = SpeedLaw.fastest(height, LIFT_SPEED)
     n = max(2, int(np.ceil(law.duration * RATE)))
     up = np.linspace(0.0, law.duration, n, endpoint=False)
-    fade = np.linspace(1.0, 0.0, len(path.t))
-    fade = fade**2 * (3 - 2 * fade)
-    arc = path.position + np.outer(fade, (0.0, 0.0, height))
-    start = path.position[0] + np.outer(law.distance(up), (0.0, 0.0, 1.0))
+    start = path.position[0] + np.outer(law.distance(up) - height, (0.0, 0.0, 1.0))
 
     def held(x: Array) -> Array:
         return np.concatenate([np.full(n, x[0]), x])
 
     return ToolPath(
         t=frozen(np.concatenate([up, law.duration + path.t])),
-        position=frozen(np.vstack([start, arc])),
+        position=frozen(np.vstack([start, path.position])),
         heading=frozen(held(path.heading)),
         pitch=frozen(held(path.pitch)),
         roll=frozen(held(path.roll)),

@@ -20,7 +20,7 @@ from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.planning.plan import plan_folds
-from skills.trajectory.paths import fold_paths
+from skills.trajectory.paths import LIFT_HEIGHT, fold_paths
 from skills.vocabulary import Material, PredictedShape
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -46,10 +46,10 @@ def settings(adapting: bool) -> CellSettings:
 
 
 def motion() -> Any:
-    """A fold drawn up and over so high that it drags what should rest."""
+    """A fold, begun from the lifted grasps, drawn up and over so high that it drags what should rest."""
     controls, half = {}, STEPS[0]
     for side, grasp in half.grasps.items():
-        start, end = np.append(grasp.point, 0.0), half.targets[side]
+        start, end = np.append(grasp.point, LIFT_HEIGHT), half.targets[side]
         up = np.array([0.0, 0.0, 0.75])
         controls[side] = np.array([start, start + up, end + up, end])
     paths = fold_paths(controls, {s: g.heading for s, g in half.grasps.items()}, 3.0)

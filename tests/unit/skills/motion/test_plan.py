@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots.baxter.model import load_model
-from robots.errors import FailureKind
+from robots.errors import Failure, FailureKind
 from robots.ports import Side, arm_slice
 from skills.motion import route
 from skills.motion.check import check_trajectory, path_deviation
@@ -16,7 +16,7 @@ from skills.motion.collision import CollisionChecker
 from skills.motion.plan import plan_arc, plan_fold_motion, plan_free_motion, plan_grasp, plan_lift, plan_withdrawal
 from skills.motion.posture import Posture, angles_of
 from skills.motion.timing import peaks
-from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath, tool_rotation
+from skills.vocabulary import FoldLine, FoldStep, Grasp, Outcome, Table, ToolPath, tool_rotation
 
 MODEL = load_model()
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
@@ -239,6 +239,32 @@ def test_a_grasp_is_planned_again_elsewhere(checker):
     for side, posture in motion.postures.items():
         tip = MODEL.tool_pose(side, grasp.q_grasp)[:3, 3] - [0, 0, TABLE.height]
         assert tip == pytest.approx(shifted[posture.path].position[0], abs=1e-5)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_what_is_planned_after_a_lift_is_what_is_executed_after_it(checker, number):
+    """The hands lift the cloth before they fold it: the arc is planned, and checked, from up there."""
+    lift = 0.03
+    step, paths = towel_fold("medium", number)
+    motion = planned(checker, step, paths, lift=lift).unwrap()
+    for side, posture in motion.postures.items():
+        grasp, begin = tools(side, (motion.grasp.q_grasp, motion.fold.q[0]))
+        assert begin[:3, 3] - grasp[:3, 3] == pytest.approx([0.0, 0.0, lift], abs=1e-4)
+        assert begin[:3, :3] == pytest.approx(grasp[:3, :3], abs=1e-4)
+        done, intended = motion.tool_paths[side].position, paths[posture.path].position
+        assert done[0] - intended[0] == pytest.approx([0.0, 0.0, lift], abs=1e-4)
+        assert done[-1] == pytest.approx(intended[-1], abs=1e-4)
+    up = plan_lift(MODEL, checker, motion.grasp.q_grasp, tuple(motion.postures), lift).unwrap()
+    again = plan_arc(MODEL, checker, TABLE, paths, motion.postures, up.q[-1]).unwrap()
+    assert np.array_equal(again.fold.q, motion.fold.q)
+
+
+def test_a_lift_into_a_collision_is_no_plan(checker, monkeypatch):
+    step, paths = towel_fold("medium", 1)
+    blocked = Outcome(failure=Failure(FailureKind.IN_COLLISION, "the way up comes too near: a - b"))
+    monkeypatch.setattr("skills.motion.plan.plan_lift", lambda *_, **__: blocked)
+    assert planned(checker, step, paths, lift=0.03).failure.kind is FailureKind.IN_COLLISION
+    assert planned(checker, step, paths).ok
 
 
 def test_one_arm_folds_while_the_other_stays_parked(checker):

@@ -12,7 +12,15 @@ from cell.garments import load_garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import arc_lengths, initial_controls
 from skills.trajectory.frame import frames_of
-from skills.trajectory.paths import TOOL_ACCELERATION, SpeedLaw, fold_duration, fold_paths, tool_paths
+from skills.trajectory.paths import (
+    TOOL_ACCELERATION,
+    SpeedLaw,
+    after_lift,
+    fold_duration,
+    fold_paths,
+    lifted,
+    tool_paths,
+)
 from skills.vocabulary import GraspTrajectory, Side
 
 TOWEL = load_garment("medium_towel")
@@ -101,3 +109,19 @@ def test_a_speed_cap_lengthens_and_a_pitch_profile_is_followed() -> None:
     assert slow[Side.LEFT].pitch[[0, -1]] == pytest.approx([0.0, 0.4])
     assert (np.diff(slow[Side.LEFT].pitch) >= -1e-12).all()
     assert (slow[Side.RIGHT].pitch == 0.2).all()
+
+
+def test_a_lift_goes_straight_up_to_where_the_path_begins() -> None:
+    path = tool_paths(GraspTrajectory(CONTROLS, 4.0, "optimised", 0.0, 0.0), STEP)[Side.LEFT]
+    raised = after_lift(path, 0.03)
+    n = len(raised.t) - len(path.t)
+    up = np.diff(raised.position[: n + 1], axis=0)
+    assert raised.position[0] == pytest.approx(path.position[0] - [0.0, 0.0, 0.03])
+    assert np.all(up[:, 2] > 0) and np.allclose(up[:, :2], 0.0, atol=1e-12)
+    assert np.array_equal(raised.position[n:], path.position)
+    # `lifted` begins at the grasp: it moves the arc's start up, and the offset fades
+    of_grasp = lifted(path, 0.03)
+    assert of_grasp.position[0] == pytest.approx(path.position[0])
+    assert of_grasp.position[n] == pytest.approx(path.position[0] + [0.0, 0.0, 0.03])
+    assert of_grasp.position[-1] == pytest.approx(path.position[-1])
+    assert after_lift(path, 0.0) is path and lifted(path, 0.0) is path
