@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.perceive import smooth_height
 from skills.perception.view import TableView
 from skills.planning.folding import fold_xy
 from skills.vocabulary import FoldStep, PredictedShape
@@ -39,6 +40,9 @@ class EdgeSettings:
     """Nearer to the fold line nothing is judged: the crease stands up there."""
     rim: float = 0.010
     """Left out at the edge's two ends, where depth is lost."""
+    loop: float = 0.006
+    """Cloth that stood this much higher before the fold than the median of the stack is the loop of an earlier
+    crease: what comes to lie on it presses it down, and nobody sees it rise."""
     least_rise: float = 0.0010
     """A thinner moved layer cannot be seen by depth."""
     sample: float = 0.002
@@ -77,8 +81,10 @@ class MovedEdge:
 
     @staticmethod
     def _end(lag: Array) -> float:
-        """Of two strips the one that speaks against a lost corner."""
-        return float(np.min(lag[:2]))
+        """Of the first two strips that are seen, in the first third, the one that speaks against a lost corner."""
+        seen = lag[: len(lag) // 3]
+        seen = seen[np.isfinite(seen)][:2]
+        return float(seen.min()) if len(seen) else float("nan")
 
 
 def _median(values: Array) -> float:
@@ -112,6 +118,8 @@ def moved_edge(
     across = -(reach[:, None] - depth[None, :])  # the moved part lies on the line's other side now
     there = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
     rise = _sampled(height, view, there @ R.T + t) - _sampled(before, view, there)
+    stood = _sampled(smooth_height(before), view, there)
+    rise[stood > _median(stood[:, depth > 0]) + settings.loop] = np.nan
     rise[across > -settings.crease] = np.nan
     profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
     inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])

@@ -35,8 +35,11 @@ def folded_mesh():
     return PredictedShape(vertices, triangles, material)
 
 
-def heights(lag, seed=0, creases=0.004):
-    """(before, after): one layer, then two where the moved edge, `lag` (function of 0..1 along it) [m] behind."""
+def heights(lag, seed=0, creases=0.004, loop=0.0):
+    """(before, after): one layer, then two where the moved edge, `lag` (function of 0..1 along it) [m] behind.
+
+    loop: height of an earlier fold's crease along the end 0 [m], which the moved layer presses down as it lies.
+    """
     rng = np.random.default_rng(seed)
     rows, columns = np.indices(VIEW.shape)
     xy = VIEW.to_table(np.stack([columns, rows], axis=-1))
@@ -45,13 +48,15 @@ def heights(lag, seed=0, creases=0.004):
     lower = LAYER + creases * (1 + np.sin(60 * x) * np.cos(45 * y)) / 2
     before = np.where(on & (np.abs(y) < 0.3), lower, 0.0)
     t = np.clip((x - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
+    raised = loop * np.clip(1.5 - t / 0.13, 0, 1)
+    before = np.where(before > 0, before + raised, before)
     moved = on & (y < 0) & (y > -0.3 + lag(t))
-    after = np.where(on & (y < 0) & (y > -0.3), lower, 0.0) + LAYER * moved
+    after = np.where(on & (y < 0) & (y > -0.3), lower + raised, 0.0) + np.where(raised > 0, 0.0, LAYER) * moved
     return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (before, after)]
 
 
-def look(lag, seed=0):
-    before, after = heights(lag, seed)
+def look(lag, seed=0, loop=0.0):
+    before, after = heights(lag, seed, loop=loop)
     return moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
 
 
@@ -76,6 +81,21 @@ def test_an_edge_where_it_should_be_raises_no_alarm():
     for seed in range(5):
         seen = look(lambda t: 0.0 * t, seed)
         assert abs(seen.sag) < 0.006 and seen.corner < 0.006
+
+
+@pytest.mark.parametrize("loop", [0.014, 0.018, 0.025])
+def test_the_loop_of_an_earlier_crease_that_is_pressed_down_is_no_lost_corner(loop):
+    """Nothing rises where the loop was, as if nothing had come to lie there."""
+    seen = look(lambda t: 0.0 * t, loop=loop)
+    assert seen.corner < 0.006 and abs(seen.sag) < 0.010
+    assert seen.rise > 0.7 * LAYER
+    assert not np.isfinite(seen.lag[0]) and np.isfinite(seen.lag[2:]).all()
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_lost_corner_is_found_beside_a_loop(end):
+    seen = look(lambda t: 0.08 * (t if end else 1 - t) ** 1.5, loop=0.018)
+    assert 0.030 < seen.corner < 0.08
 
 
 def test_when_nothing_rose_nothing_is_said():
