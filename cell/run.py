@@ -91,9 +91,10 @@ def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
         run.end(result.result, result.as_json())
     except StorageError as e:
         run.abandon()
-        if result.failure is not None:
-            return replace(result, result="fault", unwritten=(e.what,))
-        return replace(result, result="fault", failure=_failure(Failure(FailureKind.UNRECORDED, e.what, e.hint)))
+        failure = _failure(Failure(FailureKind.UNRECORDED, e.what, e.hint))
+        if result.failure is None or result.failure["kind"] == FailureKind.UNRECORDED:
+            return replace(result, result="fault", failure=result.failure or failure)
+        return replace(result, result="fault", unwritten=(e.what,))
     return result
 
 

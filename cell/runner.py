@@ -101,7 +101,7 @@ class Runner:
     def _unrecorded(self, error: StorageError) -> State:
         """What the ledger cannot tell of is not done: the arms are held where they are, and that is the end."""
         now, source = self._cell.ports.clock.now(), self._machine.state
-        hint = f"the arms are held where they are: free the garment by hand. {error.hint}"
+        hint = f"the arms are held where they are: free by hand what the hands hold. {error.hint}"
         failure = Failure(FailureKind.UNRECORDED, error.what, hint)
         self._context = self._context.with_failure(failure)
         if not self._machine.ended:

@@ -151,7 +151,7 @@ def _with_cell(
             outcome, safe = _perform(request, run, cell, procedure)
         except StorageError as e:
             hold_still(cell, Context())
-            hint = f"the arms are held where they are: free what they hold by hand. {e.hint}"
+            hint = f"the arms are held where they are: free by hand what they hold. {e.hint}"
             raise RecordError(e.what, hint) from e
         return CalibrationEnd(
             run_id=run.id,

@@ -46,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _summary(figures: dict) -> None:
     """How it ended, in a few lines."""
-    words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": "FAULT (see the report)"}
+    unwritten = figures.get("unwritten") or ()
+    fault = "FAULT" if unwritten else "FAULT (see the report)"
+    words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}
     result = str(figures.get("result"))
     print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
     failure = figures.get("failure")
@@ -55,12 +57,13 @@ def _summary(figures: dict) -> None:
     for step in figures.get("steps") or []:
         overlap = step.get("observed_iou")
         seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
-        print(
-            f"  {step.get('name')}: {step.get('source') or 'not reached'}{seen}, attempts {step.get('attempts')}"
-        )
+        made = step.get("source") or ("not finished" if step.get("attempts") else "not reached")
+        print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
     score = figures.get("score")
     if score:
-        verdict = "passed" if score.get("passed") else f"not passed ({_missed(score)})"
+        verdict = "passed" if score.get("passed") else "not passed"
+        if result == "folded" and not score.get("passed"):
+            verdict += f" ({_missed(score)})"
         print(
             f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
             f" correspondence {_mm(score.get('correspondence_m'))}, edges {_mm(score.get('edges_m'))},"
@@ -69,7 +72,6 @@ def _summary(figures: dict) -> None:
     print(
         f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
     )
-    unwritten = figures.get("unwritten") or ()
     for what in unwritten:
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")

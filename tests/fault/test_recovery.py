@@ -65,7 +65,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     result = onlooker.fold(request)
     monkeypatch.undo()
     assert (result.result, result.state, result.exit_code) == ("fault", "fault", 3)
-    assert result.failure["kind"] == "unrecorded" and "free the garment by hand" in result.failure["hint"]
+    assert result.failure["kind"] == "unrecorded" and "free by hand" in result.failure["hint"]
     assert [effect for effect, _ in onlooker.performed[-2:]] == [Effect.FOLD, Effect.HOLD]
     held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
     assert len(held) == 1 and not np.any(held[0].qd)
