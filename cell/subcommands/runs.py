@@ -61,6 +61,7 @@ def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
         "pid": record.pid,
         "robot_time_s": record.summary.get("robot_time_s"),
         "wall_time_s": record.summary.get("wall_time_s"),
+        "failure": (record.summary.get("failure") or {}).get("kind"),
         "run_dir": str(record.directory),
         "last_intent": None,
     }
@@ -83,7 +84,7 @@ def _when(started: float) -> str:
 def _how(row: dict[str, Any]) -> str:
     intent = row["last_intent"]
     if intent is None:
-        return str(row["status"])
+        return str(row["status"]) + (f": {row['failure']}".replace("_", " ") if row["failure"] else "")
     where = "after" if intent["finished"] else "during"
     return f"{row['status']} {where} {intent['name']} at {intent['cell_time_s']:.1f} s" + (
         f" (process {row['pid']})" if row["status"] == "running" else ""

@@ -343,6 +343,16 @@ def test_runs_tells_how_each_ended(ledger: Path, capsys: pytest.CaptureFixture[s
     assert lines[3].endswith("running")
 
 
+def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Journal.open(tmp_path / "ledger.db") as journal:
+        run = journal.begin_run(garment="vest", seed=1, driver="sim")
+        run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
+    assert main(["runs", "--logs", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("not_folded: no garment")
+    main(["runs", "--logs", str(tmp_path), "--json"])
+    assert last_json(capsys.readouterr().out)["runs"][0]["failure"] == "no_garment"
+
+
 def test_runs_as_json(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["runs", "--json", "--last", "2"])
     runs = last_json(capsys.readouterr().out)["runs"]
