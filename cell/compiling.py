@@ -10,7 +10,7 @@ from numba.core.event import Event, Listener, install_listener
 __all__ = ["compiling_told"]
 
 PARTS = {
-    "skills.cloth": "compiling the cloth simulation: once after an installation, less than a minute",
+    "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """By package. What is compiled elsewhere takes a second."""
