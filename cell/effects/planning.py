@@ -13,7 +13,7 @@ from cell.execution import stopped
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
-from robots.errors import DriverError
+from robots.errors import DriverError, StorageError
 from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
@@ -81,9 +81,14 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
+    record = {**_described(trajectory), **outcome.notes}
     if trajectory.source == "optimised" and garment.material == nominal.material:
-        cell.keep(trajectory, step, garment, outcome.notes)
-    return Result(Event.DONE, replace(context, trajectory=trajectory), {**_described(trajectory), **outcome.notes})
+        try:
+            cell.keep(trajectory, step, garment, outcome.notes)
+        except StorageError as e:  # the fold can be made all the same; it is searched for again next time
+            cell.tell(f"the trajectory is not kept: {e.what}")
+            record["not_kept"] = e.what
+    return Result(Event.DONE, replace(context, trajectory=trajectory), record)
 
 
 def _optimise(

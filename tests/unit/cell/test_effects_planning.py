@@ -15,7 +15,7 @@ from cell.effects.planning import choose_trajectory
 from cell.garments import load_garment
 from cell.recovery import Adjustment
 from cell.states import Event
-from robots.errors import FailureKind
+from robots.errors import FailureKind, StorageError
 from robots.ports import Array, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
@@ -91,23 +91,29 @@ class Choice:
 
     def __init__(
         self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
-        shelf: Library | None = None,
+        shelf: Library | None = None, full: bool = False,
     ) -> None:  # fmt: skip
         monkeypatch.setattr("cell.effects.planning.ClothPredictor", lambda: cloth)
         self.cell, self.kept, self.watcher, self.cloth = FakeCell(), [], Watcher(), cloth
         shelf = library() if shelf is None else shelf
         settings = load_settings()
+        self.full, self.told = full, list[str]()
         low = settings.grasp.model_copy(update={"lift_height": LIFT})
         self.settings = settings.model_copy(update={"grasp": low})
         cell = fake_workcell(
             self.cell, workers, expected=TOWEL, library=lambda: shelf, recorder=self.watcher,
-            keep=lambda *it: self.kept.append(it), settings=self.settings,
+            keep=self._keep, settings=self.settings, tell=self.told.append,
         )  # fmt: skip
         context = Context(
             garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=MESH.lay_flat(TOWEL.material.thickness),
             adjustments=changes,
         )  # fmt: skip
         self.result: Result = choose_trajectory(cell, context)
+
+    def _keep(self, *it: Any) -> None:
+        if self.full:
+            raise StorageError("library.json cannot be written: No space left on device")
+        self.kept.append(it)
 
     @property
     def trajectory(self) -> GraspTrajectory:
@@ -140,6 +146,14 @@ def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
     costs = choice.settings.computing
     spent = costs.library_s + len(choice.cloth.tops) * costs.simulation_s
     assert choice.cell.now == pytest.approx(spent), "all simulations are charged"
+
+
+def test_a_trajectory_that_cannot_be_kept_is_folded_all_the_same(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch, full=True)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "optimised"
+    assert "No space left" in str(choice.result.record["not_kept"]) and "No space left" in choice.told[-1]
 
 
 def test_the_looked_up_arc_stays_where_nothing_better_is_found(
