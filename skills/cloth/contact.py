@@ -28,8 +28,6 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
-ALIKE = 0.9  # cosine between the normals of two contacts that say the same
-AT_CORNER = 0.9  # barycentric
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
@@ -71,23 +69,6 @@ def _point_segment2(px, py, pz, x, i, j):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(nogil=True)
-def _same_contact(i, k, nx, ny, nz, first, after, act_i, act_b, act_n):
-    """The contact that says the same as that of vertex i with corner k of a triangle, or -1: of i with another
-    triangle in that corner, or of k with one in whose corner i is."""
-    for turn in range(2):
-        row, corner = (first[i], k) if turn == 0 else (first[k], i)
-        lean = ALIKE if turn == 0 else -ALIKE
-        while row >= 0:
-            at = 1 if act_i[row, 1] == corner else (2 if act_i[row, 2] == corner else 3)
-            if act_i[row, at] == corner and -act_b[row, at] > AT_CORNER:
-                along = nx * act_n[row, 0] + ny * act_n[row, 1] + nz * act_n[row, 2]
-                if (along - lean) * lean > 0.0:
-                    return row
-            row = after[row]
-    return -1
-
-
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_vertex_triangle(
     count,
@@ -109,12 +90,12 @@ def narrow_vertex_triangle(
     act_w,
     act_m,
     act_c,
-    first,
-    after,
 ):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows."""
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows.
+
+    A vertex over a corner is a contact with every triangle there: to choose one of them would make the shape at
+    rest hang on the order of the pairs, and a new search would move it."""
     n = 0
-    first[:] = -1
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
         if due[c] > now:
@@ -178,13 +159,6 @@ def narrow_vertex_triangle(
         if s * d > thick + reach:
             continue
         nx, ny, nz = s * nx * scale, s * ny * scale, s * nz * scale
-        k = p if b0 > AT_CORNER else (q if b1 > AT_CORNER else (r if b2 > AT_CORNER else -1))
-        same = _same_contact(i, k, nx, ny, nz, first, after, act_i, act_b, act_n) if k >= 0 else -1
-        if same >= 0:
-            act_m[same, 0] += jx
-            act_m[same, 1] += jy
-            act_m[same, 2] += jz
-            continue
         den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
         if den == 0.0:
             continue
@@ -196,9 +170,24 @@ def narrow_vertex_triangle(
         act_w[n] = 1.0 / den
         act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
         act_c[n] = c
-        after[n], first[i] = first[i], n
         n += 1
     return n
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _sided(c, nx, ny, nz, d, near, normal, release, give_up):
+    """Normal and gap of two crossing edges on the side that they are remembered to be on."""
+    lean = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] if near[c] else d
+    if lean < 0.0:
+        nx, ny, nz, d = -nx, -ny, -nz, -d
+    if near[c] and (d > release or d < -give_up):
+        near[c] = False
+        if d < 0.0:
+            nx, ny, nz, d = -nx, -ny, -nz, -d
+    elif d < release:
+        near[c] = True
+        normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
+    return nx, ny, nz, d
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -210,6 +199,7 @@ def narrow_edge_edge(
     due,
     now,
     edge,
+    rim,
     x,
     v,
     w,
@@ -225,7 +215,10 @@ def narrow_edge_edge(
     act_c,
     n,
 ):
-    """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge."""
+    """The same for edge pairs; normal: (m, 3) the remembered direction from the second to the first edge.
+
+    rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
+    on the table, have no other normal than the shortest way from one to the other."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
         if due[c] > now:
@@ -256,21 +249,16 @@ def narrow_edge_edge(
         if nn < NEAR_PARALLEL * both or not inner:
             if near[c] and d2 > release * release:
                 near[c] = False
-            continue
-        scale = 1.0 / np.sqrt(nn)
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
-        d = nx * dx + ny * dy + nz * dz
-        lean = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] if near[c] else d
-        flip = lean < 0.0
-        if flip:
-            nx, ny, nz, d = -nx, -ny, -nz, -d
-        if near[c] and (d > release or d < -give_up):
-            near[c] = False
-            if d < 0.0:
-                nx, ny, nz, d = -nx, -ny, -nz, -d
-        elif d < release:
-            near[c] = True
-            normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
+            d = np.sqrt(d2)
+            edge_on = rim[pair[c, 0]] and rim[pair[c, 1]] and not near[c] and d > 1e-6
+            if not edge_on or d > thick + reach:
+                continue
+            nx, ny, nz = dx / d, dy / d, dz / d
+        else:
+            scale = 1.0 / np.sqrt(nn)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+            d = nx * dx + ny * dy + nz * dz
+            nx, ny, nz, d = _sided(c, nx, ny, nz, d, near, normal, release, give_up)
         if d > thick + reach:
             continue
         den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]

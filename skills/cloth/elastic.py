@@ -35,11 +35,13 @@ FLOOR = 0.02  # of the same unit: no constraint is made stiffer
 class Elastic(NamedTuple):
     """Constraints of one mesh and material, in the order in which they are solved.
 
-    edge: (e, 2); length: (e,) [m]; compliance: (e,) [m/N], corrected for the sweep; stiffness: (e,) [N/m].
-    hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance (A0 + A1) / B [1/(N m)].
+    edge: (e, 2); rim: (e,) edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected for the
+    sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance
+    (A0 + A1) / B [1/(N m)].
     """
 
     edge: NDArray[np.int32]
+    rim: NDArray[np.bool_]
     length: Array
     compliance: Array
     stiffness: Array
@@ -78,8 +80,9 @@ def build_elastic(
     bend = areas / flexural_rigidity(material)
     e, h = _shuffle(len(edge)), _shuffle(len(mesh.hinges))
     return Elastic(
-        edge[e].copy(), length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(), weight[h], bend[h]
-    )
+        edge[e].copy(), mesh.on_rim[e], length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(),
+        weight[h], bend[h]
+    )  # fmt: skip
 
 
 def stretch_excess(

@@ -54,10 +54,12 @@ SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14
 
 
 class Body(NamedTuple):
-    """What does not change: masses, constraints, triangles, neighbours (ring: CSR)."""
+    """What does not change: masses, constraints, triangles, neighbours (ring: CSR). rim: (e,) edges of hems
+    and seams."""
 
     w: Array
     edge: NDArray[np.int32]
+    rim: NDArray[np.bool_]
     length: Array
     compliance: Array
     damping: Array
@@ -132,9 +134,8 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: narrow phase at which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
-    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; first: (n,) and
-    after: the rows of the contacts of each vertex with triangles, linked, -1 at the end; new_vt, new_ee, key,
-    row, kept: scratch."""
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; new_vt, new_ee, key, row,
+    kept: scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -158,8 +159,6 @@ class Pairs(NamedTuple):
     act_j: Array
     act_m: Array
     act_c: NDArray[np.int32]
-    first: NDArray[np.int32]
-    after: NDArray[np.int32]
 
 
 class Holds(NamedTuple):
@@ -313,7 +312,8 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
 
 @njit(nogil=True)
 def _pack(body, rules, state):
-    """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready."""
+    """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready. The shares are
+    those of the free masses: what a vertex feels must not change when its neighbour falls asleep."""
     count, wa = state.counts, state.wa
     n = 0
     for i in range(len(wa)):
@@ -326,7 +326,7 @@ def _pack(body, rules, state):
     for e in range(len(body.length)):
         i, j = body.edge[e, 0], body.edge[e, 1]
         if state.awake[i] or state.awake[j]:
-            inv = 1.0 / (wa[i] + wa[j] + body.compliance[e] * inv_h2)
+            inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
             state.edge[n, 0], state.edge[n, 1] = i, j
             state.length[n] = body.length[e]
             state.wi[n], state.wj[n] = wa[i] * inv, wa[j] * inv
@@ -341,7 +341,7 @@ def _pack(body, rules, state):
         for m in range(4):
             i = body.hinge[e, m]
             some = some or state.awake[i]
-            den += grow * wa[i] * body.weight[e, m] ** 2
+            den += grow * body.w[i] * body.weight[e, m] ** 2
         if some:
             for m in range(4):
                 state.hinge[n, m] = body.hinge[e, m]
@@ -871,8 +871,6 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_w,
                             pairs.act_m,
                             pairs.act_c,
-                            pairs.first,
-                            pairs.after,
                         )
                         count[ACTIVE_VT] = n
                         count[ACTIVE] = narrow_edge_edge(
@@ -883,6 +881,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.ee_due,
                             count[NOW],
                             body.edge,
+                            body.rim,
                             state.x,
                             state.v,
                             state.wa,

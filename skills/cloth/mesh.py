@@ -104,6 +104,12 @@ class ClothMesh:
         return frozen(np.array(sorted(rows), dtype=np.int32).reshape(-1, 4))
 
     @cached_property
+    def on_rim(self) -> NDArray[np.bool_]:
+        """(e,) which edges no layer goes on beyond: hems and seams, that is all but those of hinges."""
+        n = np.int64(len(self.rest))
+        return frozen(~np.isin(self.edges @ [n, 1], np.sort(self.hinges[:, :2], axis=1) @ [n, 1]))
+
+    @cached_property
     def border(self) -> Index:
         """(b,) vertices on the outline."""
         e, n = np.unique(

@@ -129,7 +129,7 @@ class ClothSimulation:
         self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
-        self._pairs = _new_pairs(n, 16 * n, 12 * n)
+        self._pairs = _new_pairs(16 * n, 12 * n)
         self._holds = _new_holds()
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
@@ -305,7 +305,7 @@ class ClothSimulation:
 
     def _grow_pairs(self) -> None:
         old = self._pairs
-        new = _new_pairs(len(old.first), 2 * len(old.vt), 2 * len(old.ee))
+        new = _new_pairs(2 * len(old.vt), 2 * len(old.ee))
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
@@ -386,6 +386,7 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
     return kernel.Body(
         w,
         e.edge,
+        e.rim,
         e.length,
         e.compliance,
         rate,
@@ -461,7 +462,7 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
     )
 
 
-def _new_pairs(n: int, vt: int, ee: int) -> kernel.Pairs:
+def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return kernel.Pairs(
         np.zeros((vt, 2), np.int32),
@@ -485,8 +486,6 @@ def _new_pairs(n: int, vt: int, ee: int) -> kernel.Pairs:
         np.zeros(m),
         np.zeros((m, 3)),
         np.zeros((m, 3)),
-        np.zeros(m, np.int32),
-        np.zeros(n, np.int32),
         np.zeros(m, np.int32),
     )
 

@@ -1,0 +1,89 @@
+"""Contacts of cloth with cloth: what they must not do to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.ports import Side
+from skills.cloth import kernel
+from skills.cloth.crossings import count_crossings
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.vocabulary import Material, ToolPath
+
+MATERIAL = Material(
+    areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+
+
+def rectangle(width, height):
+    return np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2.0
+
+
+@pytest.fixture(scope="module")
+def folded():
+    """A bag of two layers, folded over: four layers and a crease."""
+    mesh = mesh_from_contour(rectangle(0.5, 0.3), 0.025, layers=2)
+    t = np.linspace(0.0, 2.0, 121)
+    q = 0.5 - 0.5 * np.cos(np.pi * t / 2.0)
+    x, z, zero = 0.238 * np.cos(np.pi * q), 0.001 + 0.2 * np.sin(np.pi * q) + 0.012 * q, np.zeros(len(t))
+    paths = {
+        side: ToolPath(t, np.column_stack([x, zero + y, z]), zero + np.pi / 2, zero, zero)
+        for side, y in ((Side.LEFT, 0.138), (Side.RIGHT, -0.138))
+    }
+    flat = mesh.lay_flat(MATERIAL.thickness)
+    return mesh, predict_fold(mesh, flat, MATERIAL, paths, 0.3, 0.5).vertices
+
+
+def test_folded_layers_come_to_rest_and_sleep(folded):
+    mesh, x = folded
+    s = ClothSimulation(mesh, MATERIAL, x)
+    s.advance(240)
+    before = s.positions
+    s.advance(6)
+    assert np.linalg.norm(s.positions - before, axis=1).max() < 1e-4
+    assert s.asleep.mean() > 0.9
+
+
+def test_a_new_search_does_not_move_layers_at_rest(folded):
+    mesh, x = folded
+    s = ClothSimulation(mesh, MATERIAL, x, SolverSettings(sleep_frames=0, bend_damping=0.05))
+    s.advance(240)
+    moved = []
+    for again in (False, True):
+        before = s.positions
+        if again:
+            s._state.stale[:] = True
+            s._state.counts[kernel.SEARCHED] = 0
+        s.advance(6)
+        moved.append(np.linalg.norm(s.positions - before, axis=1).max())
+    assert moved[1] < moved[0] + 5e-5
+
+
+def test_sheets_that_meet_edge_on_do_not_pass_into_each_other():
+    """Two sheets side by side slide towards each other on a smooth table."""
+    one = mesh_from_contour(rectangle(0.2, 0.2), 0.025)
+    n = len(one.rest)
+    apart = np.array([0.21, 0.01])
+    mesh = ClothMesh(
+        np.vstack([one.rest, one.rest + apart]),
+        np.repeat([0, 1], n).astype(np.int32),
+        np.vstack([one.triangles, one.triangles + n]).astype(np.int32),
+        np.repeat([0, 1], len(one.triangles)).astype(np.int32),
+        np.zeros((0, 2), np.int32),
+    )
+    slippery = replace(MATERIAL, friction_static=0.02, friction_dynamic=0.02)
+    x = np.column_stack([mesh.rest, np.full(2 * n, MATERIAL.thickness / 2)])
+    v = np.zeros_like(x)
+    v[:n, 0], v[n:, 0] = 0.2, -0.2
+    s = ClothSimulation(mesh, slippery, x)
+    s.set_positions(x, v)
+    nearest = 1.0
+    for _ in range(40):
+        s.advance(1)
+        assert count_crossings(s.positions, mesh.triangles) == 0
+        nearest = min(nearest, s.positions[n:, 0].min() - s.positions[:n, 0].max())
+    assert nearest < MATERIAL.thickness  # they met
