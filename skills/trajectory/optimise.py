@@ -41,17 +41,23 @@ HEIGHTS = (PAPER_H, 0.5, 0.7)
 SKEWS = (0.0, 0.15, -0.15)
 """The grid of the two-parameter method, in units of the fold's distance; the paper's initial arc comes first."""
 
-TWO_PARAMETER_STARTS = ((0.6, 0.0), (0.5, 0.15), (0.5, -0.15), (0.7, 0.15), (0.7, -0.15))
-"""Height and skew of arcs that the default method tries."""
-STEEP_STARTS = ((0.0, 0.3, 1.0, 0.3), (0.0, 0.6, 1.0, 0.3), (0.15, 0.3, 0.85, 0.5))
-"""And of arcs that rise and come down steeply: way along and height of the first inner point and of the second.
-The cloth is laid down from the crease to the edge, which no height or skew does."""
+PROBES = ((1 / 3, 0.6, 2 / 3, 0.6), (0.0, 0.3, 1.0, 0.3))
+"""Arcs that tell whether the arc matters at all: way along and height of the first inner point and of the second.
+A high one, and one that rises and comes down steeply: the cloth is laid down from the crease to the edge, which no
+height or skew does. Where there is much to gain one of them gains some of it; where a folded stack opens again by
+itself, as under a second fold, all arcs end alike."""
+FORMS = (
+    ((0.483, 0.5, 0.817, 0.5), (-0.15, 0.5, 1.15, 0.3)),
+    ((-0.07, 0.52, 0.98, 0.43), (0.183, 0.7, 0.517, 0.7), (0.15, 0.3, 0.85, 0.5)),
+)
+"""Arcs that are tried where it does, the second lot where none is good yet: each was the best, or next to it, for
+some garment's first fold."""
 
 POLISH_DELTA = 0.05
 """Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
 
-LEAST_POLISH = 2
-"""Simulations for each variable below which a polish is not begun: half of them go into the first differences."""
+LEAST_POLISH = 3
+"""Simulations for each variable below which a polish is not begun: a third of them is the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
 """The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
@@ -62,11 +68,15 @@ BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
 is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment. The first
 half of the points stay before OVERLAP, the others after 1 - OVERLAP: arcs go forward."""
 
-FINALISTS = 5
+FINALISTS = 4
 """Arcs that are confirmed at most; with a small budget fewer."""
 
 GOOD = 0.002
 """Where the plain arc misses by no more than this nothing can be gained that could be told from luck [m]."""
+
+GAIN = 0.15
+"""Share of D that a probe gains on the first arcs where there is anything to gain: 0.2 to 0.8 in first folds that
+have a better arc, at most 0.12 where no arc does better on a finer mesh."""
 
 ALIKE = 0.0001
 """Of good arcs the plain one is kept where the best gains less than this in D [m]."""
@@ -99,8 +109,8 @@ def optimise_fold(
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
     points, secant Levenberg-Marquardt), 'default' (arcs spread over height, skew and steepness, a polish of
     variables that the arms share, and of the best few the one that bears most). budget: simulations (default 1,
-    25, 120, 25). predict: the simulation, default `ClothPredictor()`. max_height: of an arc over the table,
-    lift_height: of the straight lift before it [m].
+    25, 120, 25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default
+    `ClothPredictor()`. max_height: of an arc over the table, lift_height: of the straight lift before it [m].
 
     start: arcs to begin from besides (warm start). promised: the D [m] that they are said to come to, of arcs from
     the library: they are simulated first, besides the budget, and where they keep the promise they are the result,
@@ -226,31 +236,34 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Arcs of many forms, then a polish in four variables that the arms share: way along and height of both inner
-    points. Of the best few, the plain arc and the best by two parameters the most robust one is taken.
+    """Two probes, arcs of other forms, then a polish in four variables that the arms share: way along and height
+    of both inner points. Of the best few and the plain arc the most robust one is taken.
 
-    Where the plain arc is good the search ends at once.
+    Where the plain arc is good, and where the probes show that no arc is better, the search ends at once; once an
+    arc is good it is not polished.
     """
-    plain = evaluator.plain
-    if plain is None or plain.dissimilarity <= GOOD:
+    plain, first = evaluator.plain, evaluator.first
+    if plain is None or first is None or plain.dissimilarity <= GOOD:
         _keep_plain(evaluator, ALIKE)
         return
-    finalists = min(FINALISTS, (evaluator.budget - 10) // len(MISHAPS) // 2 + 1)
+    common = min(first, plain, key=lambda c: c.dissimilarity)
+    evaluator.many([_shared(problem, np.array(x)) for x in PROBES[: evaluator.left]])
+    assert evaluator.best is not None
+    if evaluator.best.dissimilarity > (1.0 - GAIN) * common.dissimilarity:
+        evaluator.best = plain if plain.dissimilarity - common.dissimilarity < MARGIN else common
+        return
+    finalists = min(FINALISTS, (evaluator.left - sum(map(len, FORMS))) // len(MISHAPS))
     reserve = finalists * len(MISHAPS) if finalists >= 2 else 0
-    forms = [
-        *(_two_parameter(problem, h, s) for h, s in TWO_PARAMETER_STARTS),
-        *(_shared(problem, np.array(x)) for x in STEEP_STARTS),
-    ]
-    tried = evaluator.many(forms[: max(0, evaluator.left - reserve)])
-    assert evaluator.best is not None and evaluator.first is not None
-    frames = problem.frames
-    inner = np.mean([frames[s].normalise(c) for s, c in evaluator.best.controls.items()], axis=0)
-    _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x), reserve)
+    for k, lot in enumerate(FORMS):
+        if k == 0 or evaluator.best.dissimilarity > GOOD:
+            evaluator.many([_shared(problem, np.array(x)) for x in lot[: max(0, evaluator.left - reserve)]])
+    if evaluator.best.dissimilarity > GOOD:
+        inner = np.mean([problem.frames[s].normalise(c) for s, c in evaluator.best.controls.items()], axis=0)
+        _polish(problem, evaluator, inner[:, [0, 2]].ravel(), lambda x: _shared(problem, x), reserve)
     if not reserve:
         _keep_plain(evaluator, MARGIN)
         return
-    by_two = [evaluator.first, *tried[: len(TWO_PARAMETER_STARTS)]]
-    evaluator.best = most_robust(evaluator, plain, [min(by_two, key=lambda c: c.cost)], finalists)
+    evaluator.best = most_robust(evaluator, plain, finalists)
 
 
 def _keep_plain(evaluator: Evaluator, least: float) -> None:

@@ -191,19 +191,16 @@ class Evaluator:
             candidates.append(candidate)
         return candidates
 
-    def confirm(
-        self, problem: FoldProblem, finalists: Sequence[Candidate], mishaps: Sequence[Mishap | None]
-    ) -> Array:
-        """Simulate candidates again with each mishap, on a problem that may be stated on another mesh: costs
-        (finalists, mishaps)."""
-        pairs = [(f, m) for f in finalists for m in mishaps]
-        again = self._executor.map(problem.evaluate, [f.controls for f, _ in pairs], [m for _, m in pairs])
-        costs = []
-        for candidate in again:
-            costs.append(candidate.cost)
-            self.failed += candidate.failed
+    def confirm(self, problem: FoldProblem, candidate: Candidate, mishaps: Sequence[Mishap | None]) -> Array:
+        """Simulate a candidate again with each mishap, on a problem that may be stated on another mesh: its D
+        [m], (mishaps,)."""
+        again = self._executor.map(problem.evaluate, [candidate.controls] * len(mishaps), mishaps)
+        found = []
+        for outcome in again:
+            found.append(outcome.dissimilarity)
+            self.failed += outcome.failed
             self._tick()
-        return np.array(costs).reshape(len(finalists), len(mishaps))
+        return np.array(found)
 
     def one(self, controls: Controls) -> Candidate:
         return self.many([controls])[0]

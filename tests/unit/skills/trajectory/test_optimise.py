@@ -147,19 +147,19 @@ def test_of_equally_good_arcs_the_one_that_bears_mishaps_is_taken() -> None:
         target = target_vertices(mesh, HALF.lines, TOWEL.material)
         top = max(p.position[:, 2].max() for p in paths.values())
         slippery = material.friction_static < 0.9 * TOWEL.material.friction_static
-        return target + np.array([0, 0, 0.02 if slippery and top < 0.2 else 0.004])
+        return target + np.array([0, 0, 0.02 if slippery and top < 0.2 else 0.004 + 0.001 * (top >= 0.2)])
 
     problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, drags, 0.35, 0.4)
     low, high = heights(problem, 0.33, 0.6)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         plain, _ = evaluator.many([low, high])
-        assert evaluator.best is plain, "the shorter of two good arcs"
-        chosen = most_robust(evaluator, plain, (), 2)
+        assert evaluator.best is plain, "the better as planned"
+        chosen = most_robust(evaluator, plain, 2)
         assert evaluator.count == 2 + 2 * len(MISHAPS), "every simulation is counted"
         assert chosen.controls is high
-        assert chosen.dissimilarity == pytest.approx(0.004), "the figure is that of the fold as it is planned"
-        assert most_robust(evaluator, plain, (), 1) is plain and evaluator.count == 2 + 2 * len(MISHAPS)
+        assert chosen.dissimilarity == pytest.approx(0.005), "the figure is that of the fold as it is planned"
+        assert most_robust(evaluator, plain, 1) is plain and evaluator.count == 2 + 2 * len(MISHAPS)
 
 
 def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> None:
@@ -176,7 +176,43 @@ def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> N
         with ThreadPoolExecutor(2) as pool:
             evaluator = Evaluator(problem, 20, pool, None)
             simple, _ = evaluator.many(arcs)
-            assert most_robust(evaluator, simple, (), 3).controls is arcs[expected]
+            assert most_robust(evaluator, simple, 3).controls is arcs[expected]
+
+
+def test_an_arc_that_is_planned_worse_than_another_at_worst_is_not_simulated_again() -> None:
+    again: list[float] = []
+
+    def level(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        top = max(p.position[:, 2].max() for p in paths.values())
+        if mesh is not MESH:
+            again.append(top)
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.003 if top < 0.2 else 0.02])
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, level, 0.35, 0.4)
+    with ThreadPoolExecutor(2) as pool:
+        evaluator = Evaluator(problem, 20, pool, None)
+        low, high = evaluator.many(heights(problem, 0.33, 0.6))
+        assert most_robust(evaluator, high, 2) is low
+    assert len(again) == len(MISHAPS) and max(again) < 0.2
+
+
+@pytest.mark.parametrize(("gain", "simulations"), [(0.0, 4), (0.1, 4), (0.3, 11)])
+def test_a_search_ends_where_probes_show_that_the_arc_does_not_matter(gain: float, simulations: int) -> None:
+    """A stack that opens again by itself leaves D as it is, whatever the arc: then the plain one is kept."""
+
+    def stack(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        steep = max(p.position[:, 2].max() for p in paths.values()) > 0.22
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.008 * (1 - gain * steep)])
+
+    outcome = run("default", stack)  # type: ignore[arg-type]
+    notes = outcome.notes
+    if simulations == 4:
+        assert notes["simulations"] == 4 and notes["dissimilarity_m"] == pytest.approx(0.008)
+        inner = np.concatenate([c[1:-1, 2] for c in outcome.unwrap().control_points.values()])
+        assert np.allclose(inner, 0.45 * 0.58, atol=0.01), "the plain arc"
+    else:
+        assert notes["simulations"] >= simulations
+        assert notes["dissimilarity_m"] == pytest.approx(0.008 * (1 - gain))
 
 
 def test_mishaps_are_what_they_say() -> None:
@@ -270,7 +306,7 @@ def test_some_failed_simulations_are_borne_and_counted() -> None:
 
     def sometimes(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         end = bowl(mesh, positions, material, paths)
-        if bowl.calls % 3 == 0:
+        if bowl.calls % 4 == 0:
             raise CellError("the solver gave up")
         return end * (np.nan if bowl.calls % 5 == 0 else 1.0)
 
