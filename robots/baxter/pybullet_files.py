@@ -23,7 +23,7 @@ from robots.errors import StorageError
 
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
-FORMAT = 5
+FORMAT = 6
 """Raised whenever what is written changes, so that an old cache is not taken for a new one."""
 CELL = 0.006
 """Vertices of the arms nearer than this are merged: two or three pixels as seen from the head [m]."""
@@ -100,7 +100,10 @@ def _urdf_without(*tags: str) -> ET.Element:
 def _write_moving(build: Path, folder: Path) -> None:
     root = _urdf_without("visual")
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(package_root() / mesh.attrib["filename"].removeprefix("package://")))
+        # copied: the cache outlives the installation that wrote it
+        source = package_root() / mesh.attrib["filename"].removeprefix("package://")
+        shutil.copyfile(source, build / source.name)
+        mesh.set("filename", str(folder / source.name))
     ET.ElementTree(root).write(build / "baxter.urdf", encoding="utf-8", xml_declaration=True)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -94,3 +96,10 @@ def test_files_name_no_package_and_only_what_they_are_for() -> None:
     assert "package://" not in moving + seen
     assert "<visual" not in moving and "<collision" in moving
     assert "<collision" not in seen and "<visual" in seen
+
+
+def test_files_outlive_the_installation_that_wrote_them() -> None:
+    """A cache that points into another clone's environment breaks when that clone is deleted."""
+    for urdf in (moving_urdf(), seen_urdf()):
+        meshes = [Path(m.attrib["filename"]) for m in ET.parse(urdf).iter("mesh")]
+        assert meshes and all(m.is_file() and m.parent == urdf.parent for m in meshes)
