@@ -96,6 +96,7 @@ class Choice:
             self.step, self.mesh, before, material, budget=BUDGET, executor=self.threads,
             max_tool_speed=self.garment.max_tool_speed, start=dict(known.control_points) if known else None,
             promised=known.dissimilarity if known else None,
+            promised_initial=known.dissimilarity_initial if known else None,
         ).value  # fmt: skip
 
 

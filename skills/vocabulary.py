@@ -203,8 +203,9 @@ class FoldStep:
 class GraspTrajectory:
     """The path of the held line's middle for each arm: Bezier control points (n + 1, 3) in the table frame.
 
-    source: 'library' or 'optimised'. cost: C(x) of the paper; dissimilarity: its D [m].
-    duration: of the motion from grasp to release [s].
+    source: 'library' or 'optimised'. cost: C(x) of the paper; dissimilarity: its D [m]; dissimilarity_initial: D
+    of the paper's first guess where these arcs were optimised [m]. duration: of the motion from grasp to release
+    [s].
     """
 
     control_points: Mapping[Side, Array]
@@ -213,6 +214,7 @@ class GraspTrajectory:
     cost: float
     dissimilarity: float
     simulations: int = 0
+    dissimilarity_initial: float | None = None
 
 
 def tool_rotation(heading: Array, pitch: Array, roll: Array) -> Array:

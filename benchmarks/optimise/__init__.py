@@ -14,9 +14,9 @@ tension, moves the garment by as much whatever the arc (small_towel, first fold,
 without), so that a share of the gap would say nothing of the optimiser.
 
 Seconds are of the wall, with two threads; cpu_seconds are what all threads spent: on a machine that does other
-things too, these say more. A look-up in another size or fabric is accepted or refused as in a run (one simulation
-on the optimiser's mesh against what the entry promises); what is refused would be optimised, so it is told but not
-counted.
+things too, these say more. A look-up in another size or fabric is accepted or refused as in a run (one or two
+simulations on the optimiser's mesh against what the entry promises); what is refused would be optimised, so it is
+told but not counted.
 
 Each step's figures are kept as they come (logs/bench-optimise.json) and taken from there for as long as solver,
 optimiser and garment stay as they are: a run that was killed goes on, and garments may be measured one by one.
@@ -118,6 +118,7 @@ class _Step:
             "arcs_m": None if found is None else {s.value: c.tolist() for s, c in found.control_points.items()},
             "duration_s": None if found is None else found.duration,
             "D_promised_mm": None if found is None else 1e3 * found.dissimilarity,
+            "D_promised_initial_mm": 1e3 * float(outcome.notes.get("dissimilarity_initial_m", np.nan)),
         }  # fmt: skip
 
     def _initial_mm(self, ours: GraspTrajectory | None) -> float | None:

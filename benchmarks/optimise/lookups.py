@@ -83,7 +83,8 @@ def _accepted(case: Case, found: GraspTrajectory) -> bool:
     mesh, before = case.coarse
     outcome = optimise_fold(
         case.step, mesh, before, case.garment.material, "initial", start=dict(found.control_points),
-        promised=found.dissimilarity, max_tool_speed=case.garment.max_tool_speed,
+        promised=found.dissimilarity, promised_initial=found.dissimilarity_initial,
+        max_tool_speed=case.garment.max_tool_speed,
     )  # fmt: skip
     return outcome.value is not None and outcome.value.source == "library"
 
@@ -93,7 +94,8 @@ def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
     trajectory = GraspTrajectory(
         controls, row["duration_s"], "optimised", 0.0, 1e-3 * row["D_promised_mm"], row["simulations"]
     )
-    return entry_of(case.garment, case.step, trajectory, "default", 0.0)
+    initial = 1e-3 * row["D_promised_initial_mm"]
+    return entry_of(case.garment, case.step, trajectory, "default", initial)
 
 
 def measure_lookup_times(names: Sequence[str]) -> dict[str, Any]:

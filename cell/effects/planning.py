@@ -115,7 +115,8 @@ def _optimise(
             None if method == "initial" else settings.simulations,
             threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
             predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
-            promised=found.dissimilarity if found is not None and trusted else None, watch=watch,
+            promised=found.dissimilarity if found is not None and trusted else None,
+            promised_initial=None if found is None else found.dissimilarity_initial, watch=watch,
             lift_height=cell.settings.grasp.lift_height,
         ),
     )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["acceptance_limit", "judge_prediction"]
+__all__ = ["acceptance_limit", "gains_as_promised", "judge_prediction"]
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
@@ -16,6 +16,13 @@ PROMISE_SLACK = 0.005
 of the towels the executed path did so by 4 mm at most, where the garment lay as the earlier folds had left it."""
 
 
+NEARLY = 0.001
+"""A promise that is missed by no more than this is kept [m]: less is luck of the mesh."""
+
+GAIN_KEPT, LUCK = 0.8, 0.0005
+"""Share of the promised gain on the first guess that looked-up arcs have to bring here; what is luck [m of D]."""
+
+
 def acceptance_limit(rest: Array, promised: float | None = None) -> float:
     """The largest D [m] that is accepted for a garment with rest coordinates (n, 2).
 
@@ -23,6 +30,16 @@ def acceptance_limit(rest: Array, promised: float | None = None) -> float:
     """
     limit = POOR_SHARE * float(np.linalg.norm(np.ptp(rest, axis=0)))
     return limit if promised is None else min(limit, promised + PROMISE_SLACK)
+
+
+def gains_as_promised(d: float, initial: float, promised: float, promised_initial: float) -> bool:
+    """Whether arcs with D `d` gain here on the first guess with `initial` what they gained where they came from.
+
+    All four in metres of D; gains are shares of the first guess's D. Where a garment lies worse than the one that
+    they were optimised on, both arcs do worse: that breaks no promise.
+    """
+    gained = max(0.0, 1.0 - promised / promised_initial)
+    return d <= (1.0 - GAIN_KEPT * gained) * initial + LUCK
 
 
 def judge_prediction(step: str, dissimilarity: float, limit: float) -> Failure | None:

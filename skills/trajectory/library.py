@@ -141,8 +141,9 @@ def trajectory_from(
 ) -> GraspTrajectory | None:
     """The entry's arcs for the step at hand: its grasps and targets, scaled by the distance of the fold.
 
-    thickness of one layer [m]. D is the entry's own: what this fold will come to has to be simulated. A single
-    arm's arc serves the other arm in mirror image; None when the entry has not as many arms as the step.
+    thickness of one layer [m]. D, of these and of the first guess, is the entry's own: what this fold will come to
+    has to be simulated. A single arm's arc serves the other arm in mirror image; None when the entry has not as
+    many arms as the step.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)
@@ -155,7 +156,9 @@ def trajectory_from(
     duration = fold_duration(controls, max_tool_speed or entry.max_tool_speed)
     lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
     c = cost(lengths, entry.dissimilarity, ALPHA)
-    return GraspTrajectory(controls, duration, "library", c, entry.dissimilarity)
+    return GraspTrajectory(
+        controls, duration, "library", c, entry.dissimilarity, dissimilarity_initial=entry.dissimilarity_initial
+    )
 
 
 def to_json(library: Library) -> str:

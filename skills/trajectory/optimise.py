@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from skills.cloth.predict import predict_fold
-from skills.trajectory.acceptance import acceptance_limit, judge_prediction
+from skills.trajectory.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
 from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
 from skills.trajectory.paths import LIFT_HEIGHT, tool_paths
@@ -101,6 +101,7 @@ def optimise_fold(
     max_height: float = 0.40,
     start: Controls | None = None,
     promised: float | None = None,
+    promised_initial: float | None = None,
     watch: Watch | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Outcome[GraspTrajectory]:
@@ -115,6 +116,8 @@ def optimise_fold(
     start: arcs to begin from besides (warm start). promised: the D [m] that they are said to come to, of arcs from
     the library: they are simulated first, besides the budget, and where they keep the promise they are the result,
     with source 'library' and method 'library' in the notes. A look-up is an optimisation without iterations.
+    promised_initial: D of the first guess where they come from: arcs that fall a little behind their promise are
+    then compared with the first guess here, and are the result where they gain as much on it.
 
     Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_m,
     dissimilarity_initial_m (not of a look-up), simulations, failed_simulations, method. Fails with
@@ -134,9 +137,16 @@ def optimise_fold(
         evaluator = Evaluator(problem, total, executor or own, progress, watch)  # type: ignore[arg-type]
         if start is not None and promised is not None:
             looked_up = evaluator.one(start)
+            evaluator.first = None
             if looked_up.dissimilarity <= acceptance_limit(mesh.rest, promised):
-                return _looked_up(evaluator, looked_up)
-        evaluator.first = evaluator.one(_initial(problem))
+                if promised_initial is None or looked_up.dissimilarity <= promised + NEARLY:
+                    return _looked_up(evaluator, looked_up)
+                evaluator.first = evaluator.one(_initial(problem))
+                here = looked_up.dissimilarity, evaluator.first.dissimilarity
+                if gains_as_promised(*here, promised, promised_initial):
+                    return _looked_up(evaluator, looked_up)
+        if evaluator.first is None:
+            evaluator.first = evaluator.one(_initial(problem))
         if start is not None and promised is None and evaluator.left > 0:
             evaluator.one(start)
         if method == "default" and evaluator.left > 0:

@@ -121,16 +121,26 @@ class Choice:
         return self.result.context.trajectory
 
 
+@pytest.mark.parametrize(("behind", "others", "simulations"), [(0.1, 0.001, 1), (0.9, 0.016, 2)])
 def test_a_look_up_that_keeps_its_promise_is_taken(
-    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, behind: float, others: float, simulations: int
 ) -> None:
-    choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.001), workers, monkeypatch)
+    """One that is well behind it is compared with the first guess, which does as much worse here."""
+    comes_to = PROMISED + behind * PROMISE_SLACK
+    choice = Choice(Cloth(comes_to, others), workers, monkeypatch)
     assert choice.result.event is Event.DONE and choice.trajectory.source == "library"
-    assert len(choice.cloth.tops) == 1 == choice.trajectory.simulations, "nothing is optimised"
-    assert choice.trajectory.dissimilarity == pytest.approx(PROMISED + 0.9 * PROMISE_SLACK), "as simulated here"
+    assert len(choice.cloth.tops) == simulations == choice.trajectory.simulations, "nothing is optimised"
+    assert choice.trajectory.dissimilarity == pytest.approx(comes_to), "as simulated here"
     assert choice.kept == [], "what is in the library is not added to it"
     costs = choice.settings.computing
-    assert choice.cell.now == pytest.approx(costs.library_s + costs.simulation_s)
+    assert choice.cell.now == pytest.approx(costs.library_s + simulations * costs.simulation_s)
+
+
+def test_a_look_up_that_gains_less_than_promised_falls_back_to_optimising(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.010), workers, monkeypatch)
+    assert choice.trajectory.source == "optimised"
 
 
 def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(

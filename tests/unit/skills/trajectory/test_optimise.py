@@ -277,6 +277,28 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
     assert broken.notes["dissimilarity_initial_m"] == run("initial", Bowl(scale=0.5)).notes["dissimilarity_m"]
 
 
+@pytest.mark.parametrize(
+    ("there", "kept"), [((0.004, 0.004), True), ((0.004, 0.0105), True), ((0.002, 0.020), False)]
+)
+def test_arcs_behind_their_promise_are_kept_where_they_gain_as_much(
+    there: tuple[float, float], kept: bool
+) -> None:
+    """Here the looked-up arcs come to 6 mm and the first guess to 12. There: promised, first guess."""
+    bowl = Bowl()
+
+    def here(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        bowl(mesh, positions, material, paths)
+        top = max(p.position[:, 2].max() for p in paths.values())
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.006 if top > 0.22 else 0.012])
+
+    promised, initial = there
+    outcome = run("initial", here, start=bowl.wanted, promised=promised, promised_initial=initial)  # type: ignore
+    assert bowl.calls == 2 == outcome.notes["simulations"], "the arcs, and the first guess to compare them with"
+    assert (outcome.unwrap().source == "library") is kept
+    trusting = run("initial", here, start=bowl.wanted, promised=0.0055, promised_initial=initial)  # type: ignore
+    assert trusting.notes["simulations"] == 1 and trusting.unwrap().source == "library", "near its promise"
+
+
 def test_every_candidate_is_shown_with_the_best_so_far() -> None:
     seen: list[tuple[int, Candidate, Candidate]] = []
     outcome = run("two_parameter", Bowl(), watch=lambda *a: seen.append(a))
