@@ -37,10 +37,11 @@ DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
 PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
-SLACK = 0.0010  # [m] that a vertex may stray from its straight course before pairs are searched anew
+SLACK = 0.0010  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
-STALE_SHARE = 0.5  # of SLACK: who strayed by so much is searched along with those who must be
+STALE_SHARE = 0.8  # of SLACK: a patch that strayed by so much is searched along with those that must be
 HORIZON = 5  # narrow phases for which the search looks ahead
+RENEW = 4  # narrow phases after which a patch is searched along with others
 SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
 STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
@@ -50,7 +51,7 @@ CAPSULE_FRICTION = 0.3
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
 # what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT = range(6, 14)
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED = range(6, 15)
 
 
 class Body(NamedTuple):
@@ -96,9 +97,10 @@ class Rules(NamedTuple):
 class State(NamedTuple):
     """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
     press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
-    base, course, born: a vertex is foreseen at base + course * (time since the narrow phase `born`); stale: it is
-    elsewhere, or has just woken. still: it hardly
-    moved in the last frame."""
+    base, course: (3, corners) each patch foresees its corners at base + course * (time since the narrow phase
+    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
+    turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
+    with a corner that is awake or was foreseen to move."""
 
     x: Array
     xp: Array
@@ -106,11 +108,14 @@ class State(NamedTuple):
     u: Array
     ref: Array
     last: Array
-    base: Array
-    course: Array
-    slack: Array
+    base: NDArray[np.float32]
+    course: NDArray[np.float32]
+    slack: NDArray[np.float32]
     born: NDArray[np.int32]
-    stale: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+    expired: NDArray[np.bool_]
+    watched: NDArray[np.int32]
+    turned: NDArray[np.bool_]
     wa: Array
     press: Array
     quiet: NDArray[np.int32]
@@ -237,7 +242,7 @@ def _stir_by_contact(n, act_i, stirred, near):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, x, xp, u, v, ref, last, course, stale, quiet, awake, wa, w):
+def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke."""
     changed = woke = False
@@ -246,16 +251,15 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, course, stale, quiet, aw
             quiet[i] = 0
             if awake[i] or w[i] == 0.0:
                 continue
-            awake[i], wa[i], stale[i] = True, w[i], True
+            awake[i], wa[i], turned[i] = True, w[i], True
             changed = woke = True
             for m in range(3):
                 ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
                 v[i, m] = 0.0
         elif awake[i] and quiet[i] >= sleep_frames:
-            awake[i], wa[i] = False, 0.0
+            awake[i], wa[i], turned[i] = False, 0.0, True
             changed = True
             for m in range(3):
-                stale[i] = stale[i] or course[i, m] != 0.0
                 xp[i, m] = u[i, m] = x[i, m]
                 v[i, m] = 0.0
     return changed, woke
@@ -297,8 +301,7 @@ def _update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.v,
         state.ref,
         state.last,
-        state.course,
-        state.stale,
+        state.turned,
         state.quiet,
         state.awake,
         state.wa,
@@ -349,7 +352,24 @@ def _pack(body, rules, state):
             state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
             n += 1
     count[HINGES] = n
+    count[WATCHED] = _watch(
+        body.patches.corner, body.patches.corner_start, state.awake, state.moving, state.watched
+    )
     count[PACKED] = 1
+
+
+@njit(nogil=True)
+def _watch(corner, start, awake, moving, watched):
+    """Patches with a corner that is awake or was foreseen to move; -> their number."""
+    n = 0
+    for k in range(len(moving)):
+        some = moving[k]
+        for c in range(start[k], start[k + 1]):
+            some = some or awake[corner[c]]
+        if some:
+            watched[n] = k
+            n += 1
+    return n
 
 
 @njit(nogil=True)
@@ -357,38 +377,71 @@ def _search(body, rules, state, pairs):
     """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
     small."""
     count, patches = state.counts, body.patches
-    now, span = count[NOW], PHASE * rules.h
-    for i in range(len(state.stale)):
-        if state.stale[i]:
-            state.born[i] = now
-            calm = state.still[i] or not state.awake[i]
-            state.slack[i] = min(SLACK, CALM_SLACK * rules.thickness) if calm else SLACK
-            for m in range(3):
-                state.base[i, m] = state.x[i, m]
-                state.course[i, m] = 0.0 if calm else state.v[i, m]
-    tri, edge = body.tri, body.edge
-    fit_patches(
-        patches,
-        tri,
-        edge,
+    now, ahead = count[NOW], 0.5 * HORIZON * PHASE * rules.h
+    _foresee(
+        now,
+        min(SLACK, CALM_SLACK * rules.thickness),
+        patches.corner,
+        patches.corner_start,
+        state.x,
+        state.v,
+        state.awake,
+        state.still,
+        state.turned,
+        state.expired,
         state.base,
         state.course,
         state.slack,
         state.born,
+        state.moving,
+        patches.stale,
+    )
+    fit_patches(
+        patches,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
         now,
-        span,
-        state.stale,
+        PHASE * rules.h,
+        ahead,
         count[FITTED] == 0,
     )
-    n_vt, n_ee = search_pairs(patches, tri, edge, rules.thickness, HORIZON * span, pairs.new_vt, pairs.new_ee)
+    n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
         return False
-    _renew_vertex_triangle(patches, np.int64(len(tri)), pairs, count, n_vt)
-    _renew_edge_edge(patches, np.int64(len(edge)), pairs, count, n_ee)
-    state.stale[:] = False
+    _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
+    _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
+    state.expired[:] = False
+    state.turned[:] = False
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1
     return True
+
+
+@njit(nogil=True)
+def _foresee(
+    now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
+):  # fmt: skip
+    """New courses for the patches that expired, or have a corner that woke, or move and have one that fell asleep:
+    they are stale."""
+    for k in range(len(stale)):
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            expired[k] = expired[k] or (turned[i] and (awake[i] or moving[k]))
+        stale[k] = expired[k]
+        if not stale[k]:
+            continue
+        born[k], moving[k] = now, False
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            calm = still[i] or not awake[i]
+            moving[k] = moving[k] or not calm
+            for d in range(3):
+                base[d, c] = x[i, d]
+                course[d, c] = 0.0 if calm else v[i, d]
+        slack[k] = SLACK if moving[k] else calm_slack
 
 
 @njit(nogil=True)
@@ -495,31 +548,47 @@ def _get(key, row, k, none):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _needs_search(rules, state):
-    """Whether a vertex left the course that was foreseen for it, or its course has run out. Then those that are
-    about to are stale with it."""
+def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, moving, expired):
+    """Whether a patch left the course that was foreseen for it, or its course has run out. Those of which this
+    is true, or soon will be, are marked."""
+    must = False
+    for row in range(n):
+        k = watched[row]
+        age = now - born[k]
+        after = np.float32(age * span)
+        most = np.float32(0.0)
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            dx = np.float32(x[i, 0]) - base[0, c] - after * course[0, c]
+            dy = np.float32(x[i, 1]) - base[1, c] - after * course[1, c]
+            dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
+            most = max(most, dx * dx + dy * dy + dz * dz)
+        strayed = np.sqrt(most) / slack[k]
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW)
+        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON)
+    return must
+
+
+@njit(nogil=True)
+def _needs_search(body, rules, state):
+    """Whether pairs may be missing from the lists."""
     count = state.counts
-    span = rules.h * PHASE
-    must = count[SEARCHED] == 0
-    for look in range(2):
-        share = 1.0 if look == 0 else STALE_SHARE
-        oldest = HORIZON if look == 0 else HORIZON // 2
-        for c in range(count[AWAKE]):
-            i = state.awake_list[c]
-            age = count[NOW] - state.born[i]
-            limit = share * state.slack[i]
-            d2, s2 = 0.0, 0.0
-            for m in range(3):
-                d2 += (state.x[i, m] - state.base[i, m] - age * span * state.course[i, m]) ** 2
-                s2 += state.course[i, m] ** 2
-            if d2 > limit * limit or (age >= oldest and s2 > 0.0):
-                must = True
-                if look == 0:
-                    break
-                state.stale[i] = True
-        if not must:
-            return False
-    return True
+    must = _expire(
+        count[NOW],
+        rules.h * PHASE,
+        count[WATCHED],
+        state.watched,
+        body.patches.corner,
+        body.patches.corner_start,
+        state.x,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        state.expired,
+    )
+    return must or count[SEARCHED] == 0
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -846,7 +915,7 @@ def _compile(sources: str) -> Callable[..., int]:
             if count[AWAKE] > 0:
                 for s in range(count[SUBSTEP], rules.substeps):
                     if s % PHASE == 0:
-                        if _needs_search(rules, state):
+                        if _needs_search(body, rules, state):
                             count[SEARCHED] = 0
                             if not _search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s

@@ -1,10 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The search for pairs that may touch: patches of a few triangles, compared sixteen at a time.
+"""The search for pairs that may touch: patches of a few triangles, compared eight at a time.
 
-Each vertex has a foreseen course, a straight line from where it was when it was last looked at; patches are
-compared in the frame that moves with one of them, so that layers that travel together do not look as if they
-would meet everything on their way. Only patches with a vertex that left its course (or whose course has run out,
-or which has just woken) are searched again: cloth at rest costs nothing.
+Each patch foresees a course for its corners, straight lines from where they were when it was last searched, and
+is searched again when one of them left its line, or the course has run out, or a corner has just woken. Its
+neighbours keep theirs, although they share corners with it: a pair of primitives is good as long as the courses of
+the two patches that own them are. Cloth at rest costs nothing.
+
+All bounds are compared in the frame that moves with one of the two, along axes on which they may lie apart, so
+that layers that travel together or slide past each other do not look as if they would meet everything on their
+way. The geometry is that in the middle of the horizon: half of the time has to be looked ahead, and half back.
 
 A smooth stretch of cloth cannot touch itself: a patch is not searched against itself or a neighbour when all their
 normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
@@ -16,43 +20,59 @@ of boxes tests less and takes longer.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import int32, njit
 from numpy.typing import NDArray
 
-from robots.ports import Array
 from skills.cloth.contact import EDGE_SHARE, RELEASE
 from skills.cloth.mesh import ClothMesh
 
 __all__ = ["Patches", "build_patches", "fit_patches", "search_pairs"]
 
-LANES = 16
-LEAF = 10  # triangles of a patch, at most: with its edges just about one row
+LANES = 8
+LEAF = 5  # triangles of a patch, at most: with its edges just about one row
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
 ROUNDING = 2e-5  # [m] of single precision
 FAR = 1e6  # [m] where the unused places of a row are
 
-ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-20)
+LOWEST = np.array([(k & -k).bit_length() - 1 for k in range(1 << LANES)], np.int32)
+"""Place of the lowest bit."""
+ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
 
 
 class Patches(NamedTuple):
-    """tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
-    in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices. Each primitive belongs to one
-    patch (of_tri, of_edge, of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and
-    beside each patch; beside, beside_start: patches of its layer with a common vertex.
+    """corner: (corners,) vertices of the patches' triangles, of patch k from corner_start[k] to
+    corner_start[k + 1], a multiple of LANES (the last one is repeated): each patch has a course of its own for
+    them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
+    in rows edge_start[k]
+    to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES), edge_at (rows, 2,
+    LANES), vertex_at (rows, LANES): their corners. Each primitive belongs to one patch (of_tri, of_edge,
+    of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and beside each patch, as
+    patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex.
 
-    Bounds where the vertices are foreseen: box (groups, 13, LANES), of each patch low and high corner, lowest and
-    highest speed, slack; group (groups, 13) of LANES patches; normal (m, 6). place: (n, 3); tri_geo (m, 10,
-    LANES): box, normal, offset; edge_geo (rows, 13, LANES): box, start, direction, squared length. stale: (m,)
-    to be searched; hit: scratch."""
+    Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
+    the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
+    each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
+    normal (m, 6): bounds of the normals. place: (3, corners); tri_geo (m, 15, LANES): box, normal, offset,
+    velocity of the middle, by how much the corners' differ from it, slack; edge_geo (rows, 12, LANES): start,
+    direction,
+    squared length, and the same of its motion; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to
+    be searched; hit: scratch."""
 
+    corner: NDArray[np.int32]
+    corner_start: NDArray[np.int32]
     layer: NDArray[np.int32]
     tri: NDArray[np.int32]
+    tri_at: NDArray[np.int32]
     edge: NDArray[np.int32]
+    edge_at: NDArray[np.int32]
     edge_start: NDArray[np.int32]
     vertex: NDArray[np.int32]
+    vertex_at: NDArray[np.int32]
     vertex_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_start: NDArray[np.int32]
@@ -63,10 +83,12 @@ class Patches(NamedTuple):
     of_edge: NDArray[np.int32]
     box: NDArray[np.float32]
     group: NDArray[np.float32]
-    normal: Array
-    place: Array
+    slab: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    place: NDArray[np.float32]
     tri_geo: NDArray[np.float32]
     edge_geo: NDArray[np.float32]
+    vertex_geo: NDArray[np.float32]
     stale: NDArray[np.bool_]
     hit: NDArray[np.int32]
 
@@ -91,34 +113,34 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         split(np.flatnonzero(mesh.triangle_layer == k))
     m = len(patches)
     vertices, edges = _shares(mesh, edge, patches)
-    tri, of_tri = np.full((m, LANES), -1, np.int32), np.zeros(len(mesh.triangles), np.int32)
-    for k, tris in enumerate(patches):
-        tri[k, : len(tris)] = tris
-        of_tri[tris] = k
-    rows = [-(-len(e) // LANES) for e in edges]
-    edge_start = np.concatenate([[0], np.cumsum(rows)]).astype(np.int32)
-    owned, of_edge = np.full((edge_start[-1], LANES), -1, np.int32), np.zeros(len(edge), np.int32)
-    for k, e in enumerate(edges):
-        owned[edge_start[k] : edge_start[k + 1]].reshape(-1)[: len(e)] = e
-        of_edge[e] = k
-    vertex, vertex_start = _rows(vertices)
-    of_vertex = np.zeros(len(mesh.rest), np.int32)
-    of_vertex[vertex] = np.repeat(np.arange(m), np.diff(vertex_start))
-    ring, ring_start = _rows(_rings(mesh, patches))
+    tri, _, of_tri = _lanes(patches, len(mesh.triangles))
+    owned, edge_start, of_edge = _lanes(edges, len(edge))
+    vertex, vertex_start, of_vertex = _lanes(vertices, len(mesh.rest))
+    corner, corner_start, find = _corners(mesh, patches)
+    slot = np.zeros(len(of_tri), np.intp)
+    slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
+    ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, patches)])
     beside, beside_start = _rows(_beside(mesh, patches))
     groups = -(-m // LANES)
-    box = np.zeros((groups, 13, LANES), np.float32)
-    box[:, :3], box[:, 3:6] = FAR, -FAR
-    tri_geo = np.zeros((m, 10, LANES), np.float32)
+    box = np.zeros((groups, 9, LANES), np.float32)
+    box[:, :3] = FAR
+    tri_geo = np.zeros((m, 15, LANES), np.float32)
     tri_geo[:, :3], tri_geo[:, 3:6] = FAR, -FAR
-    edge_geo = np.zeros((len(owned), 13, LANES), np.float32)
-    edge_geo[:, :3], edge_geo[:, 3:6], edge_geo[:, 6:9], edge_geo[:, 9:13] = FAR, -FAR, FAR, 1.0
+    edge_geo = np.zeros((len(owned), 12, LANES), np.float32)
+    edge_geo[:, :3], edge_geo[:, 3:7] = FAR, 1.0
+    vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
+    vertex_geo[:, :3] = FAR
     return Patches(
+        corner,
+        corner_start,
         mesh.triangle_layer[[tris[0] for tris in patches]].astype(np.int32),
         tri,
+        find(of_tri[tri][..., None], mesh.triangles[tri]).transpose(0, 2, 1).copy(),
         owned,
+        find(of_edge[owned][..., None], edge[owned]).transpose(0, 2, 1).copy(),
         edge_start,
         vertex,
+        find(of_vertex[vertex], vertex),
         vertex_start,
         ring,
         ring_start,
@@ -128,20 +150,48 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         of_tri,
         of_edge,
         box,
-        np.zeros((groups, 13), np.float32),
-        np.zeros((m, 6)),
-        np.zeros((len(mesh.rest), 3)),
+        np.zeros((groups, 9), np.float32),
+        np.zeros((m, 6), np.float32),
+        np.zeros((m, 6), np.float32),
+        np.zeros((3, len(corner)), np.float32),
         tri_geo,
         edge_geo,
+        vertex_geo,
         np.zeros(m, np.bool_),
         np.zeros(m, np.int32),
     )
 
 
-def _rows(lists: list[NDArray[np.intp]]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _corners(
+    mesh: ClothMesh, patches: list[NDArray[np.intp]]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Callable[..., NDArray[np.int32]]]:
+    """Corners of the patches and their starts, and what finds the corners of given patches at given vertices."""
+    n = len(mesh.rest)
+    lists = [np.unique(mesh.triangles[tris]) for tris in patches]
+    padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
+    corner, start = _rows(padded)
+    number = np.full((len(patches), n), -1, np.int32)
+    for k, v in enumerate(lists):
+        number[k, v] = start[k] + np.arange(len(v))
+    return corner, start, lambda patch, vertex: number[patch, vertex]
+
+
+def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The lists one after the other, and their starts."""
     start = np.concatenate([[0], np.cumsum([len(k) for k in lists])]).astype(np.int32)
     return np.concatenate(lists).astype(np.int32), start
+
+
+def _lanes(
+    lists: list[NDArray[np.intp]], n: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """The lists in rows of LANES, each from a row of its own on; its first row; and of which list each of n is."""
+    start = np.concatenate([[0], np.cumsum([-(-len(k) // LANES) for k in lists])]).astype(np.int32)
+    rows, of = np.full((start[-1], LANES), -1, np.int32), np.zeros(n, np.int32)
+    for k, members in enumerate(lists):
+        rows[start[k] : start[k + 1]].reshape(-1)[: len(members)] = members
+        of[members] = k
+    return rows, start, of
 
 
 def _shares(
@@ -195,117 +245,137 @@ def _beside(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np
     return [np.array(sorted(set.union(*(at[key] for key in own))), np.intp) for own in keys]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _fit_bounds(k, tris, tri, place, course, slack, box):
-    """Where patch k is and how it moves."""
-    g, c = k // LANES, k % LANES
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _fit_box(first, last, place, course, slack, horizon, box, g, k):
+    """Bounds of corners first to last along the axes."""
     for d in range(3):
-        lo, hi, slow, fast = FAR, -FAR, FAR, -FAR
-        for a in range(LANES):
-            t = tris[a]
-            if t < 0:
-                break
-            for m in range(3):
-                i = tri[t, m]
-                lo, hi = min(lo, place[i, d]), max(hi, place[i, d])
-                slow, fast = min(slow, course[i, d]), max(fast, course[i, d])
-        box[g, d, c], box[g, d + 3, c], box[g, d + 6, c], box[g, d + 9, c] = lo, hi, slow, fast
-    most = 0.0
-    for a in range(LANES):
-        t = tris[a]
-        if t < 0:
-            break
-        for m in range(3):
-            most = max(most, slack[tri[t, m]])
-    box[g, 12, c] = most
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _fit_normals(k, ring, tri, place, normal):
-    for c in range(3):
-        normal[k, c], normal[k, c + 3] = FAR, -FAR
-    for t in ring:
-        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-        ux, uy, uz = place[q, 0] - place[p, 0], place[q, 1] - place[p, 1], place[q, 2] - place[p, 2]
-        vx, vy, vz = place[r, 0] - place[p, 0], place[r, 1] - place[p, 1], place[r, 2] - place[p, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        s = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz + 1e-30)
-        nx, ny, nz = nx * s, ny * s, nz * s
-        normal[k, 0], normal[k, 3] = min(normal[k, 0], nx), max(normal[k, 3], nx)
-        normal[k, 1], normal[k, 4] = min(normal[k, 1], ny), max(normal[k, 4], ny)
-        normal[k, 2], normal[k, 5] = min(normal[k, 2], nz), max(normal[k, 5], nz)
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _fit_triangles(tris, tri, place, geo):
-    for a in range(LANES):
-        t = tris[a]
-        if t < 0:
-            break
-        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-        for d in range(3):
-            geo[d, a] = min(place[p, d], min(place[q, d], place[r, d]))
-            geo[d + 3, a] = max(place[p, d], max(place[q, d], place[r, d]))
-        ux, uy, uz = place[q, 0] - place[p, 0], place[q, 1] - place[p, 1], place[q, 2] - place[p, 2]
-        vx, vy, vz = place[r, 0] - place[p, 0], place[r, 1] - place[p, 1], place[r, 2] - place[p, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        s = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz + 1e-30)
-        geo[6, a], geo[7, a], geo[8, a] = nx * s, ny * s, nz * s
-        geo[9, a] = s * (nx * place[p, 0] + ny * place[p, 1] + nz * place[p, 2])
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _fit_edges(edges, edge, place, geo):
-    for a in range(LANES):
-        e = edges[a]
-        if e < 0:
-            break
-        i, j = edge[e, 0], edge[e, 1]
-        length2 = 0.0
-        for d in range(3):
-            along = place[j, d] - place[i, d]
-            geo[d, a], geo[d + 3, a] = min(place[i, d], place[j, d]), max(place[i, d], place[j, d])
-            geo[d + 6, a], geo[d + 9, a] = place[i, d], along
-            length2 += along * along
-        geo[12, a] = length2 + 1e-30
+        lo, hi, slow, fast = place[d, first], place[d, first], course[d, first], course[d, first]
+        for c in range(first, last):
+            lo, hi = min(lo, place[d, c]), max(hi, place[d, c])
+            slow, fast = min(slow, course[d, c]), max(fast, course[d, c])
+        box[g, d, k], box[g, d + 6, k] = HALF * (lo + hi), HALF * (slow + fast)
+        box[g, d + 3, k] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
 @njit(nogil=True)
-def fit_patches(patches, tri, edge, base, course, slack, born, now, span, stale, everything):
-    """Geometry where the vertices are foreseen at `now`: base + (now - born) span course; patches that neither
-    move nor have a stale vertex are as they were. Marks the patches with something stale."""
-    place, box, marked = patches.place, patches.box, patches.stale
-    for i in range(len(stale)):
-        age = (now - born[i]) * span
-        for c in range(3):
-            place[i, c] = base[i, c] + age * course[i, c]
-    for k in range(len(marked)):
-        moves = everything
-        marked[k] = False
-        for t in patches.tri[k]:
-            if t < 0:
-                break
-            for c in range(3):
-                i = tri[t, c]
-                marked[k] = marked[k] or stale[i]
-                moves = moves or stale[i] or course[i, 0] != 0.0 or course[i, 1] != 0.0 or course[i, 2] != 0.0
-        if not moves:
+def _fit_normals(ring, geo, normal):
+    """Bounds of the normals of the triangles `ring`."""
+    for c in range(3):
+        lo, hi = ONE, -ONE
+        for slot in ring:
+            n = geo[slot // LANES, 6 + c, slot % LANES]
+            lo, hi = min(lo, n), max(hi, n)
+        normal[c], normal[c + 3] = lo, hi
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
+    """Mean normal of patch k's triangles, and bounds along it."""
+    nx, ny, nz = TINY, ZERO, ZERO
+    for a in range(LANES):
+        nx, ny, nz = nx + geo[k, 6, a], ny + geo[k, 7, a], nz + geo[k, 8, a]
+    s = ONE / np.sqrt(nx * nx + ny * ny + nz * nz + FLAT)
+    nx, ny, nz = nx * s, ny * s, nz * s
+    lo, hi, slow, fast = np.float32(FAR), np.float32(-FAR), np.float32(FAR), np.float32(-FAR)
+    for c in range(first, last):
+        at = nx * place[0, c] + ny * place[1, c] + nz * place[2, c]
+        speed = nx * course[0, c] + ny * course[1, c] + nz * course[2, c]
+        lo, hi, slow, fast = min(lo, at), max(hi, at), min(slow, speed), max(fast, speed)
+    slab[k, 0], slab[k, 1], slab[k, 2], slab[k, 3], slab[k, 5] = nx, ny, nz, HALF * (lo + hi), HALF * (slow + fast)
+    slab[k, 4] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _fit_triangles(tris, at, place, course, slack, geo):
+    for a in range(LANES):
+        if tris[a] < 0:
+            break
+        p, q, r = at[0, a], at[1, a], at[2, a]
+        for d in range(3):
+            geo[d, a] = min(place[d, p], min(place[d, q], place[d, r]))
+            geo[d + 3, a] = max(place[d, p], max(place[d, q], place[d, r]))
+            geo[10 + d, a] = (course[d, p] + course[d, q] + course[d, r]) * THIRD
+        ux, uy, uz = place[0, q] - place[0, p], place[1, q] - place[1, p], place[2, q] - place[2, p]
+        vx, vy, vz = place[0, r] - place[0, p], place[1, r] - place[1, p], place[2, r] - place[2, p]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        s = ONE / np.sqrt(nx * nx + ny * ny + nz * nz + TINY)
+        nx, ny, nz = nx * s, ny * s, nz * s
+        geo[6, a], geo[7, a], geo[8, a] = nx, ny, nz
+        geo[9, a] = nx * place[0, p] + ny * place[1, p] + nz * place[2, p]
+        most = ZERO
+        for m in range(3):
+            differs = ZERO
+            for d in range(3):
+                differs += (course[d, at[m, a]] - geo[10 + d, a]) ** 2
+            most = max(most, differs)
+        geo[13, a], geo[14, a] = np.sqrt(most), slack
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _fit_edges(edges, at, place, course, slack, geo):
+    for a in range(LANES):
+        if edges[a] < 0:
+            break
+        i, j = at[0, a], at[1, a]
+        length2 = differs = ZERO
+        for d in range(3):
+            along = place[d, j] - place[d, i]
+            geo[d, a], geo[d + 3, a] = place[d, i], along
+            geo[d + 7, a] = HALF * (course[d, i] + course[d, j])
+            length2 += along * along
+            differs += (HALF * (course[d, j] - course[d, i])) ** 2
+        geo[6, a], geo[10, a], geo[11, a] = length2 + TINY, np.sqrt(differs), slack
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _fit_vertices(vertices, at, place, course, slack, geo):
+    for a in range(LANES):
+        if vertices[a] < 0:
+            break
+        for d in range(3):
+            geo[d, a], geo[d + 3, a] = place[d, at[a]], course[d, at[a]]
+        geo[6, a] = slack
+
+
+@njit(nogil=True, error_model="numpy")
+def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything):
+    """Geometry where the corners are foreseen `horizon` [s] after the narrow phase `now`: base + course x time
+    since the narrow phase `born`, `span` [s] apart; patches that neither move nor are stale are as they were."""
+    place, box, corner_start = patches.place, patches.box, patches.corner_start
+    ahead = np.float32(horizon)
+    for k in range(len(moving)):
+        if not (everything or moving[k] or patches.stale[k]):
             continue
-        _fit_bounds(k, patches.tri[k], tri, place, course, slack, box)
-        around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
-        _fit_normals(k, around, tri, place, patches.normal)
-        _fit_triangles(patches.tri[k], tri, place, patches.tri_geo[k])
+        first, last = corner_start[k], corner_start[k + 1]
+        age = np.float32((now - born[k]) * span + horizon)
+        for d in range(3):
+            for i in range(first, last):
+                place[d, i] = base[d, i] + age * course[d, i]
+        _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
+        _fit_triangles(patches.tri[k], patches.tri_at[k], place, course, slack[k], patches.tri_geo[k])
+        _fit_slab(patches.tri_geo, k, first, last, place, course, slack[k], ahead, patches.slab)
         for row in range(patches.edge_start[k], patches.edge_start[k + 1]):
-            _fit_edges(patches.edge[row], edge, place, patches.edge_geo[row])
-    group = patches.group
+            _fit_edges(patches.edge[row], patches.edge_at[row], place, course, slack[k], patches.edge_geo[row])
+        for row in range(patches.vertex_start[k], patches.vertex_start[k + 1]):
+            _fit_vertices(
+                patches.vertex[row], patches.vertex_at[row], place, course, slack[k], patches.vertex_geo[row]
+            )
+    for k in range(len(moving)):
+        around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
+        _fit_normals(around, patches.tri_geo, patches.normal[k])
+    _fit_groups(box, len(moving), ahead, patches.group)
+
+
+@njit(nogil=True, error_model="numpy")
+def _fit_groups(box, m, horizon, group):
     for g in range(len(group)):
-        for c in range(13):
-            low = c < 3 or 6 <= c < 9
-            bound = box[g, c, 0]
-            for a in range(1, LANES):
-                if g * LANES + a < len(marked):
-                    bound = min(bound, box[g, c, a]) if low else max(bound, box[g, c, a])
-            group[g, c] = bound
+        for d in range(3):
+            lo, hi, slow, fast = np.float32(FAR), np.float32(-FAR), np.float32(FAR), np.float32(-FAR)
+            for a in range(min(LANES, m - g * LANES)):
+                lo, hi = min(lo, box[g, d, a] - box[g, d + 3, a]), max(hi, box[g, d, a] + box[g, d + 3, a])
+                slow, fast = min(slow, box[g, d + 6, a]), max(fast, box[g, d + 6, a])
+            group[g, d], group[g, d + 6] = HALF * (lo + hi), HALF * (slow + fast)
+            group[g, d + 3] = HALF * (hi - lo) + horizon * HALF * (fast - slow)
 
 
 @njit(nogil=True)
@@ -322,48 +392,98 @@ def _smooth(normal, a, b):
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True)
-def _boxes_near(box, own, near, horizon):
-    """Which of a row of boxes, swept by their motion against another one, come near that: a bit for each.
-    own: (13,) the bounds of the one."""
-    x0, y0, z0, x1, y1, z1 = own[0], own[1], own[2], own[3], own[4], own[5]
-    u0, v0, w0, u1, v1, w1, wide = own[6], own[7], own[8], own[9], own[10], own[11], near + own[12]
+def _boxes_near(box, h, own, near, horizon):
+    """Which of row h of boxes come as near as `near` to another one with the bounds `own`: a bit for each."""
+    x, y, z, u, v, w = own[0], own[1], own[2], own[6], own[7], own[8]
+    a, b, c = own[3] + near, own[4] + near, own[5] + near
     bits = int32(0)
     for k in range(int32(LANES)):
-        ax = box[0, k] + min(ZERO, horizon * (box[6, k] - u1))
-        ay = box[1, k] + min(ZERO, horizon * (box[7, k] - v1))
-        az = box[2, k] + min(ZERO, horizon * (box[8, k] - w1))
-        bx = box[3, k] + max(ZERO, horizon * (box[9, k] - u0))
-        by = box[4, k] + max(ZERO, horizon * (box[10, k] - v0))
-        bz = box[5, k] + max(ZERO, horizon * (box[11, k] - w0))
-        gap = max(max(ax - x1, x0 - bx), max(max(ay - y1, y0 - by), max(az - z1, z0 - bz))) - wide - box[12, k]
+        gap = abs(box[h, 0, k] - x) - horizon * abs(box[h, 6, k] - u) - box[h, 3, k] - a
+        gap = max(gap, abs(box[h, 1, k] - y) - horizon * abs(box[h, 7, k] - v) - box[h, 4, k] - b)
+        gap = max(gap, abs(box[h, 2, k] - z) - horizon * abs(box[h, 8, k] - w) - box[h, 5, k] - c)
         bits |= int32(1) << int32(k) if gap <= ZERO else int32(0)
     return bits
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True)
-def _triangles_near(geo, x, y, z, limit):
-    """Which of a row of triangles may be near a point (by their boxes and planes): a bit for each."""
+def _points_within(geo, row, box, slab, b, near, horizon):
+    """Which of a row of points come as near as `near` to the box and the slab of patch b: a bit for each."""
+    g, c = b // LANES, b % LANES
+    cx, cy, cz, cn = box[g, 0, c], box[g, 1, c], box[g, 2, c], slab[b, 3]
+    ex, ey, ez, en = box[g, 3, c] + near, box[g, 4, c] + near, box[g, 5, c] + near, slab[b, 4] + near
+    ux, uy, uz, un = box[g, 6, c], box[g, 7, c], box[g, 8, c], slab[b, 5]
+    nx, ny, nz = slab[b, 0], slab[b, 1], slab[b, 2]
     bits = int32(0)
     for k in range(int32(LANES)):
-        gap = max(
-            max(max(geo[0, k] - x, x - geo[3, k]), max(geo[1, k] - y, y - geo[4, k])),
-            max(geo[2, k] - z, z - geo[5, k]),
+        x, y, z, u, v, w = (
+            geo[row, 0, k],
+            geo[row, 1, k],
+            geo[row, 2, k],
+            geo[row, 3, k],
+            geo[row, 4, k],
+            geo[row, 5, k],
         )
-        gap = max(gap, abs(geo[6, k] * x + geo[7, k] * y + geo[8, k] * z - geo[9, k]))
-        bits |= int32(1) << int32(k) if gap <= limit else int32(0)
+        gap = abs(nx * x + ny * y + nz * z - cn) - horizon * abs(nx * u + ny * v + nz * w - un) - en
+        gap = max(gap, abs(x - cx) - horizon * abs(u - ux) - ex)
+        gap = max(gap, abs(y - cy) - horizon * abs(v - uy) - ey)
+        gap = max(gap, abs(z - cz) - horizon * abs(w - uz) - ez)
+        bits |= int32(1) << int32(k) if gap <= geo[row, 6, k] else int32(0)
     return bits
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True)
-def _edges_near(geo, other, c, limit):
-    """Which of a row `other` of edges are no further than sqrt(limit) from the one in place c of a row (Ericson
-    2005, 5.1.9): a bit for each."""
-    x, y, z = geo[6, c], geo[7, c], geo[8, c]
-    dx, dy, dz, a = geo[9, c], geo[10, c], geo[11, c], geo[12, c]
+def _edges_within(geo, row, box, slab, b, near, horizon):
+    """The same for a row of edges."""
+    g, c = b // LANES, b % LANES
+    cx, cy, cz, cn = box[g, 0, c], box[g, 1, c], box[g, 2, c], slab[b, 3]
+    ex, ey, ez, en = box[g, 3, c] + near, box[g, 4, c] + near, box[g, 5, c] + near, slab[b, 4] + near
+    ux, uy, uz, un = box[g, 6, c], box[g, 7, c], box[g, 8, c], slab[b, 5]
+    nx, ny, nz = slab[b, 0], slab[b, 1], slab[b, 2]
     bits = int32(0)
     for k in range(int32(LANES)):
-        bx, by, bz, e = other[9, k], other[10, k], other[11, k], other[12, k]
-        rx, ry, rz = x - other[6, k], y - other[7, k], z - other[8, k]
+        dx, dy, dz = HALF * geo[row, 3, k], HALF * geo[row, 4, k], HALF * geo[row, 5, k]
+        x, y, z = geo[row, 0, k] + dx, geo[row, 1, k] + dy, geo[row, 2, k] + dz
+        u, v, w = geo[row, 7, k], geo[row, 8, k], geo[row, 9, k]
+        gap = abs(nx * x + ny * y + nz * z - cn) - horizon * abs(nx * u + ny * v + nz * w - un) - en
+        gap = gap - abs(nx * dx + ny * dy + nz * dz)
+        gap = max(gap, abs(x - cx) - abs(dx) - horizon * abs(u - ux) - ex)
+        gap = max(gap, abs(y - cy) - abs(dy) - horizon * abs(v - uy) - ey)
+        gap = max(gap, abs(z - cz) - abs(dz) - horizon * abs(w - uz) - ez)
+        bits |= int32(1) << int32(k) if gap <= geo[row, 11, k] + horizon * geo[row, 10, k] else int32(0)
+    return bits
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _triangles_near(geo, b, points, row, c, near, horizon):
+    """Which of the triangles of patch b the point in place c of a row may come as near as `near` within +-horizon
+    (by their boxes and planes): a bit for each."""
+    x, y, z = points[row, 0, c], points[row, 1, c], points[row, 2, c]
+    u, v, w = points[row, 3, c], points[row, 4, c], points[row, 5, c]
+    near += points[row, 6, c]
+    bits = int32(0)
+    for k in range(int32(LANES)):
+        nx, ny, nz = geo[b, 6, k], geo[b, 7, k], geo[b, 8, k]
+        du, dv, dw = geo[b, 10, k] - u, geo[b, 11, k] - v, geo[b, 12, k] - w
+        gap = abs(nx * x + ny * y + nz * z - geo[b, 9, k]) - horizon * abs(nx * du + ny * dv + nz * dw)
+        gap = max(gap, max(geo[b, 0, k] - x, x - geo[b, 3, k]) - horizon * abs(du))
+        gap = max(gap, max(geo[b, 1, k] - y, y - geo[b, 4, k]) - horizon * abs(dv))
+        gap = max(gap, max(geo[b, 2, k] - z, z - geo[b, 5, k]) - horizon * abs(dw))
+        bits |= int32(1) << int32(k) if gap <= near + geo[b, 14, k] + horizon * geo[b, 13, k] else int32(0)
+    return bits
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _edges_near(geo, row, c, other, near, horizon):
+    """Which of the edges in row `other` the one in place c of another row may come as near as `near` within
+    +-horizon (Ericson 2005, 5.1.9): a bit for each."""
+    near += geo[row, 11, c] + horizon * geo[row, 10, c]
+    u, v, w = geo[row, 7, c], geo[row, 8, c], geo[row, 9, c]
+    x, y, z = geo[row, 0, c], geo[row, 1, c], geo[row, 2, c]
+    dx, dy, dz, a = geo[row, 3, c], geo[row, 4, c], geo[row, 5, c], geo[row, 6, c]
+    bits = int32(0)
+    for k in range(int32(LANES)):
+        bx, by, bz, e = geo[other, 3, k], geo[other, 4, k], geo[other, 5, k], geo[other, 6, k]
+        rx, ry, rz = x - geo[other, 0, k], y - geo[other, 1, k], z - geo[other, 2, k]
         f = bx * rx + by * ry + bz * rz
         g = dx * rx + dy * ry + dz * rz
         h = dx * bx + dy * by + dz * bz
@@ -371,59 +491,42 @@ def _edges_near(geo, other, c, limit):
         t = min(max((h * s + f) / e, ZERO), ONE)
         s = min(max((h * t - g) / a, ZERO), ONE)
         rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-        bits |= int32(1) << int32(k) if rx * rx + ry * ry + rz * rz <= limit else int32(0)
+        # along the line between the closest points both lie apart by its length, wherever they move beside it
+        along = abs(rx * (geo[other, 7, k] - u) + ry * (geo[other, 8, k] - v) + rz * (geo[other, 9, k] - w))
+        d2 = rx * rx + ry * ry + rz * rz
+        reach = near + geo[other, 11, k] + horizon * geo[other, 10, k]
+        bits |= int32(1) << int32(k) if d2 <= reach * np.sqrt(d2) + horizon * along else int32(0)
     return bits
-
-
-@njit(nogil=True, error_model="numpy")
-def _reach(box, a, b, horizon):
-    """How far patches a and b can come towards each other, slack included."""
-    g, c, h, d = a // LANES, a % LANES, b // LANES, b % LANES
-    s2 = 0.0
-    for m in range(3):
-        s = max(abs(box[g, m + 9, c] - box[h, m + 6, d]), abs(box[h, m + 9, d] - box[g, m + 6, c]))
-        s2 += s * s
-    return box[g, 12, c] + box[h, 12, d] + horizon * np.sqrt(s2)
 
 
 @njit(nogil=True)
 def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
-    """All pairs with a stale patch that can come within release distance in `horizon` [s] when no vertex strays
-    from its course by more than its slack; -> counts, which may exceed the lists' lengths."""
+    """All pairs with a stale patch that can come within release distance within +-horizon [s] of where the patches
+    were fitted, when no corner strays from its course by more than its slack; -> counts, which may exceed the
+    lists' lengths."""
     near = RELEASE * thick
     n_vt = n_ee = 0
-    stale, box, hit, place = patches.stale, patches.box, patches.hit, patches.place
-    vertex, start = patches.vertex, patches.vertex_start
-    bound = np.empty(6, np.float32)
-    own = np.empty(13, np.float32)
+    stale, box, hit, slab = patches.stale, patches.box, patches.hit, patches.slab
+    close, close_edges = np.float32(near + ROUNDING), np.float32(EDGE_SHARE * near + ROUNDING)
+    ahead = np.float32(horizon)
+    own = np.empty(9, np.float32)
     for a in range(len(stale)):
         if not stale[a]:
             continue
-        for c in range(13):
+        for c in range(9):
             own[c] = box[a // LANES, c, a % LANES]
-        met = _meeting(
+        n = _meeting(
             a, box, patches.group, own, stale, patches.layer, patches.beside, patches.beside_start, patches.normal,
-            np.float32(near + ROUNDING), np.float32(horizon), hit
+            close, ahead, hit
         )  # fmt: skip
-        for row in range(met):
-            b = hit[row]
-            reach = _reach(box, a, b, horizon) + ROUNDING
-            _grown_box(box, b, near + reach, bound)
-            n_vt = _near_triangles(
-                vertex, start[a], start[a + 1], b, place, bound, patches.tri, patches.tri_geo, near + reach, tri,
-                vt, n_vt
-            )  # fmt: skip
-            if a != b:
-                _grown_box(box, a, near + reach, bound)
-                n_vt = _near_triangles(
-                    vertex, start[b], start[b + 1], a, place, bound, patches.tri, patches.tri_geo, near + reach,
-                    tri, vt, n_vt
-                )  # fmt: skip
-            reach += EDGE_SHARE * near
-            _grown_box(box, b, reach, bound)
-            n_ee = _near_edges(
-                a, b, patches.edge, patches.edge_start, patches.edge_geo, bound, reach, edge, ee, n_ee
-            )
+        n_vt = _near_triangles(
+            a, hit, n, patches.vertex, patches.vertex_start, patches.vertex_geo, patches.tri, patches.tri_geo, box,
+            slab, close, ahead, tri, vt, n_vt
+        )  # fmt: skip
+        n_ee = _near_edges(
+            a, hit, n, patches.edge, patches.edge_start, patches.edge_geo, box, slab, close_edges, ahead, edge, ee,
+            n_ee
+        )  # fmt: skip
     return n_vt, n_ee
 
 
@@ -434,20 +537,16 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
     m = len(stale)
     n = 0
     for h in range(len(group)):
-        # all of the sixteen at once
+        # all of a row at once
         apart = False
-        wide = near + own[12] + group[h, 12]
         for d in range(3):
-            low = group[h, d] + min(ZERO, horizon * (group[h, d + 6] - own[d + 9])) - wide
-            high = group[h, d + 3] + max(ZERO, horizon * (group[h, d + 9] - own[d + 6])) + wide
-            apart = apart | (low > own[d + 3]) | (high < own[d])
-        bits = 0 if apart else _boxes_near(box[h], own, near, horizon)
-        b = h * LANES - 1
+            sweep = horizon * abs(group[h, d + 6] - own[d + 6])
+            apart = apart | (abs(group[h, d] - own[d]) - sweep > group[h, d + 3] + own[d + 3] + near)
+        bits = int32(0) if apart else _boxes_near(box, h, own, near, horizon)
         while bits:
-            b += 1
-            found = bits & 1
-            bits >>= 1
-            if not found or b >= m or (b < a and stale[b]):
+            b = h * LANES + LOWEST[bits]
+            bits &= bits - 1
+            if b >= m or (b < a and stale[b]):
                 continue
             if layer[a] == layer[b]:
                 adjacent = False
@@ -460,66 +559,52 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
     return n
 
 
-@njit(nogil=True)
-def _grown_box(box, b, reach, bound):
-    for c in range(3):
-        bound[c] = box[b // LANES, c, b % LANES] - reach
-        bound[c + 3] = box[b // LANES, c + 3, b % LANES] + reach
-
-
-@njit(nogil=True)
-def _near_triangles(vertex, first, last, b, place, bound, tris, geo, reach, tri, vt, n):
-    """Vertices vertex[first:last] that can meet triangles of patch b, whose grown box is `bound`."""
-    limit = np.float32(reach)
-    for k in range(first, last):
-        i = vertex[k]
-        x, y, z = np.float32(place[i, 0]), np.float32(place[i, 1]), np.float32(place[i, 2])
-        out = (x < bound[0]) | (x > bound[3]) | (y < bound[1]) | (y > bound[4]) | (z < bound[2]) | (z > bound[5])
-        bits = 0 if out else _triangles_near(geo[b], x, y, z, limit)
-        c = 0
-        while bits:
-            if not bits & 15:
-                bits >>= 4
-                c += 4
-                continue
-            t = tris[b, c]
-            if bits & 1 and i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
-                if n < len(vt):
-                    vt[n, 0], vt[n, 1] = i, t
-                n += 1
-            bits >>= 1
-            c += 1
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, vt, n):
+    """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
+    for turn in range(2 * met):
+        b = hit[turn // 2]
+        if turn % 2 == 1 and a == b:
+            continue
+        p, q = (a, b) if turn % 2 == 0 else (b, a)
+        for row in range(start[p], start[p + 1]):
+            points = _points_within(geo, row, box, slab, q, near, horizon)
+            while points:
+                c = LOWEST[points]
+                points &= points - 1
+                i = vertex[row, c]
+                bits = _triangles_near(tri_geo, q, geo, row, c, near, horizon)
+                while bits:
+                    t = tris[q, LOWEST[bits]]
+                    bits &= bits - 1
+                    if i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
+                        if n < len(vt):
+                            vt[n, 0], vt[n, 1] = i, t
+                        n += 1
     return n
 
 
-@njit(nogil=True)
-def _near_edges(a, b, owned, start, geo, bound, reach, edge, ee, n):
-    """Edges of patch a that can meet edges of patch b, whose grown box is `bound`."""
-    limit = np.float32(reach * reach)
-    for row in range(start[a], start[a + 1]):
-        for c in range(LANES):
-            e = owned[row, c]
-            if e < 0:
-                break
-            if (geo[row, 0, c] > bound[3]) | (geo[row, 3, c] < bound[0]) | (geo[row, 1, c] > bound[4]):
-                continue
-            if (geo[row, 4, c] < bound[1]) | (geo[row, 2, c] > bound[5]) | (geo[row, 5, c] < bound[2]):
-                continue
-            i, j = edge[e, 0], edge[e, 1]
-            for other in range(start[b], start[b + 1]):
-                bits = _edges_near(geo[row], geo[other], c, limit)
-                k = 0
-                while bits:
-                    if not bits & 15:
-                        bits >>= 4
-                        k += 4
-                        continue
-                    f = owned[other, k]
-                    apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
-                    if bits & 1 and apart and (a != b or other > row or (other == row and k > c)):
-                        if n < len(ee):
-                            ee[n, 0], ee[n, 1] = min(e, f), max(e, f)
-                        n += 1
-                    bits >>= 1
-                    k += 1
+@njit(nogil=True, error_model="numpy", fastmath=True)
+def _near_edges(a, hit, met, owned, start, geo, box, slab, near, horizon, edge, ee, n):
+    """Edges of patch a that can meet edges of patches hit[:met]."""
+    for turn in range(met):
+        b = hit[turn]
+        for row in range(start[a], start[a + 1]):
+            within = _edges_within(geo, row, box, slab, b, near, horizon)
+            while within:
+                c = LOWEST[within]
+                within &= within - 1
+                e = owned[row, c]
+                i, j = edge[e, 0], edge[e, 1]
+                for other in range(start[b], start[b + 1]):
+                    bits = _edges_near(geo, row, c, other, near, horizon)
+                    while bits:
+                        k = LOWEST[bits]
+                        bits &= bits - 1
+                        f = owned[other, k]
+                        apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
+                        if apart and (a != b or other > row or (other == row and k > c)):
+                            if n < len(ee):
+                                ee[n, 0], ee[n, 1] = min(e, f), max(e, f)
+                            n += 1
     return n

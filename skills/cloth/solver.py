@@ -15,7 +15,7 @@ from robots.ports import Array
 from skills.cloth import kernel
 from skills.cloth.elastic import build_elastic, stretch_excess
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.patches import build_patches
+from skills.cloth.patches import Patches, build_patches
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.vocabulary import Material
 
@@ -128,7 +128,7 @@ class ClothSimulation:
             self._body.w[fixed] = 0.0
         self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
-        self._state = _new_state(n, len(mesh.edges), len(mesh.hinges))
+        self._state = _new_state(n, len(mesh.edges), len(mesh.hinges), self._body.patches)
         self._pairs = _new_pairs(16 * n, 12 * n)
         self._holds = _new_holds()
         self._tool_p = np.zeros((HANDS, 3))
@@ -171,7 +171,8 @@ class ClothSimulation:
         s = self._state
         s.x[:], s.xp[:], s.ref[:], s.last[:] = x, x, x, x
         s.v[:] = 0.0 if velocities is None else velocities
-        s.quiet[:], s.awake[:], s.stale[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.quiet[:], s.awake[:], s.expired[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.turned[:], s.moving[:] = False, False
         s.u[:] = x
         s.press[:], s.still[:] = 0.0, False
         s.counts[:] = 0
@@ -184,10 +185,10 @@ class ClothSimulation:
 
     def _sleep(self) -> None:
         s = self._state
-        s.awake[:], s.stale[:], s.wa[:] = False, False, 0.0
+        s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._rules.sleep_frames
-        s.base[:], s.course[:] = s.x, 0.0
-        s.slack[:] = kernel.CALM_SLACK * self.material.thickness
+        s.base[:], s.course[:] = s.x[self._body.patches.corner].T, 0.0
+        s.slack[:] = min(kernel.SLACK, kernel.CALM_SLACK * self.material.thickness)
         s.counts[kernel.AWAKE] = 0
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
@@ -426,7 +427,9 @@ def _rules(
     )
 
 
-def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
+def _new_state(n: int, edges: int, hinges: int, patches: Patches) -> kernel.State:
+    m, corners = len(patches.tri), len(patches.corner)
+
     def f(*shape: int) -> Array:
         return np.zeros(shape)
 
@@ -437,11 +440,14 @@ def _new_state(n: int, edges: int, hinges: int) -> kernel.State:
         u=f(n, 3),
         ref=f(n, 3),
         last=f(n, 3),
-        base=f(n, 3),
-        course=f(n, 3),
-        slack=f(n),
-        born=np.zeros(n, np.int32),
-        stale=np.ones(n, np.bool_),
+        base=np.zeros((3, corners), np.float32),
+        course=np.zeros((3, corners), np.float32),
+        slack=np.zeros(m, np.float32),
+        born=np.zeros(m, np.int32),
+        moving=np.zeros(m, np.bool_),
+        expired=np.ones(m, np.bool_),
+        watched=np.zeros(m, np.int32),
+        turned=np.zeros(n, np.bool_),
         wa=f(n),
         press=f(n, 3),
         quiet=np.zeros(n, np.int32),

@@ -56,7 +56,7 @@ def test_a_new_search_does_not_move_layers_at_rest(folded):
     for again in (False, True):
         before = s.positions
         if again:
-            s._state.stale[:] = True
+            s._state.expired[:] = True
             s._state.counts[kernel.SEARCHED] = 0
         s.advance(6)
         moved.append(np.linalg.norm(s.positions - before, axis=1).max())

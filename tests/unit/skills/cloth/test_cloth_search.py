@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
+from skills.cloth import kernel
 from skills.cloth.contact import EDGE_SHARE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.patches import build_patches, fit_patches, search_pairs
+from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.vocabulary import Material
 
 THICK, SLACK, HORIZON = 0.003, 0.001, 0.02
+MATERIAL = Material(
+    areal_mass=0.3, stretch_fraction=0.03, bending_length=0.02, thickness=THICK, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
 
 
 def two_sheets():
@@ -41,33 +48,78 @@ def nearest(a, b):
     return np.linalg.norm(u @ a - v @ b)
 
 
-@pytest.mark.parametrize("stale_share", [1.0, 0.1])
+def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
+    """Pairs of different layers that are near in one of `places` but not found; asked(vertices): whether a pair is
+    to be found. -> vertex-triangle, edge-edge pairs, and how many near ones there are."""
+    layer, x, near = mesh.layer, places[0], 0
+    vt, ee = [], []
+    for t, tri in enumerate(mesh.triangles):
+        for i in np.flatnonzero((np.abs(x - x[tri].mean(axis=0)) < 0.03).all(axis=1) & (layer != layer[tri[0]])):
+            if asked([i, *tri]) and min(nearest(y[[i]], y[tri]) for y in places) <= RELEASE * THICK:
+                near += 1
+                vt += [] if (i, t) in found_vt else [(i, t)]
+    middle = x[edges].mean(axis=1)
+    of = layer[edges[:, 0]]
+    for e in np.flatnonzero(of == 0):
+        for f in np.flatnonzero((np.abs(middle - middle[e]) < 0.03).all(axis=1) & (of == 1)):
+            apart = min(nearest(y[edges[e]], y[edges[f]]) for y in places)
+            if asked([*edges[e], *edges[f]]) and apart <= EDGE_SHARE * RELEASE * THICK:
+                near += 1
+                ee += [] if (min(e, f), max(e, f)) in found_ee else [(e, f)]
+    return vt, ee, near
+
+
+@pytest.mark.parametrize("stale_share", [1.0, 0.4])
 def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     mesh, x = two_sheets()
-    n, rng = len(x), np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     edges, triangles = mesh.edges.astype(np.int32), mesh.triangles
     patches = build_patches(mesh, edges)
-    stale = rng.random(n) < stale_share
-    course = np.where(mesh.layer[:, None] == 0, 0.1, 0.0) * np.array([1.0, 0.0, 1.0]) * stale[:, None]
+    m, corner = len(patches.tri), patches.corner
+    patches.stale[:] = rng.random(m) < stale_share
+    patches.stale[0] = True
+    speed = np.where(mesh.layer[:, None] == 0, 0.1, 0.0) * np.array([1.0, 0.0, 1.0])
+    base, course = x[corner].T.astype(np.float32), speed[corner].T.astype(np.float32)
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
-    fit_patches(
-        patches, triangles, edges, x, course, np.full(n, SLACK), np.zeros(n, np.int32), 0, 0.004, stale, True
-    )
-    n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, HORIZON, vt, ee)
+    moving, slack = (speed[:, 0] > 0)[corner[patches.corner_start[:-1]]], np.full(m, SLACK, np.float32)
+    fit_patches(patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True)
+    n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
-    where = [x, x + HORIZON * course]
-    layer = mesh.layer
-    for t, tri in enumerate(triangles):
-        close = np.flatnonzero((np.abs(x - x[tri].mean(axis=0)) < 0.03).all(axis=1) & (layer != layer[tri[0]]))
-        for i in close:
-            if stale[i] or stale[tri].any():
-                apart = min(nearest(y[[i]], y[tri]) for y in where)
-                assert apart > RELEASE * THICK or (i, t) in found_vt
-    middle = x[edges].mean(axis=1)
-    for e, (i, j) in enumerate(edges[layer[edges[:, 0]] == 0]):
-        e = int(np.flatnonzero((edges == [i, j]).all(axis=1))[0])
-        for f in np.flatnonzero((np.abs(middle - middle[e]) < 0.03).all(axis=1) & (layer[edges[:, 0]] == 1)):
-            if stale[[i, j, *edges[f]]].any():
-                apart = min(nearest(y[[i, j]], y[edges[f]]) for y in where)
-                assert apart > EDGE_SHARE * RELEASE * THICK or (min(e, f), max(e, f)) in found_ee
+    stale = np.ones(len(x), bool)  # vertices of stale patches only
+    stale[corner[np.repeat(~patches.stale, np.diff(patches.corner_start))]] = False
+    places = [x, x + 0.5 * HORIZON * speed, x + HORIZON * speed]
+    lost_vt, lost_ee, near = missing_pairs(
+        mesh, edges, places, found_vt, found_ee, lambda vertices: stale[vertices].any()
+    )
+    assert near > 20 and not lost_vt and not lost_ee
+
+
+@pytest.mark.parametrize(("gravity", "shake", "sleep_frames"), [(9.81, 0.05, 0), (9.81, 0.05, 10), (0.0, 0.0, 0)])
+def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames):
+    """Fallen onto each other, where patches leave their courses, and flown straight, where courses run out."""
+    mesh, x = two_sheets()
+    x[:, 2] += np.where(mesh.layer == 1, 0.035, 0.012)
+    rng = np.random.default_rng(3)
+    settings = SolverSettings(
+        frame_rate=240, substeps=kernel.PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
+    )
+    sim = ClothSimulation(mesh, MATERIAL, x, settings)
+    upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
+    sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
+    edges, seen, searched = sim._body.edge, 0, []
+    for _ in range(60):
+        before = sim.positions
+        sim.advance(1)
+        counts, pairs = sim._state.counts, sim._pairs
+        found_vt = {tuple(p) for p in pairs.vt[: counts[kernel.VT]].tolist()}
+        found_ee = {tuple(p) for p in pairs.ee[: counts[kernel.EE]].tolist()}
+        awake = ~sim.asleep
+        lost_vt, lost_ee, near = missing_pairs(
+            mesh, edges, [before], found_vt, found_ee, lambda vertices, awake=awake: awake[vertices].any()
+        )
+        assert not lost_vt and not lost_ee
+        seen += near
+        searched.append(int(sim._body.patches.stale.sum()))
+    assert seen > 1000
+    assert min(searched) < len(sim._body.patches.tri)  # not everything every time
