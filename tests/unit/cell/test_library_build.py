@@ -84,7 +84,7 @@ def test_every_step_has_an_entry_with_its_provenance(serial: Library) -> None:
         assert entry.material == garment.material and entry.size_m == garment.size_m
         assert entry.edge_length == garment.mesh_edge_m and entry.max_tool_speed == garment.max_tool_speed
         assert 0.0 < entry.dissimilarity <= entry.dissimilarity_initial + 1e-3
-        assert entry.method == METHOD and 9 < entry.simulations <= BUDGET and entry.version
+        assert entry.method == METHOD and 4 < entry.simulations <= BUDGET and entry.version  # more than probes
         assert set(entry.inner) == {Side.LEFT, Side.RIGHT}
 
 

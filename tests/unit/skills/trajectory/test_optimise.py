@@ -85,7 +85,7 @@ def run(method: str, bowl: Bowl, **more):  # type: ignore[no-untyped-def]
 
 
 def test_default_comes_near_the_best_arc_and_beats_the_two_baselines() -> None:
-    """With the cell's budget, which leaves room for a polish."""
+    """With a budget that leaves room for a polish."""
     methods = ("initial", "two_parameter", "default")
     figures = {m: run(m, Bowl(), budget=40).notes["dissimilarity_m"] for m in methods}
     assert figures["default"] <= figures["two_parameter"] <= figures["initial"]
