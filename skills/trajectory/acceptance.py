@@ -6,7 +6,7 @@ import numpy as np
 
 from skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["acceptance_limit", "gains_as_promised", "judge_prediction"]
+__all__ = ["LEAST_GAIN", "NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
@@ -21,6 +21,9 @@ NEARLY = 0.001
 
 GAIN_KEPT, LUCK = 0.8, 0.0005
 """Share of the promised gain on the first guess that looked-up arcs have to bring here; what is luck [m of D]."""
+
+LEAST_GAIN = 0.002
+"""Arcs that promised to gain less than this on the first guess [m of D] have nothing to lose but luck."""
 
 
 def acceptance_limit(rest: Array, promised: float | None = None) -> float:

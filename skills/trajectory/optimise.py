@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from skills.cloth.predict import predict_fold
-from skills.trajectory.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
+from skills.trajectory.acceptance import LEAST_GAIN, NEARLY, acceptance_limit, gains_as_promised, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
 from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
 from skills.trajectory.paths import LIFT_HEIGHT, tool_paths
@@ -139,7 +139,8 @@ def optimise_fold(
             looked_up = evaluator.one(start)
             evaluator.first = None
             if looked_up.dissimilarity <= acceptance_limit(mesh.rest, promised):
-                if promised_initial is None or looked_up.dissimilarity <= promised + NEARLY:
+                much = promised_initial is not None and promised_initial - promised >= LEAST_GAIN
+                if promised_initial is None or not much or looked_up.dissimilarity <= promised + NEARLY:
                     return _looked_up(evaluator, looked_up)
                 evaluator.first = evaluator.one(_initial(problem))
                 here = looked_up.dissimilarity, evaluator.first.dissimilarity
