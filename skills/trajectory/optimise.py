@@ -81,6 +81,10 @@ have a better arc, at most 0.12 where no arc does better on a finer mesh."""
 ALIKE = 0.0001
 """Of good arcs the plain one is kept where the best gains less than this in D [m]."""
 
+LUCK_SHARE = 0.1
+"""Where no arc gains anything the plain one is kept unless the first guess is better by more than this share of
+D: a medium towel's half, 1.8 mm against 2.1, and its quarter after it, end better in the simulated cell so."""
+
 PLAIN_H = 0.45
 """Height of both inner points of the plain arc, in units of the fold's distance: a middle
 choice: in 8 to 10 drawn worlds a setting, heights from 0.33 to 0.5 could not be told apart."""
@@ -261,7 +265,8 @@ def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
     evaluator.many([_shared(problem, np.array(x)) for x in PROBES[: evaluator.left]])
     assert evaluator.best is not None
     if evaluator.best.dissimilarity > (1.0 - GAIN) * common.dissimilarity:
-        evaluator.best = plain if plain.dissimilarity - common.dissimilarity < MARGIN else common
+        luck = min(MARGIN, LUCK_SHARE * plain.dissimilarity)
+        evaluator.best = plain if plain.dissimilarity - common.dissimilarity < luck else common
         return
     finalists = min(FINALISTS, (evaluator.left - sum(map(len, FORMS))) // len(MISHAPS))
     reserve = finalists * len(MISHAPS) if finalists >= 2 else 0
