@@ -48,20 +48,18 @@ class Patches(NamedTuple):
     """corner: (corners,) vertices of the patches' triangles, of patch k from corner_start[k] to
     corner_start[k + 1], a multiple of LANES (the last one is repeated): each patch has a course of its own for
     them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
-    in rows edge_start[k]
-    to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES), edge_at (rows, 2,
-    LANES), vertex_at (rows, LANES): their corners. Each primitive belongs to one patch (of_tri, of_edge,
-    of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and beside each patch, as
-    patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex.
+    in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
+    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners. Each primitive belongs to one patch (of_tri,
+    of_edge, of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and beside each
+    patch, as patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex.
 
     Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
     the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
     each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
     normal (m, 6): bounds of the normals. place: (3, corners); tri_geo (m, 15, LANES): box, normal, offset,
     velocity of the middle, by how much the corners' differ from it, slack; edge_geo (rows, 12, LANES): start,
-    direction,
-    squared length, and the same of its motion; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to
-    be searched; hit: scratch."""
+    direction, squared length, and the same of its motion; vertex_geo (rows, 7, LANES): place, velocity, slack.
+    stale: (m,) to be searched; hit: scratch."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
