@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from benchmarks.d_relax import d_relax, distance_to_target
+from benchmarks.d_relax import distance_to_target, ideal_fold
 from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
 from cell.effects.adapting import FACTORS
 from cell.garments import load_garment
@@ -109,7 +109,7 @@ def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> l
     mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
     rows: list[dict[str, float | str]] = []
     with ThreadPoolExecutor(2) as threads:
-        flat = _before(mesh, first, m)
+        flat = ideal_fold(mesh, first.earlier, m)
         one = Choice(garment, first, mesh, threads)(flat, m, None)
         assert one is not None, f"{name}: no arcs for {first.name}"
         believed = predict_fold(mesh, flat, m, planned(first, one)).vertices
@@ -118,7 +118,7 @@ def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> l
         assert known is not None, f"{name}: no arcs for {last.name}"
         for seed in seeds:
             world = World.draw(garment, state.contour, friction, seed)
-            lies = world.fold(_before(world.mesh, first, m), first, one)
+            lies = world.fold(ideal_fold(world.mesh, first.earlier, m), first, one)
             outline = seen(silhouette(lies, world.mesh.triangles), np.random.default_rng(seed))
             residual = outline_residual(outline, believed, mesh.triangles)
             learned, share = m, 0.0
@@ -139,10 +139,6 @@ def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> l
             })  # fmt: skip
             print({k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}, flush=True)
     return rows
-
-
-def _before(mesh: ClothMesh, step: FoldStep, material: Material) -> Array:
-    return d_relax(mesh, step.earlier, material)[1] if step.earlier else mesh.lay_flat(material.thickness)
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.d_relax import EDGE, d_relax, distance_to_target
+from benchmarks.d_relax import d_relax, distance_to_target, evaluation_edge, ideal_fold
 from robots.ports import Array, Side
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
@@ -26,10 +26,8 @@ Controls = Mapping[Side, Array]
 
 PERTURBED, SHIFT = 5, 0.0005
 """Arcs that judge one, and how far their inner control points are moved [m]."""
-FINER = 0.85
-"""Edges of the mesh that judges, to those of the mesh that was optimised on, at most."""
 NEIGHBOURS = (0.95, 1.0, 1.05)
-"""Edges of the meshes that D_relax is the median of, to that of the finest."""
+"""Edges of the meshes that D_relax is the median of, to that of the one that judges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,22 +51,14 @@ def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material
     garment = replace(garment, plan=plan, material=material or garment.material)
     state = garment.flat_state(*garment.poses.middle, scale=scale)
     step = plan_folds(state, garment).unwrap()[index]
-    edge = garment.mesh_edge_m * scale
-    fine = min(EDGE, FINER * edge)
     relaxed = []
     for share in NEIGHBOURS:
-        mesh = mesh_from_contour(state.contour, share * fine, garment.layers)
+        mesh = mesh_from_contour(state.contour, share * evaluation_edge(garment, scale), garment.layers)
         relaxed.append((d_relax(mesh, step.lines, garment.material)[0], mesh))
     d, judging = sorted(relaxed, key=lambda pair: pair[0])[len(relaxed) // 2]
-    optimised = mesh_from_contour(state.contour, edge, garment.layers)
-    return Case(garment, step, _before(optimised, step, garment), _before(judging, step, garment), d)
-
-
-def _before(mesh: ClothMesh, step: FoldStep, garment: Garment) -> tuple[ClothMesh, Array]:
-    """The mesh with its vertices (n, 3) before the step."""
-    if not step.earlier:
-        return mesh, mesh.lay_flat(garment.material.thickness)
-    return mesh, d_relax(mesh, step.earlier, garment.material)[1]
+    optimised = mesh_from_contour(state.contour, garment.mesh_edge_m * scale, garment.layers)
+    coarse, fine = ((m, ideal_fold(m, step.earlier, garment.material)) for m in (optimised, judging))
+    return Case(garment, step, coarse, fine, d)
 
 
 def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecutor, n: int = PERTURBED) -> float:
