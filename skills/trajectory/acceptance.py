@@ -6,7 +6,7 @@ import numpy as np
 
 from skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["LEAST_GAIN", "NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
+__all__ = ["NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
 
 POOR_SHARE = 0.05
 """D above this share of the garment's diagonal is a fold that is not worth making."""
@@ -23,7 +23,7 @@ GAIN_KEPT, LUCK = 0.8, 0.0005
 """Share of the promised gain on the first guess that looked-up arcs have to bring here; what is luck [m of D]."""
 
 LEAST_GAIN = 0.002
-"""Arcs that promised to gain less than this on the first guess [m of D] have nothing to lose but luck."""
+"""Arcs that promised to gain less than this on the first guess [m of D] promised nothing; they must not lose."""
 
 
 def acceptance_limit(rest: Array, promised: float | None = None) -> float:
@@ -41,8 +41,9 @@ def gains_as_promised(d: float, initial: float, promised: float, promised_initia
     All four in metres of D; gains are shares of the first guess's D. Where a garment lies worse than the one that
     they were optimised on, both arcs do worse: that breaks no promise.
     """
-    gained = max(0.0, 1.0 - promised / promised_initial)
-    return d <= (1.0 - GAIN_KEPT * gained) * initial + LUCK
+    if promised_initial - promised < LEAST_GAIN:
+        return d <= initial + NEARLY
+    return d <= (1.0 - GAIN_KEPT * (1.0 - promised / promised_initial)) * initial + LUCK
 
 
 def judge_prediction(step: str, dissimilarity: float, limit: float) -> Failure | None:

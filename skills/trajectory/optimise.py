@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from skills.cloth.predict import predict_fold
-from skills.trajectory.acceptance import LEAST_GAIN, NEARLY, acceptance_limit, gains_as_promised, judge_prediction
+from skills.trajectory.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
 from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
 from skills.trajectory.paths import LIFT_HEIGHT, tool_paths
 from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
-from skills.trajectory.robust import MARGIN, MISHAPS, most_robust
+from skills.trajectory.robust import MARGIN, most_robust, simulations
 from skills.vocabulary import (
     Array,
     Failure,
@@ -143,8 +143,7 @@ def optimise_fold(
             looked_up = evaluator.one(start)
             evaluator.first = None
             if looked_up.dissimilarity <= acceptance_limit(mesh.rest, promised):
-                much = promised_initial is not None and promised_initial - promised >= LEAST_GAIN
-                if promised_initial is None or not much or looked_up.dissimilarity <= promised + NEARLY:
+                if promised_initial is None or looked_up.dissimilarity <= promised + NEARLY:
                     return _looked_up(evaluator, looked_up)
                 evaluator.first = evaluator.one(_initial(problem))
                 here = looked_up.dissimilarity, evaluator.first.dissimilarity
@@ -268,8 +267,10 @@ def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
         luck = min(MARGIN, LUCK_SHARE * plain.dissimilarity)
         evaluator.best = plain if plain.dissimilarity - common.dissimilarity < luck else common
         return
-    finalists = min(FINALISTS, (evaluator.left - sum(map(len, FORMS))) // len(MISHAPS))
-    reserve = finalists * len(MISHAPS) if finalists >= 2 else 0
+    finalists = FINALISTS
+    while finalists > 0 and simulations(finalists) > evaluator.left - sum(map(len, FORMS)):
+        finalists -= 1
+    reserve = simulations(finalists)
     for k, lot in enumerate(FORMS):
         if k == 0 or evaluator.best.dissimilarity > GOOD:
             evaluator.many([_shared(problem, np.array(x)) for x in lot[: max(0, evaluator.left - reserve)]])

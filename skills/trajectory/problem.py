@@ -191,12 +191,12 @@ class Evaluator:
             candidates.append(candidate)
         return candidates
 
-    def confirm(self, problem: FoldProblem, candidate: Candidate, mishaps: Sequence[Mishap | None]) -> Array:
-        """Simulate a candidate again with each mishap, on a problem that may be stated on another mesh: its D
-        [m], (mishaps,)."""
-        again = self._executor.map(problem.evaluate, [candidate.controls] * len(mishaps), mishaps)
+    def confirm(self, problem: FoldProblem, trials: Sequence[tuple[Candidate, Mishap | None]]) -> Array:
+        """Simulate candidates again, with a mishap or as planned, on a problem that may be stated on another mesh:
+        their D [m], (trials,)."""
+        arcs, mishaps = [c.controls for c, _ in trials], [mishap for _, mishap in trials]
         found = []
-        for outcome in again:
+        for outcome in self._executor.map(problem.evaluate, arcs, mishaps):
             found.append(outcome.dissimilarity)
             self.failed += outcome.failed
             self._tick()

@@ -23,7 +23,7 @@ from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import triangle_areas
 from skills.trajectory.optimise import METHODS, optimise_fold
 from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
-from skills.trajectory.robust import MARGIN, MISHAPS, most_robust
+from skills.trajectory.robust import MARGIN, MISHAPS, most_robust, simulations
 from skills.vocabulary import Side
 
 TOWEL = load_garment("medium_towel")
@@ -156,10 +156,11 @@ def test_of_equally_good_arcs_the_one_that_bears_mishaps_is_taken() -> None:
         plain, _ = evaluator.many([low, high])
         assert evaluator.best is plain, "the better as planned"
         chosen = most_robust(evaluator, plain, 2)
-        assert evaluator.count == 2 + 2 * len(MISHAPS), "every simulation is counted"
+        taken = evaluator.count
+        assert taken == 2 + simulations(2) == 2 + 2 + 2 * len(MISHAPS), "every simulation is counted"
         assert chosen.controls is high
         assert chosen.dissimilarity == pytest.approx(0.005), "the figure is that of the fold as it is planned"
-        assert most_robust(evaluator, plain, 1) is plain and evaluator.count == 2 + 2 * len(MISHAPS)
+        assert most_robust(evaluator, plain, 1) is plain and evaluator.count == taken
 
 
 def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> None:
@@ -184,16 +185,51 @@ def test_an_arc_that_is_planned_worse_than_another_at_worst_is_not_simulated_aga
 
     def level(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         top = max(p.position[:, 2].max() for p in paths.values())
-        if mesh is not MESH:
-            again.append(top)
+        again.append(top)
         return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.003 if top < 0.2 else 0.02])
 
     problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, level, 0.35, 0.4)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         low, high = evaluator.many(heights(problem, 0.33, 0.6))
+        again.clear()
         assert most_robust(evaluator, high, 2) is low
-    assert len(again) == len(MISHAPS) and max(again) < 0.2
+    assert len([top for top in again if top < 0.2]) == 1 + len(MISHAPS)
+    assert len([top for top in again if top > 0.2]) == 1, "as planned, on the finer mesh"
+
+
+@pytest.mark.parametrize(("better_with_mishaps", "kept"), [(0.0, True), (0.002, False)])
+def test_the_plain_arc_is_not_kept_where_it_is_worse_as_planned(better_with_mishaps: float, kept: bool) -> None:
+    """On the whole it comes to as much both times; as planned it is a little worse, or much."""
+
+    def fold(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        low = max(p.position[:, 2].max() for p in paths.values()) < 0.2
+        mishap = material != TOWEL.material
+        missed = 0.010 if mishap else 0.004
+        if low:
+            missed += -better_with_mishaps if mishap else 0.0003 + better_with_mishaps
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, missed])
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, fold, 0.35, 0.4)
+    with ThreadPoolExecutor(2) as pool:
+        evaluator = Evaluator(problem, 20, pool, None)
+        plain, high = evaluator.many(heights(problem, 0.33, 0.6))
+        assert most_robust(evaluator, plain, 2) is (plain if kept else high)
+
+
+def test_an_arc_that_is_good_on_the_mesh_that_it_was_found_on_only_is_not_taken() -> None:
+
+    def lucky(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+        low = max(p.position[:, 2].max() for p in paths.values()) < 0.2
+        missed = (0.002 if mesh is MESH else 0.02) if low else 0.004
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, missed])
+
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, lucky, 0.35, 0.4)
+    with ThreadPoolExecutor(2) as pool:
+        evaluator = Evaluator(problem, 20, pool, None)
+        plain, high, _ = evaluator.many(heights(problem, 0.33, 0.6, 0.8))
+        assert evaluator.best is plain
+        assert most_robust(evaluator, plain, 3) is high
 
 
 @pytest.mark.parametrize(("gain", "simulations"), [(0.0, 4), (0.1, 4), (0.3, 11)])
@@ -278,24 +314,30 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
 
 
 @pytest.mark.parametrize(
-    ("there", "simulations", "kept"),
-    [((0.004, 0.004), 1, True), ((0.004, 0.0105), 2, True), ((0.002, 0.020), 2, False)],
+    ("there", "guess", "kept"),
+    [
+        ((0.004, 0.0105), 0.012, True),
+        ((0.002, 0.020), 0.012, False),
+        ((0.004, 0.004), 0.012, True),
+        ((0.004, 0.005), 0.0055, True),
+        ((0.004, 0.005), 0.004, False),
+    ],
 )
 def test_arcs_behind_their_promise_are_kept_where_they_gain_as_much(
-    there: tuple[float, float], simulations: int, kept: bool
+    there: tuple[float, float], guess: float, kept: bool
 ) -> None:
-    """Here the looked-up arcs come to 6 mm and the first guess to 12. There: promised, first guess. Those that
-    gained nothing there have nothing to lose."""
+    """Here the looked-up arcs come to 6 mm and the first guess to `guess`. There: promised, first guess. Those
+    that gained next to nothing there must not be worse than the first guess here."""
     bowl = Bowl()
 
     def here(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         bowl(mesh, positions, material, paths)
         top = max(p.position[:, 2].max() for p in paths.values())
-        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.006 if top > 0.22 else 0.012])
+        return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.006 if top > 0.22 else guess])
 
     promised, initial = there
     outcome = run("initial", here, start=bowl.wanted, promised=promised, promised_initial=initial)  # type: ignore
-    assert bowl.calls == outcome.notes["simulations"] == simulations, "the arcs; the first guess to compare with"
+    assert bowl.calls == outcome.notes["simulations"] == 2, "the arcs, and the first guess to compare them with"
     assert (outcome.unwrap().source == "library") is kept
     trusting = run("initial", here, start=bowl.wanted, promised=0.0055, promised_initial=initial)  # type: ignore
     assert trusting.notes["simulations"] == 1 and trusting.unwrap().source == "library", "near its promise"
