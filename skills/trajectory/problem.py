@@ -191,16 +191,15 @@ class Evaluator:
             candidates.append(candidate)
         return candidates
 
-    def confirm(self, problem: FoldProblem, trials: Sequence[tuple[Candidate, Mishap | None]]) -> Array:
-        """Simulate candidates again, with a mishap or as planned, on a problem that may be stated on another mesh:
-        their D [m], (trials,)."""
-        arcs, mishaps = [c.controls for c, _ in trials], [mishap for _, mishap in trials]
+    def confirm(self, trials: Sequence[tuple[FoldProblem, Candidate, Mishap | None]]) -> list[float]:
+        """D [m] of candidates simulated again, each as planned or with a mishap, on this problem or the same one
+        stated on another mesh."""
         found = []
-        for outcome in self._executor.map(problem.evaluate, arcs, mishaps):
+        for outcome in self._executor.map(_again, trials):
             found.append(outcome.dissimilarity)
             self.failed += outcome.failed
             self._tick()
-        return np.array(found)
+        return found
 
     def one(self, controls: Controls) -> Candidate:
         return self.many([controls])[0]
@@ -219,3 +218,8 @@ class Evaluator:
         self.count += 1
         if self._progress is not None and self.best is not None:
             self._progress(self.count, self.budget, self.best.dissimilarity)
+
+
+def _again(trial: tuple[FoldProblem, Candidate, Mishap | None]) -> Candidate:
+    problem, candidate, mishap = trial
+    return problem.evaluate(candidate.controls, mishap)

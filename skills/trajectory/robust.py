@@ -53,23 +53,28 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
 
     They are compared by their mean D as planned on both meshes and with each mishap. The plain one is kept where,
     up to luck, it comes to as much on the whole and as planned. A mishap seldom mends a fold: an arc that is worse
-    as planned than another comes to is not simulated with any. Takes no simulation where there is only one arc.
+    as planned than another comes to is not simulated any more. Takes no simulation where there is only one arc.
     """
     field = _finalists(evaluator, plain, most)
     if len(field) < 2:
         return field[0]
-    finer = refined(evaluator.problem, FINER)
+    problem, finer = evaluator.problem, refined(evaluator.problem, FINER)
     finer.prepare()
-    again = evaluator.confirm(finer, [(c, None) for c in field])
-    planned = {c: np.array([c.dissimilarity, d]) for c, d in zip(field, again, strict=True)}
+    first, *others = sorted(field, key=lambda c: c.dissimilarity)
     allowed = {c: MARGIN if c is plain else 0.0 for c in field}
-    score: dict[Candidate, float] = {}
-    for c in sorted(field, key=lambda c: planned[c].mean() - allowed[c]):
-        if planned[c].mean() < min(score.values(), default=np.inf) + allowed[c]:
-            mishaps = evaluator.confirm(evaluator.problem, [(c, mishap) for mishap in MISHAPS])
-            score[c] = float(np.append(planned[c], mishaps).mean())
+
+    again, *mishaps = evaluator.confirm([(finer, first, None), *((problem, first, m) for m in MISHAPS)])
+    planned = {first: float(np.mean([first.dissimilarity, again]))}
+    score = {first: float(np.mean([first.dissimilarity, again, *mishaps]))}
+    rivals = [c for c in others if c.dissimilarity < score[first] + allowed[c]]
+    for c, again in zip(rivals, evaluator.confirm([(finer, c, None) for c in rivals]), strict=True):
+        planned[c] = float(np.mean([c.dissimilarity, again]))
+    for c in sorted(rivals, key=lambda c: planned[c] - allowed[c]):
+        if planned[c] < min(score.values()) + allowed[c]:
+            mishaps = evaluator.confirm([(problem, c, m) for m in MISHAPS])
+            score[c] = float(np.mean([planned[c], planned[c], *mishaps]))
     best = min(score, key=lambda c: score[c])
-    if plain not in score or planned[plain].mean() > planned[best].mean() + MARGIN:
+    if plain not in score or planned[plain] > planned[best] + MARGIN:
         return best
     return plain if score[plain] <= score[best] + MARGIN else best
 
