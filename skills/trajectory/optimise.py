@@ -69,7 +69,7 @@ is short, and as good as any in a simulation whose friction is right; in the cel
 half of the points stay before OVERLAP, the others after 1 - OVERLAP: arcs go forward."""
 
 FINALISTS = 3
-"""Arcs that are confirmed at most; with a small budget fewer. A fourth was never chosen in five garments' folds."""
+"""Arcs that are confirmed at most; with a small budget fewer. A fourth was never chosen for five garments."""
 
 GOOD = 0.002
 """Where the plain arc misses by no more than this nothing can be gained that could be told from luck [m]."""

@@ -60,19 +60,22 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
         return field[0]
     problem, finer = evaluator.problem, refined(evaluator.problem, FINER)
     finer.prepare()
-    first, *others = sorted(field, key=lambda c: c.dissimilarity)
+    field = sorted(field, key=lambda c: c.dissimilarity)
     allowed = {c: MARGIN if c is plain else 0.0 for c in field}
+    planned: dict[Candidate, float] = {}
+    score: dict[Candidate, float] = {}
 
-    again, *mishaps = evaluator.confirm([(finer, first, None), *((problem, first, m) for m in MISHAPS)])
-    planned = {first: float(np.mean([first.dissimilarity, again]))}
-    score = {first: float(np.mean([first.dissimilarity, again, *mishaps]))}
-    rivals = [c for c in others if c.dissimilarity < score[first] + allowed[c]]
-    for c, again in zip(rivals, evaluator.confirm([(finer, c, None) for c in rivals]), strict=True):
-        planned[c] = float(np.mean([c.dissimilarity, again]))
-    for c in sorted(rivals, key=lambda c: planned[c] - allowed[c]):
-        if planned[c] < min(score.values()) + allowed[c]:
-            mishaps = evaluator.confirm([(problem, c, m) for m in MISHAPS])
-            score[c] = float(np.mean([planned[c], planned[c], *mishaps]))
+    def may_win(candidate: Candidate, d: float) -> bool:
+        return d < min(score.values(), default=np.inf) + allowed[candidate]
+
+    for lot in (field[:2], field[2:]):  # two at once: that many threads are usual
+        lot = [c for c in lot if may_win(c, c.dissimilarity)]
+        again = evaluator.confirm([(finer, c, None) for c in lot])
+        planned |= {c: (c.dissimilarity + d) / 2 for c, d in zip(lot, again, strict=True)}
+        for c in sorted(lot, key=lambda c: planned[c] - allowed[c]):
+            if may_win(c, planned[c]):
+                mishaps = evaluator.confirm([(problem, c, mishap) for mishap in MISHAPS])
+                score[c] = float(np.mean([planned[c], planned[c], *mishaps]))
     best = min(score, key=lambda c: score[c])
     if plain not in score or planned[plain] > planned[best] + MARGIN:
         return best

@@ -180,7 +180,7 @@ def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> N
             assert most_robust(evaluator, simple, 3).controls is arcs[expected]
 
 
-def test_an_arc_that_is_planned_worse_than_another_at_worst_is_not_simulated_again() -> None:
+def test_an_arc_that_is_planned_worse_than_another_comes_to_is_not_simulated_with_mishaps() -> None:
     again: list[float] = []
 
     def level(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -194,7 +194,8 @@ def test_an_arc_that_is_planned_worse_than_another_at_worst_is_not_simulated_aga
         low, high = evaluator.many(heights(problem, 0.33, 0.6))
         again.clear()
         assert most_robust(evaluator, high, 2) is low
-    assert len(again) == 1 + len(MISHAPS) and max(again) < 0.2
+    assert sum(top < 0.2 for top in again) == 1 + len(MISHAPS)
+    assert sum(top > 0.2 for top in again) == 1, "as planned, on the finer mesh"
 
 
 @pytest.mark.parametrize(("better_with_mishaps", "kept"), [(0.0, True), (0.002, False)])
