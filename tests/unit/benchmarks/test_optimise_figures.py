@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from benchmarks.optimise import _worst
+from benchmarks.optimise import _worst, cases
 from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import summary_of_lookups
 
@@ -42,6 +44,20 @@ def test_only_accepted_look_ups_with_a_large_gap_count() -> None:
     assert figures["scaled_gap_kept_min"] == pytest.approx(1.0)
     assert figures["scaled_worse_than_initial_mm_max"] == pytest.approx(0.5)
     assert summary_of_lookups([])["scaled_gap_kept_min"] is None
+
+
+def test_arcs_are_judged_on_every_fine_mesh_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[float] = []
+
+    def miss(case: Any, duration: float, on: float, controls: Any) -> float:
+        seen.append(on)
+        return on
+
+    monkeypatch.setattr(cases, "_miss", miss)
+    case: Any = SimpleNamespace(fine=(1.0, 2.0, 6.0))
+    with ThreadPoolExecutor(1) as pool:
+        assert cases.judge(case, {}, 1.0, pool) == pytest.approx(2.0)
+    assert sorted(seen) == [1.0, 1.0, 2.0, 2.0, 6.0, 6.0]
 
 
 def test_figures_are_kept_until_what_they_were_measured_of_changes(tmp_path: Path) -> None:
