@@ -32,6 +32,7 @@ STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretell
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
+ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
 
@@ -175,6 +176,61 @@ def narrow_vertex_triangle(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def meet_once(n, pair, last, chain, better, act_i, act_b, act_n, act_d, act_w, act_m, act_c):
+    """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
+    of, which bears what the others bore; -> rows. On the border itself they are the same contact, so that none
+    jumps, and which one stays hangs on positions alone. last (vertices,), -1; chain, better (rows,): scratch."""
+    for c in range(n):
+        i = act_i[c, 0]
+        chain[c], last[i] = last[i], c
+    for c in range(n):
+        better[c] = -1
+        most = -max(act_b[c, 1], max(act_b[c, 2], act_b[c, 3]))
+        if most > TOLERANCE:
+            continue
+        first = pair[act_c[c], 1]
+        o = last[act_i[c, 0]]
+        while o >= 0:
+            inside = -max(act_b[o, 1], max(act_b[o, 2], act_b[o, 3]))
+            if inside > most or (inside == most and pair[act_c[o], 1] < first):
+                alike = act_n[c, 0] * act_n[o, 0] + act_n[c, 1] * act_n[o, 1] + act_n[c, 2] * act_n[o, 2] > ALIKE
+                if alike and _joined(act_i, c, o):
+                    better[c], most, first = o, inside, pair[act_c[o], 1]
+            o = chain[o]
+    for c in range(n):
+        last[act_i[c, 0]] = -1
+        if better[c] < 0:
+            continue
+        o = better[c]
+        while better[o] >= 0:
+            o = better[o]
+        for m in range(3):
+            act_m[o, m] += act_m[c, m]
+    kept = 0
+    for c in range(n):
+        if better[c] >= 0:
+            continue
+        if kept < c:
+            for m in range(4):
+                act_i[kept, m], act_b[kept, m] = act_i[c, m], act_b[c, m]
+            for m in range(3):
+                act_n[kept, m], act_m[kept, m] = act_n[c, m], act_m[c, m]
+            act_d[kept], act_w[kept], act_c[kept] = act_d[c], act_w[c], act_c[c]
+        kept += 1
+    return kept
+
+
+@njit(nogil=True)
+def _joined(act_i, c, o):
+    """Whether the triangles of two contacts have a common vertex."""
+    for a in range(1, 4):
+        for b in range(1, 4):
+            if act_i[c, a] == act_i[o, b]:
+                return True
+    return False
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _sided(c, nx, ny, nz, d, near, normal, release, give_up):
     """Normal and gap of two crossing edges on the side that they are remembered to be on."""
     lean = nx * normal[c, 0] + ny * normal[c, 1] + nz * normal[c, 2] if near[c] else d
@@ -277,24 +333,35 @@ def narrow_edge_edge(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def apply_impulses(n, act_i, act_b, act_m, act_j, w, x):
-    """What the contacts have borne of late, to begin a substep with."""
+def apply_impulses(n, act_i, act_b, act_n, act_m, act_j, act_p, w, x, xp):
+    """What the contacts have borne of late, to begin a substep with. act_p: (m, 4) how far apart the two sides of
+    each contact were at its beginning, and how far along the normal."""
     for c in range(n):
-        for m in range(3):
-            act_j[c, m] = act_m[c, m]
-        jx, jy, jz = act_j[c, 0], act_j[c, 1], act_j[c, 2]
-        if jx == 0.0 and jy == 0.0 and jz == 0.0:
-            continue
-        for m in range(4):
-            i = act_i[c, m]
-            s = w[i] * act_b[c, m]
-            x[i, 0] += s * jx
-            x[i, 1] += s * jy
-            x[i, 2] += s * jz
+        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        px = bi * xp[i, 0] + bj * xp[j, 0] + bk * xp[k, 0] + bm * xp[m, 0]
+        py = bi * xp[i, 1] + bj * xp[j, 1] + bk * xp[k, 1] + bm * xp[m, 1]
+        pz = bi * xp[i, 2] + bj * xp[j, 2] + bk * xp[k, 2] + bm * xp[m, 2]
+        act_p[c, 0], act_p[c, 1], act_p[c, 2] = px, py, pz
+        act_p[c, 3] = act_n[c, 0] * px + act_n[c, 1] * py + act_n[c, 2] * pz
+        jx, jy, jz = act_m[c, 0], act_m[c, 1], act_m[c, 2]
+        act_j[c, 0], act_j[c, 1], act_j[c, 2] = jx, jy, jz
+        if jx != 0.0 or jy != 0.0 or jz != 0.0:
+            _push(x, i, w[i] * bi, jx, jy, jz)
+            _push(x, j, w[j] * bj, jx, jy, jz)
+            _push(x, k, w[k] * bk, jx, jy, jz)
+            _push(x, m, w[m] * bm, jx, jy, jz)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, friction, h, sweep):
+def _push(x, i, s, jx, jy, jz):
+    x[i, 0] += s * jx
+    x[i, 1] += s * jy
+    x[i, 2] += s * jz
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, w, x, friction, h, sweep):
     """One sweep: no approach below the contact distance, old overlap released, Coulomb friction. act_j: (m, 3)
     what each contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
     cap = OVERLAP_SPEED * h
@@ -311,18 +378,16 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, fricti
         borne = jx * nx + jy * ny + jz * nz
         if borne <= 0.0 and d >= act_d[c]:
             continue
-        px = bi * xp[i, 0] + bj * xp[j, 0] + bk * xp[k, 0] + bm * xp[m, 0]
-        py = bi * xp[i, 1] + bj * xp[j, 1] + bk * xp[k, 1] + bm * xp[m, 1]
-        pz = bi * xp[i, 2] + bj * xp[j, 2] + bk * xp[k, 2] + bm * xp[m, 2]
-        dp = nx * px + ny * py + nz * pz
+        dp = act_p[c, 3]
         inv = act_w[c]
         # an old overlap is released slowly: it must not become speed
         aim = min(act_d[c], dp + min(OVERLAP_SHARE * (act_d[c] - dp), cap)) if dp < act_d[c] else act_d[c]
         press = max(0.0, borne + (aim - d) * inv)
         # the tangential motion of this substep, and what friction would have to bear to undo it
-        tx = jx - nx * borne - inv * (rx - px - nx * (d - dp))
-        ty = jy - ny * borne - inv * (ry - py - ny * (d - dp))
-        tz = jz - nz * borne - inv * (rz - pz - nz * (d - dp))
+        away = d - dp
+        tx = jx - nx * borne - inv * (rx - act_p[c, 0] - nx * away)
+        ty = jy - ny * borne - inv * (ry - act_p[c, 1] - ny * away)
+        tz = jz - nz * borne - inv * (rz - act_p[c, 2] - nz * away)
         hold = np.sqrt(tx * tx + ty * ty + tz * tz)
         share = min(1.0, friction * press / hold) if hold > 0.0 else 0.0
         gx = press * nx + share * tx
@@ -330,22 +395,10 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, w, x, xp, fricti
         gz = press * nz + share * tz
         act_j[c, 0], act_j[c, 1], act_j[c, 2] = gx, gy, gz
         gx, gy, gz = gx - jx, gy - jy, gz - jz
-        s = w[i] * bi
-        x[i, 0] += s * gx
-        x[i, 1] += s * gy
-        x[i, 2] += s * gz
-        s = w[j] * bj
-        x[j, 0] += s * gx
-        x[j, 1] += s * gy
-        x[j, 2] += s * gz
-        s = w[k] * bk
-        x[k, 0] += s * gx
-        x[k, 1] += s * gy
-        x[k, 2] += s * gz
-        s = w[m] * bm
-        x[m, 0] += s * gx
-        x[m, 1] += s * gy
-        x[m, 2] += s * gz
+        _push(x, i, w[i] * bi, gx, gy, gz)
+        _push(x, j, w[j] * bj, gx, gy, gz)
+        _push(x, k, w[k] * bk, gx, gy, gz)
+        _push(x, m, w[m] * bm, gx, gy, gz)
 
 
 @njit(nogil=True)

@@ -25,6 +25,7 @@ from skills.cloth.contact import (
     PARKED,
     apply_impulses,
     average_impulses,
+    meet_once,
     narrow_edge_edge,
     narrow_vertex_triangle,
     remember_impulses,
@@ -122,6 +123,7 @@ class State(NamedTuple):
     still: NDArray[np.bool_]
     awake: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
+    last_row: NDArray[np.int32]
     near: NDArray[np.bool_]
     awake_list: NDArray[np.int32]
     counts: NDArray[np.int64]
@@ -164,6 +166,9 @@ class Pairs(NamedTuple):
     act_j: Array
     act_m: Array
     act_c: NDArray[np.int32]
+    act_p: Array
+    chain: NDArray[np.int32]
+    better: NDArray[np.int32]
 
 
 class Holds(NamedTuple):
@@ -941,6 +946,20 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_m,
                             pairs.act_c,
                         )
+                        n = meet_once(
+                            n,
+                            pairs.vt,
+                            state.last_row,
+                            pairs.chain,
+                            pairs.better,
+                            pairs.act_i,
+                            pairs.act_b,
+                            pairs.act_n,
+                            pairs.act_d,
+                            pairs.act_w,
+                            pairs.act_m,
+                            pairs.act_c,
+                        )
                         count[ACTIVE_VT] = n
                         count[ACTIVE] = narrow_edge_edge(
                             count[EE],
@@ -974,7 +993,16 @@ def _compile(sources: str) -> Callable[..., int]:
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
                     apply_impulses(
-                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_m, pairs.act_j, state.wa, state.x
+                        count[ACTIVE],
+                        pairs.act_i,
+                        pairs.act_b,
+                        pairs.act_n,
+                        pairs.act_m,
+                        pairs.act_j,
+                        pairs.act_p,
+                        state.wa,
+                        state.x,
+                        state.xp,
                     )
                     _clear_press(state)
                     _table(rules, state)
@@ -989,9 +1017,9 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_d,
                             pairs.act_w,
                             pairs.act_j,
+                            pairs.act_p,
                             state.wa,
                             state.x,
-                            state.xp,
                             rules.mu_layers,
                             h,
                             s * SWEEPS + sw,  # there in one substep and back in the next

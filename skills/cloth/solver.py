@@ -454,6 +454,7 @@ def _new_state(n: int, edges: int, hinges: int, patches: Patches) -> kernel.Stat
         still=np.zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
+        last_row=np.full(n, -1, np.int32),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
         counts=np.zeros(16, np.int64),
@@ -492,6 +493,9 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros(m),
         np.zeros((m, 3)),
         np.zeros((m, 3)),
+        np.zeros(m, np.int32),
+        np.zeros((m, 4)),
+        np.zeros(m, np.int32),
         np.zeros(m, np.int32),
     )
 

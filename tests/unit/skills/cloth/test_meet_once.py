@@ -1,0 +1,77 @@
+"""A vertex over the border of triangles of about one plane is one contact."""
+
+import numpy as np
+import pytest
+
+from skills.cloth.contact import meet_once, narrow_vertex_triangle
+
+THICK = 0.003
+
+
+def fan(lift: float = 0.0):
+    """Six triangles about the origin, the corners raised by `lift`, and a vertex over them: positions, triangles."""
+    a = np.arange(6) * np.pi / 3.0
+    ring = np.column_stack([0.02 * np.cos(a), 0.02 * np.sin(a), np.full(6, lift)])
+    x = np.vstack([np.zeros(3), ring, [0.0, 0.0, THICK]])
+    tri = np.array([[0, 1 + k, 1 + (k + 1) % 6] for k in range(6)], np.int32)
+    return x, tri
+
+
+def contacts(x, tri, order, borne=None):
+    """Rows of the last vertex against all triangles, in this order: triangles, barycentres, what they bear."""
+    m, n = len(order), len(x)
+    pair = np.array([[n - 1, t] for t in order], np.int32)
+    memory = np.zeros((m, 3)) if borne is None else borne[order].copy()
+    index, weight, normal, push = np.zeros((m, 4), np.int32), np.zeros((m, 4)), np.zeros((m, 3)), np.zeros((m, 3))
+    depth, share, row = np.zeros(m), np.zeros(m), np.zeros(m, np.int32)
+    v = np.zeros_like(x)
+    found = narrow_vertex_triangle(
+        m, pair, np.zeros(m, np.int8), np.zeros(m, np.int32), 0, tri, x, v, np.ones(n), THICK, 0.004, memory,
+        index, weight, normal, depth, share, push, row,
+    )  # fmt: skip
+    last, chain, better = np.full(n, -1, np.int32), np.zeros(m, np.int32), np.zeros(m, np.int32)
+    kept = meet_once(found, pair, last, chain, better, index, weight, normal, depth, share, push, row)
+    assert (last == -1).all()  # ready for the next time
+    return found, [int(pair[c, 1]) for c in row[:kept]], weight[:kept], push[:kept]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_vertex_over_a_corner_is_one_contact_that_bears_what_all_bore(seed):
+    x, tri = fan()
+    borne = np.random.default_rng(seed).normal(size=(6, 3))
+    order = np.random.default_rng(seed).permutation(6)
+    found, kept, weight, push = contacts(x, tri, order, borne)
+    assert found == 6 and len(kept) == 1
+    np.testing.assert_allclose(weight[0], [1.0, -1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(push[0], borne.sum(axis=0))
+
+
+def test_which_triangle_stays_hangs_on_positions_and_not_on_the_order_of_the_pairs():
+    x, tri = fan()
+    for toward in range(6):
+        a = (toward + 0.5) * np.pi / 3.0
+        x[-1, :2] = 2e-4 * np.cos(a), 2e-4 * np.sin(a)
+        for seed in range(4):
+            _, kept, _, _ = contacts(x, tri, np.random.default_rng(seed).permutation(6))
+            assert kept == [toward]
+
+
+def test_weights_go_over_a_border_without_a_jump():
+    x, tri = fan()
+    at = []
+    for turn in (-1e-6, 1e-6):  # from one side of the edge 0-1 to the other
+        x[-1, :2] = 0.01 * np.cos(turn), 0.01 * np.sin(turn)
+        _, kept, weight, _ = contacts(x, tri, np.arange(6))
+        share = np.zeros(len(x))
+        share[tri[kept[0]]] = weight[0, 1:]
+        at.append((kept, share))
+    assert at[0][0] != at[1][0]
+    np.testing.assert_allclose(at[0][1], at[1][1], atol=1e-5)
+
+
+def test_the_walls_of_a_valley_are_met_one_by_one():
+    """45 degrees steep: a vertex at the bottom touches what is left and what is right of it."""
+    x, tri = fan(lift=0.02)
+    x[-1] = [0.0, 0.0, 0.5 * THICK]
+    _, kept, _, _ = contacts(x, tri, np.arange(6))
+    assert len(kept) > 1
