@@ -20,9 +20,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+PHASE = 4  # substeps from one narrow phase to the next,
+HASTE = 2  # or so few where something comes fast
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
-TOLERANCE = 0.05  # barycentric, how far beside a triangle a vertex still meets it
+LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (sine)
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
@@ -30,8 +32,9 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 LEAST_SHARE = 0.25
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
-MAX_WAIT = 12  # narrow phases that a pair which is far apart is left out
+MAX_WAIT = 12  # phases that a pair which is far apart is left out
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
+BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
@@ -61,13 +64,26 @@ def closest_on_segments(x, i, j, k, m):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _point_segment2(px, py, pz, x, i, j):
-    """Squared distance of a point from segment i-j."""
-    ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-    rx, ry, rz = px - x[i, 0], py - x[i, 1], pz - x[i, 2]
+def _along(x, i, p, q):
+    """Where on segment p-q the point nearest to i is, from 0 to 1, and its squared distance."""
+    ax, ay, az = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
+    rx, ry, rz = x[i, 0] - x[p, 0], x[i, 1] - x[p, 1], x[i, 2] - x[p, 2]
     t = min(max((ax * rx + ay * ry + az * rz) / (ax * ax + ay * ay + az * az + 1e-30), 0.0), 1.0)
     dx, dy, dz = rx - t * ax, ry - t * ay, rz - t * az
-    return dx * dx + dy * dy + dz * dz
+    return t, dx * dx + dy * dy + dz * dz
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _nearest_on_border(x, i, p, q, r):
+    """Weights of the corners at the point of a triangle's border that is nearest to i."""
+    a, a2 = _along(x, i, p, q)
+    b, b2 = _along(x, i, q, r)
+    c, c2 = _along(x, i, r, p)
+    if a2 <= b2 and a2 <= c2:
+        return 1.0 - a, a, 0.0
+    if b2 <= c2:
+        return 0.0, 1.0 - b, b
+    return c, 0.0, 1.0 - c
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -92,11 +108,13 @@ def narrow_vertex_triangle(
     act_m,
     act_c,
 ):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows.
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how far
+    the fastest of them may go in this time [m].
 
     A vertex over a corner is a contact with every triangle there: to choose one of them would make the shape at
     rest hang on the order of the pairs, and a new search would move it."""
     n = 0
+    farthest = 0.0
     release, give_up = RELEASE * thick, GIVE_UP * thick
     for c in range(count):
         if due[c] > now:
@@ -122,44 +140,40 @@ def narrow_vertex_triangle(
         reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if abs(d) > release + reach:
             side[c] = 0
-            due[c] = now + 1 + int(min((abs(d) - release - reach) / reach, MAX_WAIT))
+            due[c] = now + PHASE * (1 + int(min((abs(d) - release - reach) / reach, MAX_WAIT)))
             continue
         # barycentric coordinates of the projection
         b1 = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / nn
         b2 = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / nn
         b0 = 1.0 - b1 - b2
-        if min(b0, min(b1, b2)) < -TOLERANCE:
-            if side[c] == 0:
-                # how far it is beside the prism: a share of the triangle's height over that edge
-                away = max(
-                    -b0 / np.sqrt((vx - ux) ** 2 + (vy - uy) ** 2 + (vz - uz) ** 2),
-                    max(-b1 / np.sqrt(vx * vx + vy * vy + vz * vz), -b2 / np.sqrt(ux * ux + uy * uy + uz * uz)),
-                ) * np.sqrt(nn) - TOLERANCE / scale / np.sqrt(
-                    max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
-                )
-                due[c] = now + 1 + int(min(max(away - reach, 0.0) / reach, MAX_WAIT))
-            else:
-                d2 = min(
-                    _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, p, q),
-                    min(
-                        _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, q, r),
-                        _point_segment2(x[i, 0], x[i, 1], x[i, 2], x, r, p),
-                    ),
-                )
-                if d2 > release * release:
-                    side[c] = 0
-            continue
         s = side[c]
-        if s == 0:
-            s = 1 if d > 0.0 else -1
-            if abs(d) < release:
-                side[c] = s
-        elif s * d > release or s * d < -give_up:
-            side[c] = 0
-            s = 1 if d > 0.0 else -1
-        if s * d > thick + reach:
-            continue
-        nx, ny, nz = s * nx * scale, s * ny * scale, s * nz * scale
+        if min(b0, min(b1, b2)) < 0.0:
+            # beside the triangle: the nearest point of its border
+            b0, b1, b2 = _nearest_on_border(x, i, p, q, r)
+            dx = x[i, 0] - b0 * x[p, 0] - b1 * x[q, 0] - b2 * x[r, 0]
+            dy = x[i, 1] - b0 * x[p, 1] - b1 * x[q, 1] - b2 * x[r, 1]
+            dz = x[i, 2] - b0 * x[p, 2] - b1 * x[q, 2] - b2 * x[r, 2]
+            away = np.sqrt(dx * dx + dy * dy + dz * dz)
+            if away > release:
+                s = side[c] = 0
+            if away > thick + reach:
+                due[c] = now + PHASE * (1 + int(min(max(away - release - reach, 0.0) / reach, MAX_WAIT)))
+                continue
+            if s == 0 and abs(d) > LEAN * away:
+                s = 1 if d > 0.0 else -1
+            if s * d <= 0.0:
+                continue
+            nx, ny, nz = dx / away, dy / away, dz / away
+        else:
+            if s == 0:
+                s = 1 if d > 0.0 else -1
+            elif s * d > release or s * d < -give_up:
+                s = side[c] = 0
+                s = 1 if d > 0.0 else -1
+            if s * d > thick + reach:
+                continue
+            nx, ny, nz = s * nx * scale, s * ny * scale, s * nz * scale
+        side[c] = s  # what comes fast may be through by the next narrow phase
         den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
         if den == 0.0:
             continue
@@ -172,7 +186,8 @@ def narrow_vertex_triangle(
         act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
         act_c[n] = c
         n += 1
-    return n
+        farthest = max(farthest, reach)
+    return n, farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -186,7 +201,7 @@ def meet_once(n, pair, last, chain, better, act_i, act_b, act_n, act_d, act_w, a
     for c in range(n):
         better[c] = -1
         most = -max(act_b[c, 1], max(act_b[c, 2], act_b[c, 3]))
-        if most > TOLERANCE:
+        if most > BORDER:
             continue
         first = pair[act_c[c], 1]
         o = last[act_i[c, 0]]
@@ -276,6 +291,7 @@ def narrow_edge_edge(
     rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
     on the table, have no other normal than the shortest way from one to the other."""
     release, give_up = RELEASE * thick, GIVE_UP * thick
+    farthest = 0.0
     for c in range(count):
         if due[c] > now:
             continue
@@ -294,7 +310,7 @@ def narrow_edge_edge(
         reach = STRAY + span * 1.5 * np.sqrt(sx * sx + sy * sy + sz * sz)
         if d2 > (release + reach) ** 2:
             near[c] = False
-            due[c] = now + 1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT))
+            due[c] = now + PHASE * (1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)))
             continue
         ax, ay, az = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
         bx, by, bz = x[m, 0] - x[k, 0], x[m, 1] - x[k, 1], x[m, 2] - x[k, 2]
@@ -315,6 +331,9 @@ def narrow_edge_edge(
             nx, ny, nz = nx * scale, ny * scale, nz * scale
             d = nx * dx + ny * dy + nz * dz
             nx, ny, nz, d = _sided(c, nx, ny, nz, d, near, normal, release, give_up)
+            if d <= thick + reach:
+                near[c] = True
+                normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
         if d > thick + reach:
             continue
         den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]
@@ -329,7 +348,8 @@ def narrow_edge_edge(
         act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
         act_c[n] = c
         n += 1
-    return n
+        farthest = max(farthest, reach)
+    return n, farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

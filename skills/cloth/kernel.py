@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.cloth.contact import (
     EDGE_SHARE,
+    HASTE,
     OVERLAP_SHARE,
     OVERLAP_SPEED,
     PARKED,
+    PHASE,
     apply_impulses,
     average_impulses,
     meet_once,
@@ -36,7 +38,7 @@ from skills.cloth.patches import Patches, fit_patches, search_pairs
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
-PHASE = 4  # substeps from one narrow phase (and one damping of the stretch) to the next
+FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase hasten it
 CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
 SLACK = 0.0010  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
@@ -52,7 +54,7 @@ CAPSULE_FRICTION = 0.3
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
 # what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED = range(6, 15)
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT = range(6, 16)
 
 
 class Body(NamedTuple):
@@ -409,7 +411,7 @@ def _search(body, rules, state, pairs):
         state.born,
         state.moving,
         now,
-        PHASE * rules.h,
+        rules.h,
         ahead,
         count[FITTED] == 0,
     )
@@ -569,8 +571,8 @@ def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, 
             dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
             most = max(most, dx * dx + dy * dy + dz * dz)
         strayed = np.sqrt(most) / slack[k]
-        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW)
-        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON)
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * PHASE)
+        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON * PHASE)
     return must
 
 
@@ -580,7 +582,7 @@ def _needs_search(body, rules, state):
     count = state.counts
     must = _expire(
         count[NOW],
-        rules.h * PHASE,
+        rules.h,
         count[WATCHED],
         state.watched,
         body.patches.corner,
@@ -919,13 +921,13 @@ def _compile(sources: str) -> Callable[..., int]:
                 busy = _near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
             if count[AWAKE] > 0:
                 for s in range(count[SUBSTEP], rules.substeps):
-                    if s % PHASE == 0:
+                    if s == count[NEXT]:
                         if _needs_search(body, rules, state):
                             count[SEARCHED] = 0
                             if not _search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
-                        n = narrow_vertex_triangle(
+                        n, farthest = narrow_vertex_triangle(
                             count[VT],
                             pairs.vt,
                             pairs.side,
@@ -961,7 +963,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_c,
                         )
                         count[ACTIVE_VT] = n
-                        count[ACTIVE] = narrow_edge_edge(
+                        n, edges_farthest = narrow_edge_edge(
                             count[EE],
                             pairs.ee,
                             pairs.near,
@@ -985,7 +987,10 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_c,
                             n,
                         )
-                        count[NOW] += 1
+                        count[ACTIVE] = n
+                        fast = max(farthest, edges_farthest) > FAST * thick
+                        count[NEXT] = min(s + HASTE, s - s % PHASE + PHASE) if fast else s - s % PHASE + PHASE
+                    if s % PHASE == 0:
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     _integrate(rules, state)
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
@@ -1029,11 +1034,12 @@ def _compile(sources: str) -> Callable[..., int]:
                         _capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
                     _table(rules, state)
                     _take_speed(rules, state)
-                    if s % PHASE == PHASE - 1:
+                    count[NOW] += 1
+                    if s + 1 == count[NEXT]:
                         remember_impulses(
                             count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
                         )
-            count[SUBSTEP] = 0
+            count[SUBSTEP] = count[NEXT] = 0
             for hand in range(2):
                 holds.age[hand] += frame
                 for m in range(3):
