@@ -4,7 +4,8 @@
 The search for pairs is in patches.py. Narrow phase, every few substeps: which of the pairs are near, on which
 side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the
 next narrow phase. The side of a pair follows the geometry as long as it is apart and is kept while it is
-near: a pair that was pressed through is pushed back to where it came from.
+near: a pair that was pressed through is pushed back to where it came from. What comes so fast that it could be
+through by the next narrow phase has the next one earlier.
 
 Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
 Coulomb's at position level, bounded by all that a contact has borne in the substep.
@@ -24,7 +25,8 @@ PHASE = 4  # substeps from one narrow phase to the next,
 HASTE = 2  # or so few where something comes fast
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
-LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (sine)
+BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
+LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
@@ -34,7 +36,6 @@ STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretell
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # phases that a pair which is far apart is left out
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
-BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
@@ -74,16 +75,21 @@ def _along(x, i, p, q):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _nearest_on_border(x, i, p, q, r):
-    """Weights of the corners at the point of a triangle's border that is nearest to i."""
+def _from_border(x, i, p, q, r):
+    """The point of a triangle's border that is nearest to vertex i: weights of the corners, and the way to i."""
     a, a2 = _along(x, i, p, q)
     b, b2 = _along(x, i, q, r)
     c, c2 = _along(x, i, r, p)
     if a2 <= b2 and a2 <= c2:
-        return 1.0 - a, a, 0.0
-    if b2 <= c2:
-        return 0.0, 1.0 - b, b
-    return c, 0.0, 1.0 - c
+        b0, b1, b2 = 1.0 - a, a, 0.0
+    elif b2 <= c2:
+        b0, b1, b2 = 0.0, 1.0 - b, b
+    else:
+        b0, b1, b2 = c, 0.0, 1.0 - c
+    dx = x[i, 0] - b0 * x[p, 0] - b1 * x[q, 0] - b2 * x[r, 0]
+    dy = x[i, 1] - b0 * x[p, 1] - b1 * x[q, 1] - b2 * x[r, 1]
+    dz = x[i, 2] - b0 * x[p, 2] - b1 * x[q, 2] - b2 * x[r, 2]
+    return b0, b1, b2, dx, dy, dz
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -107,12 +113,13 @@ def narrow_vertex_triangle(
     act_w,
     act_m,
     act_c,
+    inside,
 ):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how far
-    the fastest of them may go in this time [m].
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how
+    far the fastest of them may go in this time [m]. inside (rows,): the least barycentric coordinate of each.
 
-    A vertex over a corner is a contact with every triangle there: to choose one of them would make the shape at
-    rest hang on the order of the pairs, and a new search would move it."""
+    A vertex that is not over the triangle meets the nearest point of its border, from the side that it is
+    remembered on or clearly is on: else it could slip through over a corner that points at it."""
     n = 0
     farthest = 0.0
     release, give_up = RELEASE * thick, GIVE_UP * thick
@@ -146,13 +153,21 @@ def narrow_vertex_triangle(
         b1 = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / nn
         b2 = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / nn
         b0 = 1.0 - b1 - b2
-        s = side[c]
-        if min(b0, min(b1, b2)) < 0.0:
-            # beside the triangle: the nearest point of its border
-            b0, b1, b2 = _nearest_on_border(x, i, p, q, r)
-            dx = x[i, 0] - b0 * x[p, 0] - b1 * x[q, 0] - b2 * x[r, 0]
-            dy = x[i, 1] - b0 * x[p, 1] - b1 * x[q, 1] - b2 * x[r, 1]
-            dz = x[i, 2] - b0 * x[p, 2] - b1 * x[q, 2] - b2 * x[r, 2]
+        s, aim = side[c], thick
+        beside = min(b0, min(b1, b2))
+        inside[n] = beside
+        if beside < 0.0:
+            # beside the triangle, at least so far: the height over an edge is twice the area by its length
+            if beside == b0:
+                across = (vx - ux) ** 2 + (vy - uy) ** 2 + (vz - uz) ** 2
+            else:
+                across = vx * vx + vy * vy + vz * vz if beside == b1 else ux * ux + uy * uy + uz * uz
+            away = np.sqrt(d * d + beside * beside * nn / across)
+            if away > max(release, thick + reach):
+                side[c] = 0
+                due[c] = now + PHASE * (1 + int(min(max(away - release - reach, 0.0) / reach, MAX_WAIT)))
+                continue
+            b0, b1, b2, dx, dy, dz = _from_border(x, i, p, q, r)
             away = np.sqrt(dx * dx + dy * dy + dz * dz)
             if away > release:
                 s = side[c] = 0
@@ -163,7 +178,12 @@ def narrow_vertex_triangle(
                 s = 1 if d > 0.0 else -1
             if s * d <= 0.0:
                 continue
-            nx, ny, nz = dx / away, dy / away, dz / away
+            if away < thick:
+                nx, ny, nz = dx / away, dy / away, dz / away
+            else:
+                nx, ny, nz = s * nx * scale, s * ny * scale, s * nz * scale
+                if beside < -BORDER:  # it may slide on over the triangle, but sink no deeper
+                    aim = min(thick, s * d)
         else:
             if s == 0:
                 s = 1 if d > 0.0 else -1
@@ -181,7 +201,7 @@ def narrow_vertex_triangle(
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
         act_n[n, 0], act_n[n, 1], act_n[n, 2] = nx, ny, nz
-        act_d[n] = thick
+        act_d[n] = aim
         act_w[n] = 1.0 / den
         act_m[n, 0], act_m[n, 1], act_m[n, 2] = jx, jy, jz
         act_c[n] = c
@@ -191,26 +211,28 @@ def narrow_vertex_triangle(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def meet_once(n, pair, last, chain, better, act_i, act_b, act_n, act_d, act_w, act_m, act_c):
+def meet_once(n, pair, last, chain, better, inside, act_i, act_b, act_n, act_d, act_w, act_m, act_c):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, which bears what the others bore; -> rows. On the border itself they are the same contact, so that none
-    jumps, and which one stays hangs on positions alone. last (vertices,), -1; chain, better (rows,): scratch."""
+    of, and no border of those beside it; this one bears what the others bore; -> rows. On the border itself they are the same contact, so that none
+    jumps, and which one stays hangs on positions alone. last (vertices,), -1; chain, better (rows,): scratch;
+    inside (rows,): the least barycentric coordinate of each."""
     for c in range(n):
         i = act_i[c, 0]
         chain[c], last[i] = last[i], c
     for c in range(n):
         better[c] = -1
-        most = -max(act_b[c, 1], max(act_b[c, 2], act_b[c, 3]))
+        most = inside[c]
         if most > BORDER:
             continue
-        first = pair[act_c[c], 1]
         o = last[act_i[c, 0]]
         while o >= 0:
-            inside = -max(act_b[o, 1], max(act_b[o, 2], act_b[o, 3]))
-            if inside > most or (inside == most and pair[act_c[o], 1] < first):
-                alike = act_n[c, 0] * act_n[o, 0] + act_n[c, 1] * act_n[o, 1] + act_n[c, 2] * act_n[o, 2] > ALIKE
-                if alike and _joined(act_i, c, o):
-                    better[c], most, first = o, inside, pair[act_c[o], 1]
+            more = inside[o] > most or (inside[o] == most and _comes_first(pair, act_c, better, c, o))
+            if more and o != c:
+                lean = act_n[c, 0] * act_n[o, 0] + act_n[c, 1] * act_n[o, 1] + act_n[c, 2] * act_n[o, 2]
+                # over one of them: a border that it slides towards must not stand in its way
+                over = inside[c] < -BORDER <= inside[o]
+                if lean > (0.0 if over else ALIKE) and _joined(act_i, c, o):
+                    better[c], most = o, inside[o]
             o = chain[o]
     for c in range(n):
         last[act_i[c, 0]] = -1
@@ -233,6 +255,13 @@ def meet_once(n, pair, last, chain, better, act_i, act_b, act_n, act_d, act_w, a
             act_d[kept], act_w[kept], act_c[kept] = act_d[c], act_w[c], act_c[c]
         kept += 1
     return kept
+
+
+@njit(nogil=True)
+def _comes_first(pair, act_c, better, c, o):
+    """Whether row o has a triangle of lower number than what is the best for row c so far."""
+    best = better[c] if better[c] >= 0 else c
+    return pair[act_c[o], 1] < pair[act_c[best], 1]
 
 
 @njit(nogil=True)

@@ -171,6 +171,7 @@ class Pairs(NamedTuple):
     act_p: Array
     chain: NDArray[np.int32]
     better: NDArray[np.int32]
+    inside: Array
 
 
 class Holds(NamedTuple):
@@ -947,6 +948,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.act_w,
                             pairs.act_m,
                             pairs.act_c,
+                            pairs.inside,
                         )
                         n = meet_once(
                             n,
@@ -954,6 +956,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             state.last_row,
                             pairs.chain,
                             pairs.better,
+                            pairs.inside,
                             pairs.act_i,
                             pairs.act_b,
                             pairs.act_n,

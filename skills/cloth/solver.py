@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
+from skills.cloth.contact import PHASE
 from skills.cloth.elastic import build_elastic, stretch_excess
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.patches import Patches, build_patches
@@ -327,9 +328,9 @@ def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> Non
         if not low <= value <= high:
             raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
     n = settings.substeps
-    if settings.frame_rate <= 0 or (n is not None and (n % kernel.PHASE or n <= 0)):
+    if settings.frame_rate <= 0 or (n is not None and (n % PHASE or n <= 0)):
         raise ConfigurationError(
-            f"substeps must be a positive multiple of {kernel.PHASE}",
+            f"substeps must be a positive multiple of {PHASE}",
             "",
             substeps=n,
             frame_rate=settings.frame_rate,
@@ -362,7 +363,7 @@ def _choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettin
         return n, error(n)
     needed = LEAST_SUBSTEPS
     while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
-        needed += kernel.PHASE
+        needed += PHASE
     if n is None and needed <= MOST_SUBSTEPS:
         return needed, error(needed)
     raise ConfigurationError(
@@ -380,7 +381,7 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
     h = settings.frame / substeps
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
-    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * kernel.PHASE * h * w[e.edge].sum(axis=1))
+    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * PHASE * h * w[e.edge].sum(axis=1))
     both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     start = np.searchsorted(both[:, 0], np.arange(len(w) + 1)).astype(np.int32)
@@ -497,6 +498,7 @@ def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
         np.zeros((m, 4)),
         np.zeros(m, np.int32),
         np.zeros(m, np.int32),
+        np.zeros(m),
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skills.cloth import kernel
-from skills.cloth.contact import EDGE_SHARE, RELEASE
+from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.patches import build_patches, fit_patches, search_pairs
 from skills.cloth.solver import ClothSimulation, SolverSettings
@@ -102,7 +102,7 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
     x[:, 2] += np.where(mesh.layer == 1, 0.035, 0.012)
     rng = np.random.default_rng(3)
     settings = SolverSettings(
-        frame_rate=240, substeps=kernel.PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
+        frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
     )
     sim = ClothSimulation(mesh, MATERIAL, x, settings)
     upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)

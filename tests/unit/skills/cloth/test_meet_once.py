@@ -9,7 +9,7 @@ THICK = 0.003
 
 
 def fan(lift: float = 0.0):
-    """Six triangles about the origin, the corners raised by `lift`, and a vertex over them: positions, triangles."""
+    """Six triangles about the origin, corners raised by `lift`, and a vertex over them: positions, triangles."""
     a = np.arange(6) * np.pi / 3.0
     ring = np.column_stack([0.02 * np.cos(a), 0.02 * np.sin(a), np.full(6, lift)])
     x = np.vstack([np.zeros(3), ring, [0.0, 0.0, THICK]])
@@ -24,13 +24,13 @@ def contacts(x, tri, order, borne=None):
     memory = np.zeros((m, 3)) if borne is None else borne[order].copy()
     index, weight, normal, push = np.zeros((m, 4), np.int32), np.zeros((m, 4)), np.zeros((m, 3)), np.zeros((m, 3))
     depth, share, row = np.zeros(m), np.zeros(m), np.zeros(m, np.int32)
-    v = np.zeros_like(x)
-    found = narrow_vertex_triangle(
+    v, inside = np.zeros_like(x), np.zeros(m)
+    found, _ = narrow_vertex_triangle(
         m, pair, np.zeros(m, np.int8), np.zeros(m, np.int32), 0, tri, x, v, np.ones(n), THICK, 0.004, memory,
-        index, weight, normal, depth, share, push, row,
+        index, weight, normal, depth, share, push, row, inside,
     )  # fmt: skip
     last, chain, better = np.full(n, -1, np.int32), np.zeros(m, np.int32), np.zeros(m, np.int32)
-    kept = meet_once(found, pair, last, chain, better, index, weight, normal, depth, share, push, row)
+    kept = meet_once(found, pair, last, chain, better, inside, index, weight, normal, depth, share, push, row)
     assert (last == -1).all()  # ready for the next time
     return found, [int(pair[c, 1]) for c in row[:kept]], weight[:kept], push[:kept]
 
@@ -75,3 +75,23 @@ def test_the_walls_of_a_valley_are_met_one_by_one():
     x[-1] = [0.0, 0.0, 0.5 * THICK]
     _, kept, _, _ = contacts(x, tri, np.arange(6))
     assert len(kept) > 1
+
+
+def test_over_a_peak_that_is_over_no_triangle_it_is_met_all_the_same():
+    """The vertex leans a little over the steep flank of a peak: no triangle's prism has it."""
+    x, tri = fan(lift=-0.02)
+    x[-1] = 1e-4, 2e-5, 0.8 * THICK
+    _, kept, weight, _ = contacts(x, tri, np.arange(6))
+    assert len(kept) >= 1
+    np.testing.assert_allclose(weight[:, 1:].sum(axis=1), -1.0)
+    share = np.zeros((len(kept), len(x)))
+    for k, t in enumerate(kept):
+        share[k, tri[t]] = -weight[k, 1:]
+    assert (share[:, 0] > 0.95).all()  # the peak itself bears it
+
+
+def test_a_sheet_beside_a_sheet_is_on_no_side_of_it():
+    x, tri = fan()
+    x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, hardly above
+    _, kept, _, _ = contacts(x, tri, np.arange(6))
+    assert kept == []
