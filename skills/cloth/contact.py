@@ -213,9 +213,9 @@ def narrow_vertex_triangle(
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def meet_once(n, pair, last, chain, better, inside, act_i, act_b, act_n, act_d, act_w, act_m, act_c):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, and no border of those beside it; this one bears what the others bore; -> rows. On the border itself they are the same contact, so that none
-    jumps, and which one stays hangs on positions alone. last (vertices,), -1; chain, better (rows,): scratch;
-    inside (rows,): the least barycentric coordinate of each."""
+    of, and no border of those beside it; this one bears what the others bore; -> rows. On the border itself they
+    are the same contact, so that none jumps, and which one stays hangs on positions alone. last (vertices,), -1;
+    chain, better (rows,): scratch; inside (rows,): the least barycentric coordinate of each."""
     for c in range(n):
         i = act_i[c, 0]
         chain[c], last[i] = last[i], c

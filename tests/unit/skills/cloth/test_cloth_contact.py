@@ -91,7 +91,7 @@ def test_sheets_that_meet_edge_on_do_not_pass_into_each_other():
 
 
 def thrown(seed):
-    """Crossings that stay when two layers of shirting, 1.5 mm thick, hit two on the table at 1 m/s, turned anyhow."""
+    """Crossings that stay where two layers of shirting, 1.5 mm thick, hit two on the table at 1 m/s."""
     thin = Material(
         areal_mass=0.18, stretch_fraction=0.0136, bending_length=0.016, thickness=0.0015, friction_static=0.46,
         friction_dynamic=0.39, friction_layers=0.6,
