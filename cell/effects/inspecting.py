@@ -12,6 +12,7 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, frozen
+from skills.perception.diagnosis import beyond_limits
 from skills.perception.inspect import Inspection, inspect
 from skills.planning.plan import rigid_motion, translate_plan
 from skills.vocabulary import Outcome, PredictedShape
@@ -42,8 +43,7 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
         return replace(ended, record={**figures(seen), **learned, **ended.record})
     failure = Failure(
         seen.diagnosis,
-        f"fold {context.step.name}: overlap {seen.iou_aligned:.2f}, drift {seen.drift_m * 1e3:.0f} mm, "
-        f"{seen.extra_height_m * 1e3:.0f} mm too high",
+        f"fold {context.step.name}: {', '.join(beyond_limits(seen, cell.inspection))}",
         HINTS.get(seen.diagnosis, "compare the observed with the predicted shape in the recording"),
         figures(seen),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from skills.perception.inspection import Inspection, InspectionSettings
 from skills.vocabulary import FailureKind, FoldStep
 
-__all__ = ["diagnose"]
+__all__ = ["beyond_limits", "diagnose"]
 
 
 def diagnose(
@@ -41,6 +41,39 @@ def diagnose(
         abs(seen.edge_deviation_m) / settings.deviation,
     )
     return None, float(np.clip(1.0 - 0.5 * worst, 0.5, 1.0))
+
+
+def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, ...]:
+    """The figures that are not as predicted, each with its limit, for people."""
+    shape_good = seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
+    behind = (np.nan, np.nan) if shape_good else (_lag(seen), _least_left(seen))
+    edge = (np.nan, np.nan) if seen.edge is None else (seen.edge.corner, seen.edge.sag)
+    lengths = (
+        ("one corner lies {} behind the other", behind[0], settings.left_behind),
+        ("all of the edge lies {} behind", behind[1], settings.left_behind),
+        ("a corner of the moved edge lies {} behind the rest of it", edge[0], settings.edge_corner),
+        ("the middle of the moved edge lies {} behind its ends", edge[1], settings.edge_sag),
+        ("the outline is {} off", abs(seen.edge_deviation_m), settings.deviation),
+        ("it lies {} off as a whole", seen.drift_m, settings.drift),
+    )
+    beyond = [(what, value, limit) for what, value, limit in lengths if value > limit]
+    found = [f"{what.format(_mm(value))} (at most {_mm(limit)})" for what, value, limit in beyond]
+    if seen.piled_area_m2 > settings.piled_area:
+        area, most = (f"{1e4 * a:.0f} cm2" for a in (seen.piled_area_m2, settings.piled_area))
+        found.insert(0, f"{area} stand more than {_mm(settings.extra_height)} too high (at most {most})")
+    if seen.iou_aligned < settings.iou:
+        found.insert(0, f"overlap {seen.iou_aligned:.2f} (at least {settings.iou:.2f})")
+    if abs(seen.drift_rad) > settings.drift_angle:
+        turned, most = (f"{np.rad2deg(a):.0f}" for a in (abs(seen.drift_rad), settings.drift_angle))
+        found.append(f"turned by {turned} degrees (at most {most})")
+    if not _edge_seen(seen) and seen.missing_layer > settings.missing_share:
+        share, most = (f"{100 * a:.0f} %" for a in (seen.missing_layer, settings.missing_share))
+        found.append(f"a target lacks {share} of its upper layer's height (at most {most})")
+    return tuple(found)
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.3g} mm"
 
 
 def _edge_on_cloth(seen: Inspection, settings: InspectionSettings) -> tuple[FailureKind, float] | None:

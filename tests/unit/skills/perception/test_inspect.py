@@ -7,7 +7,9 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import Side
 from skills.perception.alignment import align
+from skills.perception.diagnosis import beyond_limits
 from skills.perception.inspect import inspect
+from skills.perception.inspection import InspectionSettings
 from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
@@ -53,6 +55,22 @@ def bare():
 def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
     scene = Scene(seed=4, polygons=list(polygons), bumps=list(bumps), thickness=thickness, wobble=0.001)
     return inspect(render(scene), camera(), TABLE, bare(), PREDICTED, step)
+
+
+@pytest.mark.parametrize(
+    ("polygons", "named"),
+    [
+        ([HALF], ""),
+        ([SAGGED], "the outline is"),
+        ([SHORT], "a target lacks"),
+        ([HALF + np.array([0.04, 0.0])], "as a whole"),
+    ],
+)
+def test_what_decided_is_named_with_its_limit_and_nothing_else_is(polygons, named):
+    seen = look(polygons).unwrap()
+    beyond = beyond_limits(seen, InspectionSettings())
+    assert bool(beyond) == (seen.diagnosis is not None)
+    assert named in ", ".join(beyond)
 
 
 def test_a_fold_as_predicted_is_accepted():
