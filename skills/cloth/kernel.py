@@ -100,10 +100,10 @@ class Rules(NamedTuple):
 class State(NamedTuple):
     """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
     press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
-    base, course: (3, corners) each patch foresees its corners at base + course * (time since the narrow phase
+    base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
     born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
-    with a corner that is awake or was foreseen to move."""
+    with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1."""
 
     x: Array
     xp: Array
@@ -142,9 +142,10 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: narrow phase at which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
-    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; new_vt, new_ee, key, row,
-    kept: scratch."""
+    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; act_p: (m, 4) how far apart
+    its sides were when the substep began, and how far along its normal; inside: of a vertex over a triangle, the least
+    barycentric coordinate; new_vt, new_ee, key, row, kept, chain, better: scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
