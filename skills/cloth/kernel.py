@@ -144,8 +144,8 @@ class Pairs(NamedTuple):
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
     act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; act_p: (m, 4) how far apart
-    its sides were when the substep began, and how far along its normal; inside: of a vertex over a triangle, the least
-    barycentric coordinate; new_vt, new_ee, key, row, kept, chain, better: scratch."""
+    its sides were when the substep began, and how far along its normal; inside: of a vertex over a triangle, the
+    least barycentric coordinate; new_vt, new_ee, key, row, kept, chain, better: scratch."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]

@@ -337,8 +337,8 @@ def _fit_vertices(vertices, at, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy")
 def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything):
-    """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since the
-    substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were."""
+    """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
+    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were."""
     place, box, corner_start = patches.place, patches.box, patches.corner_start
     ahead = np.float32(horizon)
     for k in range(len(moving)):
