@@ -55,16 +55,15 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
     names = garments or [n for n in list_garments() if not quick or n.endswith("_towel")]
     methods, budget = (METHODS[:2], QUICK_BUDGET) if quick else (METHODS, BUDGET)
     kept = Kept(None if quick else logs_directory() / "bench-optimise.json")
-    rows: list[dict[str, Any]] = []
-    looked_up: list[dict[str, Any]] = []
     with ThreadPoolExecutor(2) as pool:
+        steps = []
         for name in names:
             key = fingerprint(name, budget=budget, methods=methods)
             for index in range(1 if quick else len(load_garment(name, "bare_table").plan)):
-                step = _Step(name, index, key, kept, pool, tell)
-                rows += step.rows(methods, budget)
-                if not quick:
-                    looked_up += step.lookups()
+                steps.append(_Step(name, index, key, kept, pool, tell))
+        rows = [row for step in steps for row in step.rows(methods, budget)]
+        # most of the time goes into these: last, so that a run cut short has told the rest
+        looked_up = [] if quick else [row for step in steps for row in step.lookups()]
     figures = _worst(rows) | summary_of_lookups(looked_up)
     figures |= measure_lookup_times(names) | _workers(names[0], tell)
     return {**figures, "steps": rows, "lookups_told": looked_up}

@@ -149,17 +149,23 @@ def optimise_fold(
                 here = looked_up.dissimilarity, evaluator.first.dissimilarity
                 if gains_as_promised(*here, promised, promised_initial):
                     return _looked_up(evaluator, looked_up)
-        if evaluator.first is None:
-            evaluator.first = evaluator.one(_initial(problem))
-        if start is not None and promised is None and evaluator.left > 0:
-            evaluator.one(start)
-        if method == "default" and evaluator.left > 0:
-            evaluator.plain = evaluator.one(_two_parameter(problem, PLAIN_H, 0.0))
+        _begin(problem, evaluator, start if promised is None else None, plain=method == "default")
         search(problem, evaluator)
     finally:
         if own is not None:
             own.shutdown()
     return _outcome(problem, evaluator, method)
+
+
+def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *, plain: bool) -> None:
+    """The first guess unless it is known, a warm start and the plain arc: side by side within the budget."""
+    arcs = [_initial(problem)] if evaluator.first is None else []
+    least = len(arcs)
+    arcs += [] if warm is None else [warm]
+    arcs += [_two_parameter(problem, PLAIN_H, 0.0)] if plain else []
+    candidates = evaluator.many(arcs[: max(least, evaluator.left)])
+    if plain and len(candidates) == len(arcs):
+        evaluator.plain = candidates[-1]
 
 
 @dataclass(frozen=True)
