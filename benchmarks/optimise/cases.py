@@ -55,10 +55,13 @@ def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material
     step = plan_folds(state, garment).unwrap()[index]
     edge = evaluation_edge(garment, scale)
     finer = [mesh_from_contour(state.contour, share * edge, garment.layers) for share in NEIGHBOURS]
-    d = float(np.median([d_relax(mesh, step.lines, garment.material)[0] for mesh in finer]))
     optimised = mesh_from_contour(state.contour, garment.mesh_edge_m * scale, garment.layers)
-    coarse, *fine = ((mesh, ideal_fold(mesh, step.earlier, garment.material)) for mesh in (optimised, *finer))
-    return Case(garment, step, coarse, tuple(fine), d)
+    with ThreadPoolExecutor(2) as pool:
+        relaxed = list(pool.map(lambda mesh: d_relax(mesh, step.lines, garment.material)[0], finer))
+        meshes = (optimised, *finer)
+        before = list(pool.map(lambda mesh: ideal_fold(mesh, step.earlier, garment.material), meshes))
+    coarse, *fine = zip(meshes, before, strict=True)
+    return Case(garment, step, coarse, tuple(fine), float(np.median(relaxed)))
 
 
 def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecutor, n: int = PERTURBED) -> float:
