@@ -13,7 +13,11 @@ from benchmarks.figures_file import read_figures
 from benchmarks.perception import document
 from robots.errors import ConfigurationError
 
-PAGES = {"benchmarks.cloth.results": "bench cloth", "benchmarks.perception.document": "bench perception"}
+PAGES = {
+    "benchmarks.cloth.results": "bench cloth",
+    "benchmarks.optimise.results": "bench optimise",
+    "benchmarks.perception.document": "bench perception",
+}
 
 
 @pytest.mark.parametrize("module", PAGES)

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.optimise import _worst, cases
 from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import summary_of_lookups
+from benchmarks.optimise.results import page
 
 
 def row(step: str, method: str, d: float | None, initial: float = 10.0, relaxed: float = 5.0, **more: Any) -> dict:
@@ -33,6 +34,23 @@ def test_the_worst_figures_by_hand() -> None:
     assert worst["worse_than_two_parameter_mm_max"] == pytest.approx(0.1)
     assert worst["worse_than_paper_mm_max"] == pytest.approx(0.5)
     assert worst["towel_step_s_max"] == 4.5 and worst["two_layer_step_s_max"] == 9.0
+
+
+def test_the_page_tells_every_step_and_what_is_not_met() -> None:
+    more = {"simulations": 15, "cpu_seconds": 33.0}
+    rows = [
+        row("a", "default", 8.0, **more), row("a", "two_parameter", 6.5), row("a", "paper", None),
+        row("b", "default", 3.0, 4.0, 3.0, **more), row("c", "default", None, **more),
+    ]  # fmt: skip
+    told = {"garment": "towel", "step": "a", "case": "size x0.8", "accepted": False, "D_initial_mm": 9.96,
+            "D_mm": 4.0, "D_relax_mm": 3.0}  # fmt: skip
+    text = page({**_worst(rows), "steps": rows, "lookups_told": [told], "machine": {"cpu": "C", "cores": 2}})
+    assert "| towel | a | 5.0 | 10.0 | 8.0 | 6.5 | - | 40 % | 15 | 3.0 | 33.0 |" in text
+    assert "| towel | b | 3.0 | 4.0 | 3.0 | - | - | - | 15 | 3.0 | 33.0 |" in text
+    assert "| towel | c | 5.0 | 10.0 | - | - | - | - | 15 | 3.0 | 33.0 |" in text
+    assert "0.4 | at least 0.6: **not met** |" in text and "1.5 mm | at most 0.5: **not met** |" in text
+    assert "| steps in which no trajectory was found | 1 | at most 0: **not met** |" in text
+    assert "| towel | a | size x0.8 | 3 | 10 | 4 | optimised |" in text and "on C, 2 cores" in text
 
 
 def test_only_accepted_look_ups_with_a_large_gap_count() -> None:

@@ -1,0 +1,53 @@
+"""Tables of a bench's figures, each beside what is asked of it, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Row", "plain", "table", "table_of_rows"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure: what it says, its key, the bar (None: nothing is asked of it); least: whether the bar is the
+    least that is good."""
+
+    about: str
+    key: str
+    bar: float | None = None
+    least: bool = False
+    unit: str = ""
+
+    def cells(self, figures: Mapping[str, Any]) -> tuple[str, str, str] | None:
+        """None where the figure was not measured."""
+        value = figures.get(self.key)
+        if value is None:
+            return None
+        shown = str(value) if isinstance(value, bool | int) else f"{value:.3g}"
+        if self.bar is None:
+            return f"{self.about}", f"{shown} {self.unit}".strip(), ""
+        good = value >= self.bar if self.least else value <= self.bar
+        sign = "at least" if self.least else "at most"
+        verdict = f"{sign} {self.bar:g}" if good else f"{sign} {self.bar:g}: **not met**"
+        return f"{self.about}", f"{shown} {self.unit}".strip(), verdict
+
+
+def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -> str | None:
+    """A section of the figures that were measured; None where none was."""
+    cells = [found for found in (row.cells(figures) for row in rows) if found is not None]
+    return table(title, ("figure", "measured", "asked"), cells) if cells else None
+
+
+def table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [f"## {title}", "", _line([n.replace("_", " ") for n in names]), _line(["---"] * len(names))]
+    return "\n".join(lines + [_line(row) for row in rows])
+
+
+def plain(value: Any) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
