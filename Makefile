@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: setup fold test quick lint docs clean
+.PHONY: setup fold test quick lint hil docs clean
 
 setup: $(STAMP)
 
@@ -28,6 +28,9 @@ quick: setup           ## the tests without the whole runs
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/lint-imports && $(BIN)/mypy
+
+hil: setup             ## the scripted runs of tests/hil in the simulated cell
+	$(BIN)/foldcell hil tests/hil
 
 docs: setup            ## the pictures of README and docs, from one run (needs a graphics driver for the viewer)
 	$(BIN)/python -m benchmarks.pictures

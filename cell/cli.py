@@ -102,6 +102,7 @@ def build_parser() -> argparse.ArgumentParser:
     for add in (
         _fold,
         _supervise,
+        _hil,
         _trials,
         _perceive,
         _optimise,
@@ -195,6 +196,18 @@ def _supervise(commands: Commands) -> None:
     )
     _run_options(parser)
     parser.set_defaults(approve=True, realtime=True)
+    _json_option(parser)
+
+
+def _hil(commands: Commands) -> None:
+    parser = _add(commands, "hil", "hil", "perform scripted runs and hold each to what its script expects")
+    parser.add_argument("scripts", nargs="+", type=Path, metavar="SCRIPT", help="YAML files, or folders of them")
+    _driver_options(parser)
+    _cell_option(parser)
+    _logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the runs in a Rerun viewer as they go")
+    parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="the results for a build server, as JUnit XML")
     _json_option(parser)
 
 

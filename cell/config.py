@@ -11,14 +11,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cell.yaml_file import merge, read_yaml, validated
+from cell.yaml_file import Document, merge, read_yaml, validated
 from robots.errors import ConfigurationError
 from skills.vocabulary import Table
 
@@ -41,6 +41,7 @@ __all__ = [
     "TableConfig",
     "default_settings_path",
     "load_settings",
+    "overlaid",
 ]
 
 
@@ -284,6 +285,16 @@ def load_settings(path: Path | None = None) -> CellSettings:
     settings = _with_absolute_paths(validated(document, CellSettings, merged), path.resolve().parent)
     _check_files(settings, document.where)
     return settings
+
+
+def overlaid(settings: CellSettings, over: Mapping[str, Any], path: Path) -> CellSettings:
+    """`settings` with what a part of another file, `path`, says instead. Raises ConfigurationError as
+    `load_settings`."""
+    document = Document(path, over, {})
+    merged = merge(settings.model_dump(mode="json", by_alias=True), over)
+    laid = _with_absolute_paths(validated(document, CellSettings, merged), path.resolve().parent)
+    _check_files(laid, document.where)
+    return laid
 
 
 def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:

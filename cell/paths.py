@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from robots.errors import StorageError
 
 __all__ = [
     "LEDGER",
+    "campaign_folder",
     "free_bytes",
     "ledger_path",
     "logs_directory",
@@ -90,6 +93,21 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
             free_bytes=free,
         )
     return logs
+
+
+def campaign_folder(logs: Path, kind: str) -> Path:
+    """A new folder `KIND-time` in the logs, for many runs that belong together."""
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    for i in itertools.count(1):
+        folder = logs / (f"{kind}-{stamp}" + ("" if i == 1 else f"-{i}"))
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            continue
+        except OSError as e:
+            raise StorageError(f"{folder} cannot be made: {e.strerror}", path=str(folder), errno=e.errno) from e
+    raise AssertionError
 
 
 def _missing_folders(path: Path) -> list[Path]:

@@ -17,7 +17,8 @@ EXIT_CODES = {"folded": 0, "not_folded": 2, "fault": 3}
 
 @dataclass(frozen=True)
 class FoldRequest:
-    """garment: a name, a file, or 'auto'. quiet: no progress lines. witness: record and score the truth of a
+    """garment: a name, a file, or 'auto'. approve: somebody is there, is shown each fold and asked after failures;
+    console: at this terminal. quiet: no progress lines. witness: record and score the truth of a
     simulated cell; without it a run takes the same decisions. record: keep recording and report."""
 
     garment: str
@@ -28,6 +29,7 @@ class FoldRequest:
     logs: Path
     live: bool | str = False
     approve: bool = False
+    console: bool = True
     realtime: bool = False
     world: str = "xpbd"
     quiet: bool = False

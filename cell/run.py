@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -57,11 +57,14 @@ VERSIONED = (
     "transitions", "rerun-sdk",
 )  # fmt: skip
 
-Script = Callable[[Ports, CommandQueue], None]
+Script = Callable[[Ports, CommandQueue], Ports | None]
+"""Gets ports and command queue before the first effect; may give back other ports for the executive."""
 
 
-def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
-    """Perform one run. `script` gets ports and command queue before the first effect (tests, HIL scripts).
+def fold_once(
+    request: FoldRequest, script: Script | None = None, bystanders: Sequence[Observer] = ()
+) -> FoldResult:
+    """Perform one run. script, bystanders: of tests and HIL scripts; these observe the run as the view does.
 
     Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
     ends the run as a fault, the arms held.
@@ -77,7 +80,7 @@ def fold_once(request: FoldRequest, script: Script | None = None) -> FoldResult:
             versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
-            ended = _perform(request, run, began, script)
+            ended = _perform(request, run, began, script, bystanders)
         except BaseException:
             run.abandon()
             raise
@@ -127,14 +130,16 @@ class _Ended:
     triangles: NDArray[np.int32] | None
 
 
-def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script | None) -> _Ended:
+def _perform(
+    request: FoldRequest, run: RunJournal, began: float, script: Script | None, bystanders: Sequence[Observer]
+) -> _Ended:
     write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
     robot = load_robot(request.settings)
     recorder = _recorder(request, run)
     commands = CommandQueue()
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines)
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines, *bystanders)
     try:
         with (
             compiling_told(lines.note),
@@ -142,12 +147,11 @@ def _perform(request: FoldRequest, run: RunJournal, began: float, script: Script
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
         ):
-            cell = assemble(request, robot, ports, recorder, commands, workers, lines.note, lines.computing)
+            used = (script(ports, commands) if script is not None else None) or ports
+            cell = assemble(request, robot, used, recorder, commands, workers, lines.note, lines.computing)
             witness = _witness(request, ports, recorder)
-            if request.approve:
+            if request.approve and request.console:
                 TerminalOperator(commands, sys.stdin, sys.stderr).start()
-            if script is not None:
-                script(ports, commands)
             end = Runner(cell, EFFECTS, run, commands, observers).run()
             score = witness.score() if witness else None
     finally:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import functools
 import os
-import time
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict
 from multiprocessing import get_context
@@ -15,7 +14,7 @@ from typing import Any
 from cell.config import CellSettings, load_settings
 from cell.garments import list_garments, load_garment
 from cell.journal import to_json
-from cell.paths import logs_directory, prepare_logs
+from cell.paths import campaign_folder, logs_directory, prepare_logs
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
 from cell.whole_file import write_whole
@@ -29,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     garments = list(list_garments()) if options.garments == "all" else options.garments.split(",")
     for name in garments:
         load_garment(name, settings.surface)
-    campaign = _campaign_folder(prepare_logs(logs_directory(options.logs)))
+    campaign = campaign_folder(prepare_logs(logs_directory(options.logs)), "trials")
     work = functools.partial(_one, options.driver, options.world, options.cell, settings, campaign)
     seeds = range(options.first_seed, options.first_seed + options.n)
     trials, out = [], progress_stream(options.json)
@@ -70,18 +69,6 @@ def _one(
 def _pool(workers: int) -> Executor:
     # spawn: a forked child would share the parent's numba and renderer state; one run a process keeps memory flat
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=8)
-
-
-def _campaign_folder(logs: Path) -> Path:
-    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    for i in range(1, 1000):
-        folder = logs / (f"trials-{stamp}" + ("" if i == 1 else f"-{i}"))
-        try:
-            folder.mkdir()
-            return folder
-        except FileExistsError:
-            continue
-    raise AssertionError
 
 
 def _key(trial: Trial) -> tuple[str, int]:

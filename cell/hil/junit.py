@@ -1,0 +1,35 @@
+"""The results of scripts as a JUnit file, which build servers show as tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from cell.hil.performing import Performance
+
+__all__ = ["junit_text"]
+
+
+def junit_text(performances: Sequence[Performance]) -> bytes:
+    """One test case a script, with what was not as expected and the run's folder."""
+    failed = sum(not p.passed for p in performances)
+    seconds = sum(p.seconds for p in performances)
+    suite = ElementTree.Element(
+        "testsuite", name="foldcell hil", tests=str(len(performances)), failures=str(failed), time=f"{seconds:.1f}"
+    )
+    for p in performances:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname="hil", name=p.script.name, time=f"{p.seconds:.1f}"
+        )
+        case.set("file", str(p.script.path))
+        if not p.passed:
+            ElementTree.SubElement(case, "failure", message=_plain(p.broken[0])).text = _plain("\n".join(p.broken))
+        if p.result is not None:
+            ElementTree.SubElement(case, "system-out").text = _plain(p.result.run_dir)
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _plain(text: str) -> str:
+    """Without the control characters that XML cannot hold."""
+    return "".join(c for c in text if c >= " " or c in "\n\t")

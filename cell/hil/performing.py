@@ -1,0 +1,91 @@
+"""Scripts performed one after the other, each in a run of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.assembly import load_robot
+from cell.config import CellSettings, overlaid
+from cell.garments import load_garment
+from cell.hil.director import Director
+from cell.hil.script import Script
+from cell.hil.verdict import broken_expectations
+from cell.requests import FoldRequest, FoldResult
+from robots.errors import CellError, ConfigurationError
+
+__all__ = ["Performance", "check_script", "perform_script"]
+
+
+@dataclass(frozen=True)
+class Performance:
+    """A script that was performed. broken: what was not as expected; result: None where there was no run."""
+
+    script: Script
+    broken: tuple[str, ...]
+    result: FoldResult | None
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        return not self.broken
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the cell ended in a fault, or did not begin, without the script having asked for it."""
+        return not self.passed and (self.result is None or self.result.result == "fault")
+
+    def as_json(self) -> dict[str, Any]:
+        run = self.result
+        return {
+            "script": str(self.script.path), "name": self.script.name, "passed": self.passed,
+            "broken": list(self.broken), "garment": self.script.garment, "seed": self.script.seed,
+            "end": run.state if run else None, "robot_time_s": run.robot_time_s if run else None,
+            "wall_time_s": self.seconds, "run_dir": run.run_dir if run else None,
+        }  # fmt: skip
+
+
+def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
+    """The settings of the script's run. Raises ConfigurationError for a script that cannot be performed."""
+    if script.hurts and driver != "sim":
+        raise ConfigurationError(
+            f"{script.path}: only a simulated cell can be made to fail",
+            "use `tell` to have a person do it, or --driver sim",
+        )
+    own = overlaid(settings, script.cell, script.path)
+    if script.garment != "auto":
+        load_garment(script.garment, own.surface)
+    return own
+
+
+def perform_script(
+    script: Script,
+    settings: CellSettings,
+    logs: Path,
+    *,
+    driver: str = "sim",
+    world: str = "xpbd",
+    live: bool = False,
+    realtime: bool = False,
+    tell: Callable[[str], None] = print,
+) -> Performance:
+    """One run in `logs`, with what the script does to it. What keeps the run from beginning is a broken
+    expectation like any other: the next script is performed all the same."""
+    from cell.run import fold_once
+
+    began = time.monotonic()
+    request = FoldRequest(
+        garment=script.garment, seed=script.seed, driver=driver, settings=check_script(script, settings, driver),
+        settings_path=None, logs=logs, live=live, approve=script.attended, console=False, realtime=realtime,
+        world=world, quiet=True,
+    )  # fmt: skip
+    director = Director(script, load_robot(request.settings).q_park, tell)
+    try:
+        result = fold_once(request, director.begin, (director,))
+    except CellError as e:
+        return Performance(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
+    broken = broken_expectations(script, result, director.seen())
+    return Performance(script, broken, result, time.monotonic() - began)

@@ -1,0 +1,61 @@
+"""`foldcell hil` as it is typed: whole runs of the simulated cell, and what a build server reads of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from cell.cli import main
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+SHIPPED = Path(__file__).parents[1] / "hil"
+STOPPED = """
+about: the stop is pressed before anything is looked at
+garment: small_towel
+do:
+  - when: {state: awaiting_garment}
+    stop: the button
+  - when: {state: folding}
+    tell: this is never told
+expect:
+  end: [folded]
+"""
+
+
+def test_scripts_that_pass_and_one_that_does_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = tmp_path / "stopped.yaml"
+    bad.write_text(STOPPED, encoding="utf-8")
+    junit = tmp_path / "hil.xml"
+    scripts = [str(SHIPPED / "no_garment.yaml"), str(bad), str(SHIPPED / "abort_with_cloth_in_the_hands.yaml")]
+    code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (code, figures["passed"], figures["failed"], figures["not_performed"]) == (2, 2, 1, [])
+    no_garment, stopped, aborted = figures["scripts"]
+    assert no_garment["passed"] and no_garment["end"] == "not_folded"
+    assert aborted["passed"] and aborted["end"] == "not_folded", "the script after one that failed is performed"
+    assert stopped["end"] == "stopped" and len(stopped["broken"]) == 2
+    assert "the button" in stopped["broken"][0] and "never came to pass" in stopped["broken"][1]
+    for script in figures["scripts"]:
+        assert (Path(script["run_dir"]) / "report.html").exists()
+    assert json.loads((Path(figures["directory"]) / "hil.json").read_text()) == {
+        k: v for k, v in figures.items() if k != "directory"
+    }
+    suite = ElementTree.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures")) == ("3", "1")
+    assert [case.find("failure") is None for case in suite] == [True, False, True]
+
+
+def test_nothing_is_performed_while_one_script_is_bad(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(STOPPED.replace("end:", "ends:"), encoding="utf-8")
+    logs = tmp_path / "logs"
+    code = main(["hil", str(SHIPPED / "no_garment.yaml"), str(bad), "--logs", str(logs)])
+    assert code == 64 and "did you mean 'end'" in capsys.readouterr().err and not logs.exists()
+    assert main(["hil", str(tmp_path / "logs"), "--logs", str(logs)]) == 64
+    assert main(["hil", str(tmp_path), "--logs", str(logs), "--driver", "ros"]) == 64
