@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from calibration import shear
 from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
 from calibration.friction import calibrate_friction, friction_angle, slides, tilted
 from calibration.shear import calibrate_shear, clip_and_lowest, elongations, hung_shape, stretch_fraction
@@ -94,6 +95,41 @@ def test_the_virtual_garment_elongates_as_measured(hung):
     assert hung.shape.elongation(hung.pictures[-1]) == pytest.approx(hung.simulated, abs=hung.spread)
     assert hung.spread < 2e-3
     assert hung.strip_stretch == pytest.approx(0.02 * REFERENCE_DROP / hung.hang_drop)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch, phase):
+    """Elongation over stiffness as two layers have it: proportional, but for jumps of 0.15 percentage points."""
+
+    def jumping(shape, material, substeps=None, pictures=0):
+        strip = material.stretch_fraction
+        jump = 7.5e-4 * np.sign(np.sin(9000.0 * strip + phase))
+        return np.full(3, 1.3 * strip + jump), np.zeros((pictures, 1, 3))
+
+    monkeypatch.setattr(shear, "elongations", jumping)
+    diagonal = float(np.linalg.norm(TOWEL[0] - TOWEL[2]))
+    found = calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, diagonal * 1.029, diagonal)
+    assert found.simulated == pytest.approx(0.029, abs=5e-4)
+    again, _ = jumping(None, replace(MATERIAL, stretch_fraction=found.strip_stretch))
+    assert found.simulated == pytest.approx(again[0]), "the fabric is the one that elongated so"
+
+
+@pytest.mark.parametrize(
+    ("elongation", "said"),
+    [
+        (lambda strip: 0.03 + 0.2 * strip, "no stiffer cloth"),
+        (lambda strip: 0.012 if strip < 0.01 else 0.03, "now one way"),
+    ],
+)
+def test_a_stretch_that_cannot_be_reached_is_refused_with_the_reason(monkeypatch, elongation, said):
+    def hangs(shape, material, substeps=None, pictures=0):
+        return np.full(3, elongation(material.stretch_fraction)), np.zeros((pictures, 1, 3))
+
+    monkeypatch.setattr(shear, "elongations", hangs)
+    diagonal = float(np.linalg.norm(TOWEL[0] - TOWEL[2]))
+    with pytest.raises(ConfigurationError, match=r"no stiffness of the virtual garment gives 2\.00 %") as error:
+        calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, diagonal * 1.02, diagonal)
+    assert said in error.value.hint
 
 
 def test_a_garment_by_a_clip_stretches_more_than_its_strip_by_an_edge(hung):
