@@ -59,7 +59,7 @@ layers that hang against each other settle now one way, now another: a per cent 
 percentage points or none."""
 NEAR = 0.1
 """Tries whose elongation is this near to the wanted one, of it, tell how the garment elongates there."""
-DISTINCT = 1e-4
+DISTINCT = 3e-3
 """Fabrics nearer to each other than this, of their stretch, are one try."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
 STIFFEST = 2e-4
