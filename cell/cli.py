@@ -165,6 +165,12 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _port(text: str) -> int:
+    if not text.isdecimal() or not 1024 <= int(text) <= 65_535:
+        raise argparse.ArgumentTypeError(f"{text!r} is no port; a whole number from 1024 to 65535 is")
+    return int(text)
+
+
 def _driver_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
     parser.add_argument(
@@ -187,6 +193,7 @@ def _fold(commands: Commands) -> None:
     _run_options(parser)
     parser.add_argument("--approve", action="store_true", help="ask before each fold")
     parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
+    parser.set_defaults(page=False, page_port=0)
     _json_option(parser)
 
 
@@ -195,6 +202,8 @@ def _supervise(commands: Commands) -> None:
         commands, "supervise", "fold", "fold under an operator's eyes: each fold is shown and approved first"
     )
     _run_options(parser)
+    parser.add_argument("--no-page", dest="page", action="store_false", help="do not serve the operator's page")
+    parser.add_argument("--page-port", type=_port, default=0, metavar="N", help="of the page (a free one)")
     parser.set_defaults(approve=True, realtime=True)
     _json_option(parser)
 

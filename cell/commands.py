@@ -6,7 +6,7 @@ The stop does not come this way: it is out of band (robots.ports.Stop).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Set
+from collections.abc import Callable, Set
 from threading import Condition
 
 from cell.states import Event
@@ -23,7 +23,9 @@ ABORTED = Failure(
 class CommandQueue:
     """Commands in the order given. Any thread puts, the executive's takes."""
 
-    def __init__(self) -> None:
+    def __init__(self, heard: Callable[[Event], None] = lambda command: None) -> None:
+        """heard: is told of each command, on the thread of whoever gives it."""
+        self._heard = heard
         self._queue: deque[Event] = deque()
         self._lock = Condition()
 
@@ -34,6 +36,7 @@ class CommandQueue:
         with self._lock:
             self._queue.append(command)
             self._lock.notify_all()
+        self._heard(command)
 
     def take(self, wanted: Set[Event]) -> Event | None:
         """The first command in the queue that is wanted now; what came before it is out of date and dropped."""

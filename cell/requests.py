@@ -18,7 +18,8 @@ EXIT_CODES = {"folded": 0, "not_folded": 2, "fault": 3}
 @dataclass(frozen=True)
 class FoldRequest:
     """garment: a name, a file, or 'auto'. approve: somebody is there, is shown each fold and asked after failures;
-    console: at this terminal. quiet: no progress lines. witness: record and score the truth of a
+    terminal: letters typed here are commands. page: the operator's page is served, with the
+    live view, on page_port (0: a free one). quiet: no progress lines. witness: record and score the truth of a
     simulated cell; without it a run takes the same decisions. record: keep recording and report."""
 
     garment: str
@@ -29,7 +30,9 @@ class FoldRequest:
     logs: Path
     live: bool | str = False
     approve: bool = False
-    console: bool = True
+    terminal: bool = True
+    page: bool = False
+    page_port: int = 0
     realtime: bool = False
     world: str = "xpbd"
     quiet: bool = False

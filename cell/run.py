@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
 from cell.compiling import compiling_told
+from cell.console.supervision import Supervision
 from cell.context import Context
 from cell.driver import check_cell, opened_cell
 from cell.effects import EFFECTS
@@ -135,24 +137,32 @@ def _perform(
 ) -> _Ended:
     write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
     robot = load_robot(request.settings)
-    recorder = _recorder(request, run)
-    commands = CommandQueue()
+    supervision = Supervision(request, run.id) if request.page else None
+    recorder = _recorder(request, run, supervision.pages if supervision else ())
+    commands = supervision.commands if supervision else CommandQueue()
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
+    note, computing = supervision.also(lines) if supervision else (lines.note, lines.computing)
     observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines, *bystanders)
+    if supervision:
+        observers = (*observers, supervision.board)
     try:
         with (
             compiling_told(lines.note),
             opened_cell(request.driver, _simulated(request), request.seed) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
+            supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
             used = (script(ports, commands) if script is not None else None) or ports
-            cell = assemble(request, robot, used, recorder, commands, workers, lines.note, lines.computing)
+            cell = assemble(request, robot, used, recorder, commands, workers, note, computing)
             witness = _witness(request, ports, recorder)
-            if request.approve and request.console:
+            if request.approve and request.terminal and (sys.stdin.isatty() or not request.page):
                 TerminalOperator(commands, sys.stdin, sys.stderr).start()
             end = Runner(cell, EFFECTS, run, commands, observers).run()
+            if supervision:
+                failure = end.context.failure if end.state is not State.FOLDED else None
+                supervision.board.finish(end.state, failure, run.directory)
             score = witness.score() if witness else None
     finally:
         kept = recorder.close()
@@ -162,7 +172,11 @@ def _perform(
     return _Ended(end, result, remarks.list, frames, triangles)
 
 
-def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _recorder(request: FoldRequest, run: RunJournal, pages: Sequence[str]) -> Recorder:
     if not request.record:
         return Recorder.silent()
     from robots.baxter.meshes import baxter_visual
@@ -172,7 +186,7 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
     except StorageError:  # no place to keep the converted meshes: a view without the robot is better than no run
         visual = None
     path, table = run.directory / "run.rrd", request.settings.table
-    recorder = Recorder.open(path, run.id, table, live=request.live, robot=visual)
+    recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual, pages=pages)
     if recorder.live_url and not request.quiet:
         print(f"live view: rerun --connect {recorder.live_url}", flush=True)
     return recorder

@@ -8,38 +8,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.figures_file import command, read_figures
+from benchmarks.results_page import Row, plain, table, table_of_rows
 from robots.errors import ConfigurationError
 
 __all__ = ["main", "page"]
-
-
-@dataclass(frozen=True)
-class Row:
-    """A figure: what it says, its key, the bar (None: nothing is asked of it); least: whether the bar is the
-    least that is good."""
-
-    about: str
-    key: str
-    bar: float | None = None
-    least: bool = False
-    unit: str = ""
-
-    def cells(self, figures: Mapping[str, Any]) -> tuple[str, str, str] | None:
-        value = figures.get(self.key)
-        if value is None:
-            return None
-        shown = str(value) if isinstance(value, bool | int) else f"{value:.3g}"
-        if self.bar is None:
-            return f"{self.about}", f"{shown} {self.unit}".strip(), ""
-        good = value >= self.bar if self.least else value <= self.bar
-        sign = "at least" if self.least else "at most"
-        verdict = f"{sign} {self.bar:g}" if good else f"{sign} {self.bar:g}: **not met**"
-        return f"{self.about}", f"{shown} {self.unit}".strip(), verdict
 
 
 SECTIONS: Mapping[str, Sequence[Row]] = {
@@ -127,16 +103,13 @@ def page(figures: Mapping[str, Any]) -> str:
     if figures.get("quick"):
         head.append("**A quick run: it shows that the bench works, not how good the figures are.**")
     parts = ["\n".join(head)]
-    for title, rows in SECTIONS.items():
-        cells = [found for found in (row.cells(figures) for row in rows) if found is not None]
-        if cells:
-            parts.append(_table(title, ("figure", "measured", "asked"), cells))
+    parts += filter(None, (table_of_rows(title, rows, figures) for title, rows in SECTIONS.items()))
     for key, title in LISTS.items():
         rows = figures.get(key)
         if rows:
             flat = [r | inner for r in rows for inner in r.get("hung", [{}])]
             names = [k for k in flat[0] if not isinstance(flat[0][k], list)]
-            parts.append(_table(title, names, [[_plain(r.get(k)) for k in names] for r in flat]))
+            parts.append(table(title, names, [[plain(r.get(k)) for k in names] for r in flat]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -147,19 +120,6 @@ LISTS = {
     "mujoco_folds": "The towel fold by both, over friction",
     "pybullet_folds": "PyBullet's soft body on the same fold",
 }
-
-
-def _plain(value: Any) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"## {title}", "", _line([n.replace("_", " ") for n in names]), _line(["---"] * len(names))]
-    return "\n".join(lines + [_line(row) for row in rows])
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 def main(arguments: Sequence[str], tell: Callable[[str], Any] = sys.stdout.write) -> int:

@@ -79,7 +79,7 @@ def perform_script(
     began = time.monotonic()
     request = FoldRequest(
         garment=script.garment, seed=script.seed, driver=driver, settings=check_script(script, settings, driver),
-        settings_path=None, logs=logs, live=live, approve=script.attended, console=False, realtime=realtime,
+        settings_path=None, logs=logs, live=live, approve=script.attended, terminal=False, realtime=realtime,
         world=world, quiet=True,
     )  # fmt: skip
     director = Director(script, load_robot(request.settings).q_park, tell)

@@ -8,7 +8,8 @@ they like, and get what was kept for them.
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from urllib.parse import quote
 
 import rerun as rr
 from rerun.error_utils import catch_and_log_exceptions
@@ -17,7 +18,7 @@ from cell.recorder.blueprint import layout
 from cell.recorder.entry import Entry
 from cell.recorder.pump import Pump
 
-__all__ = ["LiveStream", "free_port"]
+__all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
 
 OnError = Callable[[BaseException], None]
 
@@ -32,13 +33,23 @@ MEMORY = "512MiB"
 class LiveStream:
     """Feeds a viewer, drops what it does not take, counts that."""
 
-    def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
+    def __init__(
+        self,
+        application: str,
+        run_id: str,
+        live: bool | str,
+        floor: float,
+        on_error: OnError,
+        pages: Sequence[str] = (),
+    ) -> None:
+        """pages: origins of web viewers that may read the stream, beside the program's own viewer."""
         host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
         self._host, self._port = host or "127.0.0.1", int(port) if port else free_port()
         shown = "127.0.0.1" if self._host == "0.0.0.0" else self._host
         self.url = f"rerun+http://{shown}:{self._port}/proxy"
         self._identity = (application, run_id)
         self._floor = floor
+        self._pages = list(pages)
         self._stream: rr.RecordingStream | None = None
         self._pump: Pump[Entry] = Pump("recorder-live", self._write, on_error, QUEUE, self._connect, self._leave)
 
@@ -54,7 +65,9 @@ class LiveStream:
 
     def _connect(self) -> None:
         stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
-        sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
+        sink = rr.GrpcServerSink(
+            self._host, self._port, server_memory_limit=MEMORY, cors_allow_origin=self._pages or None
+        )
         stream.set_sinks(sink, default_blueprint=layout(self._floor))
         stream.send_recording_name(self._identity[1])
         self._stream = stream
@@ -69,9 +82,22 @@ class LiveStream:
             self._stream.disconnect()
 
 
-def free_port() -> int:
-    """Rerun's usual port if nobody has it, else any."""
-    for port in (PORT, 0):
+def web_viewer() -> str:
+    """Serve Rerun's web viewer on a free port; its origin. It holds no data, it is the program alone, and is
+    served until this process ends."""
+    port = free_port(0)
+    rr.serve_web_viewer(web_port=port, open_browser=False)
+    return f"http://127.0.0.1:{port}"
+
+
+def viewer_address(origin: str, live_url: str) -> str:
+    """Where a browser sees the stream `live_url` in the web viewer of this origin."""
+    return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
+
+
+def free_port(wanted: int = PORT) -> int:
+    """Rerun's usual port (or another one that is wanted) if nobody has it, else any."""
+    for port in (wanted, 0):
         with socket.socket() as s:
             try:
                 s.bind(("127.0.0.1", port))

@@ -32,6 +32,8 @@ def run(options: argparse.Namespace) -> int:
             live=options.live,
             approve=options.approve,
             realtime=options.realtime,
+            page=options.page,
+            page_port=options.page_port,
             world=options.world,
             quiet=options.json,
         )

@@ -45,6 +45,8 @@ class Request:
     realtime: bool
     world: str
     quiet: bool
+    page: bool = False
+    page_port: int = 0
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ def test_help_is_quick_and_names_every_command() -> None:
     for name in [
         "fold",
         "supervise",
+        "hil",
         "trials",
         "perceive",
         "optimise",
@@ -182,9 +185,14 @@ def test_fold_hands_the_request_on(fake: FakeRun, tmp_path: Path) -> None:
 def test_supervise_is_fold_with_approval_in_real_time(fake: FakeRun) -> None:
     assert main(["supervise", "medium_towel"]) == 0
     (request,) = fake.requests
-    assert request.approve and request.realtime and not request.quiet
+    assert request.approve and request.realtime and request.page and not request.quiet
     main(["fold", "medium_towel", "--approve", "--realtime"])
-    assert fake.requests[1] == replace(request, settings=fake.requests[1].settings)
+    main(["supervise", "medium_towel", "--no-page"])
+    for other in fake.requests[1:]:
+        assert other == replace(request, settings=other.settings, page=False)
+    main(["supervise", "medium_towel", "--page-port", "8080"])
+    assert fake.requests[-1].page_port == 8080
+    assert main(["supervise", "medium_towel", "--page-port", "80"]) == 64
 
 
 def test_json_is_the_last_line(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,152 @@
+"""What the operator's page shows, as the run goes: an observer that keeps the last word on everything.
+
+Written by the executive's thread, read by the server's; a reader always gets a whole snapshot.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from cell.commands import OPERATOR_EVENTS
+from cell.context import Context, Result
+from cell.executive import Step, complete_table
+from cell.observers import Remarks
+from cell.states import TERMINAL, Event, State
+from robots.errors import Failure
+
+__all__ = ["ANSWERS", "ORDER", "Board"]
+
+ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
+"""Commands that answer a question, and are void for the next one."""
+ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
+ASKING = (State.AWAITING_APPROVAL, State.ASKING)
+KEPT = 60
+"""Remarks that are shown."""
+
+_ALLOWED: Mapping[State, frozenset[Event]] = {
+    state: frozenset(row.event for row in complete_table() if row.state is state) & OPERATOR_EVENTS
+    for state in State
+}
+
+
+class Board:
+    """`snapshot` is what a page shows now, `version` changes with it."""
+
+    def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
+        self._lock = threading.Lock()
+        self._remarks = Remarks()
+        drawn = seed if simulated else None
+        self._about = {"run": run_id, "garment": garment, "seed": drawn, "simulated": simulated}
+        self._state = State.IDLE
+        self._since = 0.0
+        self._context = Context()
+        self._question = 0
+        self._held_up = False
+        self._progress: dict[str, Any] | None = None
+        self._note = ""
+        self._end: dict[str, Any] | None = None
+        self.version = 0
+
+    # the runner's observer
+
+    def entered(self, t: float, step: Step) -> None:
+        with self._lock:
+            self._state, self._since = step.target, t
+            self._held_up, self._progress, self._note = False, None, ""
+            if step.target in ASKING:
+                self._question += 1
+            self.version += 1
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        with self._lock:
+            self._remarks.performed(t, step, result)
+            self._context = result.context
+            self.version += 1
+
+    # what is said within a state
+
+    def computing(self, done: int, total: int, remark: str) -> None:
+        with self._lock:
+            self._progress = {"done": done, "total": total, "remark": remark}
+            self.version += 1
+
+    def note(self, text: str) -> None:
+        with self._lock:
+            self._note = text
+            self.version += 1
+
+    def heard(self, command: Event) -> None:
+        """A command was given, here or at the terminal: a motion that pauses can be resumed."""
+        with self._lock:
+            self._held_up = command is Event.PAUSE or (self._held_up and command in ANSWERS)
+            self.version += 1
+
+    def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
+        """How the run ended, and the folder that it leaves."""
+        with self._lock:
+            self._end = {
+                "result": state.value, "report": str(folder / "report.html"),
+                "what": failure.what if failure else "", "hint": failure.hint if failure else "",
+            }  # fmt: skip
+            self.version += 1
+
+    # the page's side
+
+    def allowed(self) -> frozenset[Event]:
+        """What may be said now."""
+        with self._lock:
+            return self._may_be_said()
+
+    def answers(self, question: object) -> bool:
+        """Whether this is the question that is asked now."""
+        with self._lock:
+            return self._state in ASKING and question == self._question
+
+    def snapshot(self) -> dict[str, Any]:
+        with self._lock:
+            may = self._may_be_said()
+            return {
+                **self._about,
+                "version": self.version,
+                "state": self._state.value,
+                "since": self._since,
+                "allowed": [event.value for event in ORDER if event in may],
+                "question": {"number": self._question, "text": self._asked()} if self._state in ASKING else None,
+                "steps": self._steps(),
+                "remarks": [asdict(remark) for remark in self._remarks.list[-KEPT:]],
+                "progress": self._progress,
+                "note": self._note,
+                "end": self._end,
+            }
+
+    def _may_be_said(self) -> frozenset[Event]:
+        if self._end is not None or self._state in TERMINAL:
+            return frozenset()
+        may = _ALLOWED[self._state] - ({Event.PAUSE} if self._state in ASKING else set())  # it stands still
+        return may - {Event.PAUSE} | {Event.RESUME} if self._held_up and Event.PAUSE in may else may
+
+    def _asked(self) -> str:
+        context = self._context
+        if self._state is State.ASKING:
+            failure = context.failure
+            return f"{failure.what}. {failure.hint}" if failure else "What now?"
+        name = context.step.name.replace("_", " ") if context.steps else "the fold"
+        count = f"Fold {context.index + 1} of {len(context.steps)}: {name}."
+        trajectory = context.trajectory
+        if trajectory is None:
+            return count
+        source = "looked up in the library" if trajectory.source == "library" else "optimised now"
+        missed = 1e3 * context.dissimilarity_m
+        end = f"; it is predicted to end {missed:.1f} mm from the ideal fold on average" if missed >= 0.0 else ""
+        return f"{count} The arc was {source}{end}."
+
+    def _steps(self) -> list[dict[str, Any]]:
+        context = self._context
+        return [
+            {"name": step.name.replace("_", " "), "done": k < len(context.done), "now": k == context.index}
+            for k, step in enumerate(context.steps)
+        ]

@@ -1,0 +1,73 @@
+"""A whole run under an operator who sits at the page: a fold is approved, paused, resumed; the next is not."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+from queue import Queue
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from cell.run import fold_once
+from tests.runs import fold_request
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+class Operator(threading.Thread):
+    """Approves the first fold, pauses and resumes it under way, and ends the run before the second."""
+
+    def __init__(self, addresses: Queue[str]) -> None:
+        super().__init__(daemon=True)
+        self._addresses = addresses
+        self.boards: list[dict[str, Any]] = []
+        self.answers: list[dict[str, Any]] = []
+
+    def run(self) -> None:
+        address = self._addresses.get(timeout=120.0)
+        origin = "/".join(address.split("/")[:3])
+        said: set[str] = set()
+        with connect(address.replace("http", "ws") + "link", origin=origin) as link:  # type: ignore[arg-type]
+            try:
+                while True:
+                    message = json.loads(link.recv(timeout=120.0))
+                    if "board" not in message:
+                        self.answers.append(message)
+                        continue
+                    self.boards.append(message["board"])
+                    word = self._word(message["board"])
+                    if word is not None and word not in said:
+                        said.add(word)
+                        number = (message["board"]["question"] or {}).get("number")
+                        link.send(json.dumps({"say": word, "question": number}))
+            except ConnectionClosed:
+                pass
+
+    def _word(self, board: dict[str, Any]) -> str | None:
+        if board["question"]:
+            return "approve" if board["question"]["number"] == 1 else "abort"
+        if board["state"] != "folding":
+            return None
+        return "resume" if board["note"].startswith("paused") else "pause"
+
+
+def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    addresses: Queue[str] = Queue()
+    monkeypatch.setattr("cell.run._say", lambda text: addresses.put(text.split()[-1]))
+    operator = Operator(addresses)
+    operator.start()
+    result = fold_once(fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True))
+    operator.join(10.0)
+    assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
+    assert [step["done"] for step in result.steps] == [True, False], "the fold that was paused was made"
+    noted = [answer["noted"] for answer in operator.answers if "noted" in answer]
+    assert noted == ["approve", "pause", "resume", "abort"]
+    states = [board["state"] for board in operator.boards]
+    first = states.index("approaching")
+    assert "awaiting_approval" in states[:first] and states.index("folding") > first
+    assert operator.boards[-1]["end"]["result"] == "not_folded"
+    assert [r["title"] for r in operator.boards[-1]["remarks"]] == ["approve", "aborted while awaiting approval"]

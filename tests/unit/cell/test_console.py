@@ -1,0 +1,191 @@
+"""The operator's page over a real socket: what it is told, what it may say, and who may not speak at all."""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from cell.commands import CommandQueue
+from cell.console.board import Board
+from cell.console.server import operators_page
+from cell.context import Context, Result
+from cell.executive import Step
+from cell.states import Effect, Event, State
+from robots.errors import Failure, FailureKind, StorageError
+from tests.fakes import FakeCell
+
+ALL = frozenset(Event)
+
+
+def enter(board: Board, state: State, t: float = 1.0) -> None:
+    board.entered(t, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
+
+
+@pytest.fixture
+def cell() -> FakeCell:
+    return FakeCell()
+
+
+@pytest.fixture
+def board() -> Board:
+    return Board("run-1", "small_towel", 3, simulated=True)
+
+
+@pytest.fixture
+def commands(board: Board) -> CommandQueue:
+    return CommandQueue(board.heard)
+
+
+@pytest.fixture
+def address(cell: FakeCell, board: Board, commands: CommandQueue) -> Iterator[str]:
+    with operators_page(board, commands, cell.ports().stop, "http://127.0.0.1:1/?url=x'\"<") as address:
+        yield address
+
+
+def origin_of(address: str) -> str:
+    return "/".join(address.split("/")[:3])
+
+
+def linked(address: str, origin: str | None = None) -> ClientConnection:
+    return connect(address.replace("http", "ws") + "link", origin=origin or origin_of(address))  # type: ignore[arg-type]
+
+
+def told(link: ClientConnection, key: str) -> Any:
+    """The next message that has `key`."""
+    while True:
+        message = json.loads(link.recv(timeout=5.0))
+        if key in message:
+            return message[key]
+
+
+def say(link: ClientConnection, **message: Any) -> dict[str, Any]:
+    link.send(json.dumps(message))
+    while True:
+        answer = json.loads(link.recv(timeout=5.0))
+        if "noted" in answer or "refused" in answer:
+            return answer
+
+
+def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
+    with urllib.request.urlopen(address) as answer:
+        text = answer.read().decode()
+    assert 'const VIEWER = "http://127.0.0.1:1/?url=x' in text and "{{" not in text
+    assert answer.headers["X-Frame-Options"] == "DENY"
+
+
+@pytest.mark.parametrize("path", ["", "link", "0123456789abcdef/", "../"])
+def test_without_the_secret_there_is_nothing(address: str, path: str) -> None:
+    with pytest.raises(urllib.error.HTTPError) as error:
+        urllib.request.urlopen(f"{origin_of(address)}/{path}")
+    assert error.value.code == 404
+
+
+def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) -> None:
+    for origin in ("http://evil.example", origin_of(address).replace("http", "https")):
+        with pytest.raises(InvalidStatus):
+            linked(address, origin)
+    request = urllib.request.Request(address, headers={"Host": "evil.example"})
+    with pytest.raises(urllib.error.HTTPError) as error:
+        urllib.request.urlopen(request)
+    assert error.value.code == 400 and commands.take(ALL) is None
+
+
+def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
+    with linked(address) as link:
+        assert told(link, "board")["state"] == "idle"
+        enter(board, State.OPTIMISING)
+        board.computing(3, 25, "simulations at most")
+        shown = told(link, "board")
+        while shown["progress"] is None:
+            shown = told(link, "board")
+        assert shown["progress"] == {"done": 3, "total": 25, "remark": "simulations at most"}
+        assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
+        failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
+        step = Step(State.PLANNING, Event.DONE, State.OPTIMISING, Effect.CHOOSE_TRAJECTORY)
+        board.performed(2.0, step, Result(Event.FAILED, Context().with_failure(failure)))
+        (remark,) = told(link, "board")["remarks"]
+        assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
+
+
+def test_commands_go_into_the_queue_when_they_may_be_said(
+    address: str, board: Board, commands: CommandQueue
+) -> None:
+    enter(board, State.FOLDING)
+    with linked(address) as link:
+        assert "refused" in say(link, say="approve") and "refused" in say(link, say="resume")
+        assert say(link, say="pause") == {"noted": "pause"}
+        assert commands.take(ALL) is Event.PAUSE
+        assert board.allowed() == {Event.RESUME, Event.ABORT}, "what pauses can be resumed"
+        assert say(link, say="resume") == {"noted": "resume"} and commands.take(ALL) is Event.RESUME
+        assert Event.RESUME not in board.allowed()
+
+
+def test_an_answer_belongs_to_its_question(address: str, board: Board, commands: CommandQueue) -> None:
+    """A click that arrives when the next fold is shown approves nothing."""
+    enter(board, State.AWAITING_APPROVAL)
+    with linked(address) as link:
+        first = told(link, "board")["question"]["number"]
+        enter(board, State.APPROACHING)
+        enter(board, State.AWAITING_APPROVAL)
+        assert say(link, say="approve", question=first) == {"refused": "this question is no longer asked"}
+        assert "refused" in say(link, say="approve") and "refused" in say(link, say="pause")
+        assert commands.take(ALL) is None
+        assert say(link, say="approve", question=first + 1) == {"noted": "approve"}
+        assert commands.take(ALL) is Event.APPROVE
+
+
+@pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
+def test_stop_works_in_every_state_and_not_by_the_queue(
+    state: State, address: str, board: Board, commands: CommandQueue, cell: FakeCell
+) -> None:
+    enter(board, state)
+    with linked(address) as link:
+        assert say(link, stop=True) == {"noted": "stop"}
+        assert cell.stop_reason and commands.take(ALL) is None
+        while not told(link, "stopped"):
+            pass
+
+
+NONSENSE = ("", "{", "[]", "3", "null", '{"say": 7}', '{"say": "stop"}', '{"say": ["pause"]}')
+
+
+@pytest.mark.parametrize("message", NONSENSE)
+def test_whatever_is_said_is_answered(message: str, address: str, board: Board, cell: FakeCell) -> None:
+    enter(board, State.FOLDING)
+    with linked(address) as link:
+        link.send(message)
+        assert told(link, "refused")
+        assert say(link, say="pause") == {"noted": "pause"}, "and the link lives on"
+    assert not cell.stop_reason
+
+
+def test_the_end_is_told_before_the_page_goes(
+    cell: FakeCell, board: Board, commands: CommandQueue, tmp_path: Path
+) -> None:
+    page = operators_page(board, commands, cell.ports().stop, None)
+    address = page.__enter__()
+    with linked(address) as link:
+        told(link, "board")
+        failure = Failure(FailureKind.ABORTED, "the operator ended the run", "start a new one")
+        board.finish(State.NOT_FOLDED, failure, tmp_path)
+        page.__exit__(None, None, None)
+        shown = told(link, "board")
+    assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
+    assert shown["allowed"] == []
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(address, timeout=2.0)
+
+
+def test_a_port_that_is_taken_is_told(address: str, cell: FakeCell, board: Board, commands: CommandQueue) -> None:
+    port = int(origin_of(address).rpartition(":")[2])
+    page = operators_page(board, commands, cell.ports().stop, None, port)
+    with pytest.raises(StorageError, match=str(port)), page:
+        pass
