@@ -363,6 +363,7 @@ def _garment(commands: Commands) -> None:
     check.add_argument("garments", nargs="+", metavar="FILE", help="files or names")
     show = _add(actions, "show", "garment", "all that is known of one garment")
     show.add_argument("garments", nargs=1, metavar="GARMENT", help="name or file")
+    _new_garment(actions)
     for action in (check, show):
         action.add_argument(
             "--draw", type=Path, metavar="DIR", help="draw outline and folds as PNG into this folder"
@@ -371,6 +372,23 @@ def _garment(commands: Commands) -> None:
         action.set_defaults(action=name)
         _cell_option(action)
         _json_option(action)
+
+
+def _new_garment(actions: Commands) -> None:
+    new = _add(actions, "new", "new_garment", "make the file of a garment of one's own from a photograph of it")
+    new.add_argument("image", type=Path, metavar="IMAGE", help="it lies flat, seen from above, nothing else on it")
+    new.add_argument("--like", required=True, metavar="GARMENT", help="name or file of one that folds alike")
+    new.add_argument("--length", type=float, metavar="M", help="metres measured on it between two key points")
+    new.add_argument("--between", metavar="A,B", help="these (the two that are farthest apart along the cloth)")
+    new.add_argument("--title", help="what it is called")
+    new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
+    new.add_argument("--replace", action="store_true", help="write over a file that exists")
+    new.add_argument("--depth", type=Path, help="its depth: 16-bit PNG in millimetres, or .npy in metres")
+    new.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
+    new.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
+    new.add_argument("--unit", choices=["m", "px"], default="px", help="m: taken by the cell's own camera (px)")
+    _cell_option(new)
+    _json_option(new)
 
 
 def _runs(commands: Commands) -> None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import shapely
@@ -19,7 +19,15 @@ from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVa
 from skills.planning.plan import plan_folds
 from skills.vocabulary import REFERENCE_DROP, Material, frozen
 
-__all__ = ["AVERAGE", "DEFAULT_SURFACE", "garment_path", "list_garments", "load_garment", "shipped_garment_path"]
+__all__ = [
+    "AVERAGE",
+    "DEFAULT_SURFACE",
+    "FABRIC_FIELDS",
+    "garment_path",
+    "list_garments",
+    "load_garment",
+    "shipped_garment_path",
+]
 
 DEFAULT_SURFACE = "bare_table"
 
@@ -138,6 +146,14 @@ class _Step(_Strict):
     tension: tuple[Annotated[float, Field(ge=0, le=0.03)], Annotated[float, Field(ge=0, le=0.03)]] = (0.0, 0.0)
 
 
+FabricField = Literal[
+    "areal_mass", "stretch_fraction", "bending_length", "thickness", "friction_static", "friction_dynamic",
+    "friction_layers",
+]  # fmt: skip
+FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
+"""What is stated of a fabric, and may be assumed instead of measured."""
+
+
 class _MaterialFile(_Strict):
     stretch_fraction: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
     hang_drop: Annotated[float, Field(ge=0.1, le=20)] = REFERENCE_DROP
@@ -148,12 +164,7 @@ class _MaterialFile(_Strict):
     friction_dynamic_ratio: Annotated[float, Field(ge=0.3, le=1.0)] | None = None
     friction_layers: Annotated[float, Field(ge=0.05, le=2.0)] | None = None
     measured: dict[Name, str] = {}
-    assumed: list[
-        Literal[
-            "areal_mass", "stretch_fraction", "bending_length", "thickness", "friction_static",
-            "friction_dynamic", "friction_layers",
-        ]
-    ] = []  # fmt: skip
+    assumed: list[FabricField] = []
 
 
 class _Poses(_Strict):

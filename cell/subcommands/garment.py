@@ -1,4 +1,4 @@
-"""`foldcell garment list|check|show`: the garment files."""
+"""`foldcell garment list|check|show`: the garment files. A new one: new_garment.py."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
+from cell.new_garment import check_plan
 from cell.subcommands.output import print_json, print_table
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
 
 __all__ = ["run"]
 
@@ -42,7 +42,7 @@ def _check(options: argparse.Namespace, surface: str) -> int:
     for name in options.garments:
         try:
             garment = load_garment(name, surface)
-            _check_plan(name, garment)
+            check_plan(name, garment)
             drawing = _draw(garment, options.draw)
             checked.append({"file": name, "good": True, "drawing": drawing})
             _say(
@@ -55,14 +55,6 @@ def _check(options: argparse.Namespace, surface: str) -> int:
     if options.json:
         print_json({"checked": checked})
     return 64 if bad else 0
-
-
-def _check_plan(name: str, garment: Garment) -> None:
-    planned = plan_folds(garment.flat_state(*garment.poses.middle), garment)
-    if planned.failure is not None:
-        raise ConfigurationError(
-            f"{name}: its folds cannot be planned: {planned.failure.what}", planned.failure.hint
-        )
 
 
 def _show(options: argparse.Namespace, garment: Garment) -> int:

@@ -20,22 +20,44 @@ from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame, Intrinsics, frozen
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, perceive
-from skills.vocabulary import CameraCalibration, Table
+from skills.vocabulary import CameraCalibration, Outcome, Table
 
-__all__ = ["photographed", "read_frame", "run"]
+__all__ = ["look_at", "photographed", "read_frame", "run", "write_overlay"]
 
 MILLIMETRES = 1e-3
+ANY_SIZE = 1e3
+"""Relative difference of sizes that nothing reaches."""
 WIDTH, HEIGHT = 1.2, 2.0
 """Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
 
 
 def run(options: argparse.Namespace) -> int:
     """0 with key points, 2 when no garment was recognised."""
+    output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
+    seen, frame = look_at(options, options.garment)
+    if seen.failure is not None:
+        if options.json:
+            print_json({**_refused(options.image, options.unit, seen.failure), "notes": seen.notes})
+        else:
+            print(f"not recognised: {seen.failure}")
+        return 2
+    perception = seen.unwrap()
+    write_overlay(output, perception, frame)
+    if options.json:
+        print_json({**_figures(options.image, perception, output, options.unit), "notes": seen.notes})
+    else:
+        _print(perception, output, options.unit)
+    return 0
+
+
+def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
+    """What is seen in the picture `options.image`, with what the options say of it, and the picture. garment: what
+    is expected, or auto. Raises ConfigurationError for a file that cannot be used."""
     settings = load_settings(options.cell)
     calibration, table = camera_calibration(settings), settings.table
     if options.unit == "px":
         calibration, table = photographed(_read_image(options.image, cv2.IMREAD_COLOR).shape)
-    names = list_garments() if options.garment == "auto" else (options.garment,)
+    names = list_garments() if garment == "auto" else (garment,)
     garments = [load_garment(name, settings.surface) for name in names]
     frame = read_frame(options.image, options.depth, calibration.intrinsics, 0)
     empty = None
@@ -44,24 +66,10 @@ def run(options: argparse.Namespace) -> int:
     thresholds = settings.perception.settings()
     if options.depth is None:  # that there is none is the user's choice, not a broken camera
         thresholds = replace(thresholds, depth_holes=1.0)
-    output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
-    seen = perceive(
-        frame, calibration, table, empty, garments,
-        None if options.garment == "auto" else garments[0].name, thresholds,
-    )  # fmt: skip
-    if seen.failure is not None:
-        if options.json:
-            print_json({**_refused(options.image, options.unit, seen.failure), "notes": seen.notes})
-        else:
-            print(f"not recognised: {seen.failure}")
-        return 2
-    perception = seen.unwrap()
-    _write_overlay(output, draw_on_camera(perception, frame.rgb))
-    if options.json:
-        print_json({**_figures(options.image, perception, output, options.unit), "notes": seen.notes})
-    else:
-        _print(perception, output, options.unit)
-    return 0
+    if options.unit == "px":  # nor how large it is
+        thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
+    expected = None if garment == "auto" else garments[0].name
+    return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
@@ -131,8 +139,9 @@ def _check_size(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -
         )
 
 
-def _write_overlay(path: Path, rgb: NDArray[np.uint8]) -> None:
-    done, png = cv2.imencode(".png", rgb[:, :, ::-1])
+def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
+    """A picture of what was seen, drawn over what was looked at."""
+    done, png = cv2.imencode(".png", draw_on_camera(perception, frame.rgb)[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")
     write_whole(path, png.tobytes())

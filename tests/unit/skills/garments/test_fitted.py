@@ -1,0 +1,49 @@
+"""A template from seen points: turn, scale and symmetry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cell.garments import load_garment
+from skills.garments.fitted import fitted_template, mirror_images
+
+SHIRT = load_garment("t_shirt", "bare_table").template
+SKEW = np.array([[-0.3, -0.2], [0.3, -0.25], [0.2, 0.3], [-0.25, 0.2]])
+
+
+def turned(points: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, s], [-s, c]])
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(0.01, 1e4), st.floats(-50.0, 50.0), st.sampled_from([0, 1]))
+def test_turn_scale_and_place_do_not_matter(angle: float, scale: float, shift: float, which: int) -> None:
+    shape = (SHIRT, SKEW)[which]
+    pair = (0, len(shape) // 2)
+    length = float(np.linalg.norm(shape[pair[0]] - shape[pair[1]]))
+    found = fitted_template(scale * turned(shape, angle) + shift, shape, pair, length)
+    centred = shape - 0.5 * (shape.min(axis=0) + shape.max(axis=0))
+    assert found == pytest.approx(centred, abs=1e-6)
+
+
+def test_what_is_symmetric_becomes_symmetric_and_keeps_the_mean_of_its_halves() -> None:
+    twins = mirror_images(SHIRT)
+    assert twins is not None and (twins[twins] == np.arange(len(SHIRT))).all()
+    seen = SHIRT.copy()
+    seen[0] += [0.02, 0.0]  # one corner of the hem pulled out
+    found = fitted_template(seen, SHIRT, None, None)
+    assert found[twins] * [1.0, -1.0] == pytest.approx(found, abs=1e-9)
+    hem = found[0, 0] - found[5, 0]
+    assert hem == pytest.approx(SHIRT[0, 0] - SHIRT[5, 0] + 0.01, abs=1e-3)
+    assert mirror_images(SKEW) is None
+
+
+@pytest.mark.parametrize("length", [0.0, -1.0])
+def test_no_scale_is_refused(length: float) -> None:
+    with pytest.raises(ValueError, match="no scale"):
+        fitted_template(SHIRT, SHIRT, (0, 1), length)
+    with pytest.raises(ValueError, match="no scale"):
+        fitted_template(np.zeros_like(SHIRT), SHIRT, (0, 1), 0.5)
