@@ -62,7 +62,7 @@ NEAR = 0.1
 DISTINCT = 3e-3
 """Fabrics nearer to each other than this, of their stretch, are one try."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
-STIFFEST = 2e-4
+STIFFEST, LIMPEST = 2e-4, 0.4
 
 
 def stretch_fraction(l1: float, l2: float) -> float:
@@ -256,13 +256,12 @@ def calibrate_shear(
             l2=l2, nominal_m=nominal,
         )  # fmt: skip
     shape = hung_shape(scale * template, pair, layers, material.thickness, edge)
-    hung = _search(shape, material, wanted, tell)
+    hung, tries = _search(shape, material, wanted, tell)
     if abs(hung.elongation - wanted) > ACCEPTED:
         reached = 100 * hung.elongation
         raise ConfigurationError(
             f"no stiffness of the virtual garment gives {100 * wanted:.2f} %; nearest {reached:.2f} %",
-            "the simulation resolves no stiffer cloth with this mesh: measure again, or hang it by another point"
-            if hung.strip <= STIFFEST else "it hangs now one way, now another: hang it by another point",
+            _advice(hung.strip),
             wanted=wanted, reached=hung.elongation,
         )  # fmt: skip
     return ShearCalibration(
@@ -271,44 +270,52 @@ def calibrate_shear(
         simulated=hung.elongation,
         spread=float(np.ptp(hung.hangs)),
         l2=shape.rest_length,
-        simulations=hung.tries * len(hung.hangs),
+        simulations=tries * len(hung.hangs),
         shape=shape,
         pictures=frozen(hung.pictures),
         times=frozen(np.linspace(0.0, SETTLE_S, len(hung.pictures))),
     )
 
 
+def _advice(strip: float) -> str:
+    """What to do when the nearest fabric, by its strip's elongation, is not near enough."""
+    if strip <= STIFFEST:
+        return "the simulation resolves no stiffer cloth on this mesh: measure again, or hang it by another point"
+    if strip >= LIMPEST:
+        return "no cloth is so stretchy: measure again"
+    return "it hangs now one way, now another: hang it by another point"
+
+
 @dataclass(frozen=True, eq=False)
 class _Hung:
-    """A fabric, by the elongation of its strip, that was hung: `tries` fabrics were before it, and this one."""
+    """A fabric, by the elongation of its strip, and how it hung."""
 
     strip: float
     hangs: Array
     pictures: Array
-    tries: int
 
     @property
     def elongation(self) -> float:
         return float(self.hangs.mean())
 
 
-def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[[str], None]) -> _Hung:
-    """The fabric with which the garment elongates most nearly as wanted."""
+def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[[str], None]) -> tuple[_Hung, int]:
+    """The fabric with which the garment elongates most nearly as wanted, and how many were tried."""
     strip, best = wanted / 2.0, None
     tried: list[tuple[float, float]] = []
     for _ in range(TRIES):
-        hung = _Hung(strip, *elongations(shape, replace(material, stretch_fraction=strip), pictures=121), 0)
+        hung = _Hung(strip, *elongations(shape, replace(material, stretch_fraction=strip), pictures=121))
         got = hung.elongation
         tried.append((strip, got))
         tell(f"strip stretch {100 * strip:.3f} %: the garment elongates {100 * got:.2f} % of {100 * wanted:.2f} %")
         if best is None or abs(got - wanted) < abs(best.elongation - wanted):
             best = hung
         following = _next(tried, wanted)
-        if abs(got - wanted) < TOLERANCE or following is None:
+        if abs(got - wanted) < TOLERANCE or following is None or following == strip:  # at a bound
             break
         strip = following
     assert best is not None
-    return replace(best, tries=len(tried))
+    return best, len(tried)
 
 
 def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
@@ -319,7 +326,7 @@ def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
     if len(near) > 1:
         ratios = [got / strip for strip, got in near]
         mean = float(np.mean(ratios))
-        said = [float(np.clip(wanted / r, STIFFEST, 0.4)) for r in (mean, *ratios, *(mean * BESIDE))]
+        said = [float(np.clip(wanted / r, STIFFEST, LIMPEST)) for r in (mean, *ratios, *(mean * BESIDE))]
         return next((s for s in said if all(abs(s / t - 1.0) > DISTINCT for t, _ in tried)), None)
     strip, got = tried[-1]
     slope = 1.0
@@ -327,4 +334,4 @@ def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
         slope = np.log(max(got, 1e-5) / max(tried[-2][1], 1e-5)) / np.log(strip / tried[-2][0])
         slope = float(np.clip(slope, 0.4, 1.5))
     step = np.clip(np.log(wanted / max(got, 1e-5)) / slope, -1.0, 1.0)
-    return float(np.clip(strip * np.exp(step), STIFFEST, 0.4))
+    return float(np.clip(strip * np.exp(step), STIFFEST, LIMPEST))

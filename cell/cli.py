@@ -166,8 +166,8 @@ def _count(text: str) -> int:
 
 
 def _port(text: str) -> int:
-    if not text.isdecimal() or not 1024 <= int(text) <= 65_535:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port; a whole number from 1024 to 65535 is")
+    if not text.isdecimal() or not (int(text) == 0 or 1024 <= int(text) <= 65_535):
+        raise argparse.ArgumentTypeError(f"{text!r} is no port; a whole number from 1024 to 65535 is, or 0")
     return int(text)
 
 

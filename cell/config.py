@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cell.yaml_file import Document, merge, read_yaml, validated
+from cell.yaml_file import Document, Key, merge, read_yaml, validated
 from robots.errors import ConfigurationError
 from skills.vocabulary import Table
 
@@ -287,10 +287,12 @@ def load_settings(path: Path | None = None) -> CellSettings:
     return settings
 
 
-def overlaid(settings: CellSettings, over: Mapping[str, Any], path: Path) -> CellSettings:
-    """`settings` with what a part of another file, `path`, says instead. Raises ConfigurationError as
-    `load_settings`."""
-    document = Document(path, over, {})
+def overlaid(
+    settings: CellSettings, over: Mapping[str, Any], path: Path, lines: Mapping[Key, int]
+) -> CellSettings:
+    """`settings` with what a part of another file, `path`, says instead. lines: of its keys there. Raises
+    ConfigurationError as `load_settings`."""
+    document = Document(path, over, lines)
     merged = merge(settings.model_dump(mode="json", by_alias=True), over)
     laid = _with_absolute_paths(validated(document, CellSettings, merged), path.resolve().parent)
     _check_files(laid, document.where)

@@ -363,12 +363,13 @@ class _Motion:
                 if mismatch:
                     return Outcome(failure=mismatch)
                 self._control.note("resumed", {"path_s": self._path.t})
+                self._control.tell("going on")
                 self._path.go()
             return Outcome(failure=ABORTED) if said is Event.ABORT else None
         if not self._path.stopping:
             said = self._control.wanted()
             if said is Event.PAUSE:
-                self._control.tell("paused on the way: resume or abort")
+                self._control.tell("coming to rest on the way")
                 self._asked = self._ports.clock.now()
                 self._path.stop()
             if said is Event.ABORT:
@@ -380,6 +381,7 @@ class _Motion:
         assert self._control is not None and self._path is not None
         if self._asked is not None:
             self._control.note("paused", {"asked_s": self._asked, "path_s": self._path.t})
+            self._control.tell("paused on the way: resume or abort")
             self._asked = None
 
 

@@ -11,10 +11,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from socket import socket
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
 from cell.compiling import compiling_told
-from cell.console.supervision import Supervision
 from cell.context import Context
 from cell.driver import check_cell, opened_cell
 from cell.effects import EFFECTS
@@ -38,12 +38,14 @@ from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
 from cell.simulation import SimulationSettings
 from cell.states import State
-from cell.terminal import TerminalOperator
+from cell.terminal import TerminalOperator, in_foreground
 from cell.whole_file import write_whole
-from robots.errors import Failure, FailureKind, StorageError
+from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
+    from cell.console.board import Board
+    from cell.console.supervision import Supervision
     from cell.reporting import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
@@ -59,21 +61,27 @@ VERSIONED = (
     "transitions", "rerun-sdk",
 )  # fmt: skip
 
-Script = Callable[[Ports, CommandQueue], Ports | None]
+Prelude = Callable[[Ports, CommandQueue], Ports | None]
 """Gets ports and command queue before the first effect; may give back other ports for the executive."""
 
 
 def fold_once(
-    request: FoldRequest, script: Script | None = None, bystanders: Sequence[Observer] = ()
+    request: FoldRequest, prelude: Prelude | None = None, bystanders: Sequence[Observer] = ()
 ) -> FoldResult:
-    """Perform one run. script, bystanders: of tests and HIL scripts; these observe the run as the view does.
+    """Perform one run. prelude, bystanders: of tests and HIL scripts; these observe the run as the view does.
 
     Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
     ends the run as a fault, the arms held.
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
-    with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
+    if request.approve and request.terminal and not request.page and sys.stdin is None:
+        raise ConfigurationError("nobody can approve: there is no terminal", "use the operator's page: supervise")
+    with (
+        OwnerLock(request.logs / "cell.lock"),
+        Journal.open(ledger_path(request.logs)) as journal,
+        _listener(request) as listener,
+    ):
         run = journal.begin_run(
             garment=request.garment,
             seed=request.seed,
@@ -82,7 +90,7 @@ def fold_once(
             versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
-            ended = _perform(request, run, began, script, bystanders)
+            ended = _perform(request, run, began, prelude, bystanders, listener)
         except BaseException:
             run.abandon()
             raise
@@ -132,20 +140,43 @@ class _Ended:
     triangles: NDArray[np.int32] | None
 
 
+def _listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
+    """Of the operator's page, where there is one: a port that is taken is told before there is a run."""
+    if not request.page:
+        return nullcontext()
+    from cell.console.server import open_listener
+
+    return open_listener(request.page_port)
+
+
 def _perform(
-    request: FoldRequest, run: RunJournal, began: float, script: Script | None, bystanders: Sequence[Observer]
+    request: FoldRequest,
+    run: RunJournal,
+    began: float,
+    prelude: Prelude | None,
+    bystanders: Sequence[Observer],
+    listener: socket | None,
 ) -> _Ended:
     write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
     robot = load_robot(request.settings)
-    supervision = Supervision(request, run.id) if request.page else None
-    recorder = _recorder(request, run, supervision.pages if supervision else ())
+    supervision = _supervision(request, run, listener)
+    recorder = _recorder(request, run)
     commands = supervision.commands if supervision else CommandQueue()
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
-    note, computing = supervision.also(lines) if supervision else (lines.note, lines.computing)
     observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines, *bystanders)
+    watching: list[ProgressLines | Board] = [lines]
     if supervision:
-        observers = (*observers, supervision.board)
+        observers, watching = (*observers, supervision.board), [lines, supervision.board]
+
+    def note(text: str) -> None:
+        for watcher in watching:
+            watcher.note(text)
+
+    def computing(done: int, total: int, remark: str) -> None:
+        for watcher in watching:
+            watcher.computing(done, total, remark)
+
     try:
         with (
             compiling_told(lines.note),
@@ -154,11 +185,11 @@ def _perform(
             stop_on_signals(ports) as received,
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
-            used = (script(ports, commands) if script is not None else None) or ports
+            used = (prelude(ports, commands) if prelude is not None else None) or ports
             cell = assemble(request, robot, used, recorder, commands, workers, note, computing)
             witness = _witness(request, ports, recorder)
-            if request.approve and request.terminal and (sys.stdin.isatty() or not request.page):
-                TerminalOperator(commands, sys.stdin, sys.stderr).start()
+            if request.approve and request.terminal and (in_foreground(sys.stdin) or not request.page):
+                TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
             end = Runner(cell, EFFECTS, run, commands, observers).run()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
@@ -176,7 +207,15 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _recorder(request: FoldRequest, run: RunJournal, pages: Sequence[str]) -> Recorder:
+def _supervision(request: FoldRequest, run: RunJournal, listener: socket | None) -> Supervision | None:
+    if listener is None:
+        return None
+    from cell.console.supervision import Supervision
+
+    return Supervision(request, run.id, listener)
+
+
+def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
     if not request.record:
         return Recorder.silent()
     from robots.baxter.meshes import baxter_visual
@@ -186,9 +225,9 @@ def _recorder(request: FoldRequest, run: RunJournal, pages: Sequence[str]) -> Re
     except StorageError:  # no place to keep the converted meshes: a view without the robot is better than no run
         visual = None
     path, table = run.directory / "run.rrd", request.settings.table
-    recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual, pages=pages)
-    if recorder.live_url and not request.quiet:
-        print(f"live view: rerun --connect {recorder.live_url}", flush=True)
+    recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
+    if recorder.live_url:
+        _say(f"live view: rerun --connect {recorder.live_url}")
     return recorder
 
 
@@ -250,8 +289,9 @@ def _failure(failure: Failure) -> dict[str, str]:
 
 def _steps(context: Context) -> Iterator[dict[str, Any]]:
     """Every planned fold: what was made of it."""
+    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
     for index, step in enumerate(context.steps):
-        note = context.done[index] if index < len(context.done) else None
+        note = notes.get(step.name)
         yield {
             "name": step.name,
             "done": note is not None,

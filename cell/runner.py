@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from cell.commands import ABORTED, CommandQueue
+from cell.commands import ABORTED, ANSWERS, CommandQueue
 from cell.context import Context, Result
 from cell.execution import stopped
 from cell.executive import Executive, Step
@@ -27,6 +27,10 @@ EffectFunction = Callable[[Workcell, Context], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
 """Effects that touch neither the cell nor the clock: an event in the ledger is enough."""
+
+
+_QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
+"""Only what is said after they were shown answers them: a key pressed twice does not approve the next fold."""
 
 
 class Observer(Protocol):
@@ -123,6 +127,8 @@ class Runner:
 
     def _note_entry(self, t: float, step: Step) -> None:
         self._state = step.target
+        if step.effect in _QUESTIONS:
+            self._commands.drop(ANSWERS)
         self._journal.event(t, step.target.value, step.event.value, {"from": step.source.value})
         for o in self._observers:
             o.entered(t, step)

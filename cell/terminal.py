@@ -5,6 +5,7 @@ The stop is not among them: it is out of band (Ctrl-C, or the button).
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from threading import Thread
@@ -13,7 +14,7 @@ from typing import TextIO
 from cell.commands import CommandQueue
 from cell.states import Event
 
-__all__ = ["KEYS", "TerminalOperator"]
+__all__ = ["KEYS", "TerminalOperator", "in_foreground"]
 
 KEYS: Mapping[str, Event] = {
     "a": Event.APPROVE,
@@ -29,11 +30,12 @@ HELP = "  ".join(f"{key} {event.value}" for key, event in KEYS.items()) + "  Ctr
 class TerminalOperator:
     """Reads lines from `source` on a thread of its own, which never keeps the process alive.
 
-    When the source ends (the terminal was closed) nobody is left to answer: the run is told to end.
+    When the source ends (the terminal was closed) nobody is left to answer: the run is told to end, unless
+    somebody sits elsewhere (`alone` is false).
     """
 
-    def __init__(self, commands: CommandQueue, source: TextIO, answers: TextIO) -> None:
-        self._commands = commands
+    def __init__(self, commands: CommandQueue, source: TextIO, answers: TextIO, alone: bool = True) -> None:
+        self._commands, self._alone = commands, alone
         self._source = source
         self._answers = answers
         self._thread = Thread(target=self._read, name="terminal-operator", daemon=True)
@@ -52,7 +54,8 @@ class TerminalOperator:
                 self._take(line.strip().lower())
         except (OSError, ValueError):  # closed under our feet
             pass
-        self._commands.put(Event.ABORT)
+        if self._alone:
+            self._commands.put(Event.ABORT)
 
     def _take(self, word: str) -> None:
         if not word:
@@ -67,3 +70,12 @@ class TerminalOperator:
     def _say(self, text: str) -> None:
         with suppress(OSError, ValueError):
             print(text, file=self._answers, flush=True)
+
+
+def in_foreground(source: TextIO | None) -> bool:
+    """Whether somebody can type into `source`: a terminal whose foreground this process is. Reading it from the
+    background would suspend the process, motions, page and all."""
+    try:
+        return source is not None and source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp()
+    except (OSError, ValueError):
+        return False

@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 
 from robots.errors import ConfigurationError
 
-__all__ = ["Document", "merge", "read_yaml", "validated"]
+__all__ = ["Document", "Key", "merge", "read_yaml", "validated"]
 
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]

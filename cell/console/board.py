@@ -1,6 +1,7 @@
 """What the operator's page shows, as the run goes: an observer that keeps the last word on everything.
 
-Written by the executive's thread, read by the server's; a reader always gets a whole snapshot.
+Any thread may write to it (the executive's, a skill's, whoever gives a command) and read: a reader always gets a
+whole snapshot.
 """
 
 from __future__ import annotations
@@ -11,21 +12,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.commands import OPERATOR_EVENTS
+from cell.commands import ANSWERS, OPERATOR_EVENTS
 from cell.context import Context, Result
 from cell.executive import Step, complete_table
 from cell.observers import Remarks
 from cell.states import TERMINAL, Event, State
 from robots.errors import Failure
 
-__all__ = ["ANSWERS", "ORDER", "Board"]
+__all__ = ["ORDER", "Board"]
 
-ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
-"""Commands that answer a question, and are void for the next one."""
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
 ASKING = (State.AWAITING_APPROVAL, State.ASKING)
-KEPT = 60
-"""Remarks that are shown."""
+REMARKS_SHOWN = 60
 
 _ALLOWED: Mapping[State, frozenset[Event]] = {
     state: frozenset(row.event for row in complete_table() if row.state is state) & OPERATOR_EVENTS
@@ -42,10 +40,9 @@ class Board:
         drawn = seed if simulated else None
         self._about = {"run": run_id, "garment": garment, "seed": drawn, "simulated": simulated}
         self._state = State.IDLE
-        self._since = 0.0
         self._context = Context()
         self._question = 0
-        self._held_up = False
+        self._pausing = False
         self._progress: dict[str, Any] | None = None
         self._note = ""
         self._end: dict[str, Any] | None = None
@@ -55,8 +52,8 @@ class Board:
 
     def entered(self, t: float, step: Step) -> None:
         with self._lock:
-            self._state, self._since = step.target, t
-            self._held_up, self._progress, self._note = False, None, ""
+            self._state = step.target
+            self._pausing, self._progress, self._note = False, None, ""
             if step.target in ASKING:
                 self._question += 1
             self.version += 1
@@ -82,7 +79,7 @@ class Board:
     def heard(self, command: Event) -> None:
         """A command was given, here or at the terminal: a motion that pauses can be resumed."""
         with self._lock:
-            self._held_up = command is Event.PAUSE or (self._held_up and command in ANSWERS)
+            self._pausing = command is Event.PAUSE or (self._pausing and command in ANSWERS)
             self.version += 1
 
     def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
@@ -113,11 +110,10 @@ class Board:
                 **self._about,
                 "version": self.version,
                 "state": self._state.value,
-                "since": self._since,
                 "allowed": [event.value for event in ORDER if event in may],
                 "question": {"number": self._question, "text": self._asked()} if self._state in ASKING else None,
                 "steps": self._steps(),
-                "remarks": [asdict(remark) for remark in self._remarks.list[-KEPT:]],
+                "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
                 "progress": self._progress,
                 "note": self._note,
                 "end": self._end,
@@ -127,7 +123,7 @@ class Board:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
         may = _ALLOWED[self._state] - ({Event.PAUSE} if self._state in ASKING else set())  # it stands still
-        return may - {Event.PAUSE} | {Event.RESUME} if self._held_up and Event.PAUSE in may else may
+        return may - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in may else may
 
     def _asked(self) -> str:
         context = self._context
@@ -146,7 +142,8 @@ class Board:
 
     def _steps(self) -> list[dict[str, Any]]:
         context = self._context
+        made = {note.name for note in context.done}
         return [
-            {"name": step.name.replace("_", " "), "done": k < len(context.done), "now": k == context.index}
+            {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.index}
             for k, step in enumerate(context.steps)
         ]

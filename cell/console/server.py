@@ -27,18 +27,25 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
-from cell.commands import CommandQueue
-from cell.console.board import ANSWERS, Board
-from cell.states import Event
-from robots.errors import StorageError
+from cell.commands import ANSWERS, CommandQueue
+from cell.console.board import Board
+from robots.errors import DriverError, StorageError
 from robots.ports import Stop
 
-__all__ = ["operators_page"]
+__all__ = ["open_listener", "operators_page"]
 
 HOSTS = ["127.0.0.1", "localhost"]
 PAGE = Path(__file__).with_name("page.html")
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",  # the address is the secret
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    " connect-src 'self' ws:; frame-src http://127.0.0.1:*; base-uri 'none'; form-action 'none'",
+}
+START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 1.0
 """How often the board is looked at for news, and a sign of life is sent."""
 LAST_WORD_S = 0.5
@@ -49,24 +56,40 @@ POLICY = 1008
 STOP_REASON = "the operator's page"
 
 
+def open_listener(port: int = 0) -> socket.socket:
+    """The page's own socket, on this machine only; port 0 takes a free one. Who comes before the page is served
+    has to wait, and is not refused. Raises StorageError for a port that somebody has."""
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(("127.0.0.1", port))
+        listener.listen()
+    except OSError as e:
+        listener.close()
+        raise StorageError(
+            f"the operator's page cannot be served on port {port}: {e.strerror}", "choose another port, or 0"
+        ) from e
+    return listener
+
+
 @contextmanager
 def operators_page(
-    board: Board, commands: CommandQueue, stop: Stop, viewer: str | None, port: int = 0
+    board: Board, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
 ) -> Iterator[str]:
     """The page's address for as long as the context lasts. viewer: address of the Rerun viewer to show beside it;
-    port: 0 takes a free one. Raises StorageError for a port that somebody has."""
-    listener = _listener(port)
+    listener: from `open_listener`, closed at the end. Raises StorageError when the page cannot be served."""
     secret = secrets.token_urlsafe(16)
-    origin = listener.getsockname()[1]
-    app = _Page(board, commands, stop, viewer, origin).app(secret)
+    port = listener.getsockname()[1]
+    app = _Page(board, commands, stop, viewer, port).app(secret)
     config = uvicorn.Config(
-        app, log_level="error", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
+        app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
     )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, args=([listener],), name="operators-page", daemon=True)
     thread.start()
     try:
-        yield f"http://127.0.0.1:{origin}/{secret}/"
+        _await_start(server, thread)
+        yield f"http://127.0.0.1:{port}/{secret}/"
         time.sleep(LAST_WORD_S)
     finally:
         server.should_exit = True
@@ -74,18 +97,12 @@ def operators_page(
         listener.close()
 
 
-def _listener(port: int) -> socket.socket:
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind(("127.0.0.1", port))
-        listener.listen()  # who comes before the server runs has to wait, and is not refused
-    except OSError as e:
-        listener.close()
-        raise StorageError(
-            f"the operator's page cannot be served on port {port}: {e.strerror}", "choose another port, or 0"
-        ) from e
-    return listener
+def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
+    deadline = time.monotonic() + START_S
+    while not server.started:
+        if not thread.is_alive() or time.monotonic() > deadline:
+            raise StorageError("the operator's page cannot be served", "try --no-page, and keys at the terminal")
+        time.sleep(0.01)
 
 
 class _Page:
@@ -101,53 +118,63 @@ class _Page:
         return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
 
     async def page(self, request: Request) -> HTMLResponse:
-        text = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", json.dumps(self._viewer))
-        return HTMLResponse(text, headers={"Cache-Control": "no-store", "X-Frame-Options": "DENY"})
+        viewer = json.dumps(self._viewer).replace("<", "\\u003c")
+        return HTMLResponse(PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer), headers=HEADERS)
 
-    async def link(self, socket: WebSocket) -> None:
-        if socket.headers.get("origin") not in self._origins:
-            await socket.close(POLICY)
+    async def link(self, link: WebSocket) -> None:
+        """One page's link. It is closed when either side of it fails: a page that hears nothing must know."""
+        if link.headers.get("origin") not in self._origins:
+            await link.close(POLICY)
             return
-        await socket.accept()
-        telling = asyncio.create_task(self._tell(socket))
-        try:
-            while True:
-                await socket.send_json(self._answer(await socket.receive_text()))
-        except (WebSocketDisconnect, RuntimeError):  # the page was closed, or was closed on
-            pass
-        finally:
-            telling.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await telling
+        await link.accept()
+        sides = {asyncio.create_task(self._tell(link)), asyncio.create_task(self._hear(link))}
+        _, open_still = await asyncio.wait(sides, return_when=asyncio.FIRST_COMPLETED)
+        for side in open_still:
+            side.cancel()
+        await asyncio.gather(*sides, return_exceptions=True)
+        with contextlib.suppress(Exception):  # it may be closed already, from either end
+            await link.close()
 
-    async def _tell(self, socket: WebSocket) -> None:
+    async def _tell(self, link: WebSocket) -> None:
         told, spoke = -1, 0.0
         while True:
             version, now = self._board.version, time.monotonic()
             if version != told:
-                await socket.send_json({"board": self._board.snapshot(), "stopped": self._stop.state().stopped})
+                await link.send_json({"board": self._board.snapshot(), "stopped": self._stopped()})
                 told, spoke = version, now
             elif now - spoke > ALIVE_S:
-                await socket.send_json({"stopped": self._stop.state().stopped})
+                await link.send_json({"stopped": self._stopped()})
                 spoke = now
             await asyncio.sleep(LOOK_S)
 
-    def _answer(self, message: str) -> dict[str, Any]:
-        """Do what a message says; what became of it, for the page. Nothing that it could hold raises."""
+    async def _hear(self, link: WebSocket) -> None:
+        while True:
+            frame = await link.receive()
+            if frame["type"] == "websocket.disconnect":
+                return
+            try:
+                answer = self._answer(frame.get("text") or "")
+            except Exception:  # nothing that is said may end the link: the next word may be stop
+                answer = {"refused": "no message of this page"}
+            await link.send_json(answer)
+
+    def _stopped(self) -> bool | None:
+        """None where the driver cannot tell."""
         try:
-            said = json.loads(message)
-        except ValueError:
-            said = None
-        if not isinstance(said, dict):
-            return {"refused": "no message of this page"}
+            return self._stop.state().stopped
+        except DriverError:
+            return None
+
+    def _answer(self, message: str) -> dict[str, Any]:
+        """Do what a message says; what became of it, for the page."""
+        said = json.loads(message)
         if "stop" in said:
             self._stop.trigger(STOP_REASON)
             return {"noted": "stop"}
-        word = said.get("say")
-        command = next((event for event in self._board.allowed() if event.value == word), None)
+        command = next((event for event in self._board.allowed() if event.value == said["say"]), None)
         if command is None:
-            return {"refused": f"'{word}' cannot be said now"}
+            return {"refused": "that cannot be said now"}
         if command in ANSWERS and not self._board.answers(said.get("question")):
             return {"refused": "this question is no longer asked"}
-        self._commands.put(Event(command))
+        self._commands.put(command)
         return {"noted": command.value}

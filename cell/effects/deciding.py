@@ -53,13 +53,10 @@ def choose_next(cell: Workcell, context: Context) -> Result:
 
 
 def ask_approval(cell: Workcell, context: Context) -> Result:
-    """Only what is said after the plan was shown approves it: a key pressed twice does not approve the next."""
-    cell.commands.drop({Event.APPROVE, Event.RETRY})
     return _await_command(cell, context, {Event.APPROVE, Event.RETRY, Event.ABORT})
 
 
 def ask_operator(cell: Workcell, context: Context) -> Result:
-    cell.commands.drop({Event.RETRY, Event.SKIP})
     return _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
 
 

@@ -8,12 +8,14 @@ is due has to wait until it does, or enters its next state.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from cell.commands import CommandQueue
+from cell.commands import CommandQueue, Said
 from cell.context import Result
 from cell.executive import Step
 from cell.hil.clock import PunctualClock
@@ -26,8 +28,13 @@ from robots.ports import Array, Ports
 
 __all__ = ["Director", "Seen"]
 
-GIVE_UP = Action.model_validate({"say": Event.ABORT.value})
-"""What is done to a run that does not come to its end."""
+HUNG = "the script's time is over"
+GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": HUNG})
+"""What is done to a run that does not come to its end, and to one that does not heed that."""
+GRACE_S = 60.0
+"""Of cell time between the two [s]."""
+HUNG_FACTOR = 3.0
+"""A cell whose clock stands still is stopped after so many times that on the wall."""
 AT_REST = 0.02
 """Arms this near to the rest pose are parked [rad]."""
 OPEN = 0.01
@@ -39,8 +46,8 @@ class Seen:
     """What came of a run beside its result.
 
     states: in the order in which they were entered; failures: likewise. parked: arms at rest and hands open at
-    the end. missed: actions that were never due, or faults that never happened. overdue: it was ended for its
-    length.
+    the end. missed: actions that were never due, faults that never happened and commands that nobody took.
+    overdue: it was told to end for its length. trouble: what kept the script from being carried out.
     """
 
     states: tuple[State, ...]
@@ -48,6 +55,7 @@ class Seen:
     parked: bool
     missed: tuple[Action, ...]
     overdue: bool = False
+    trouble: tuple[str, ...] = ()
 
 
 class Director:
@@ -65,20 +73,33 @@ class Director:
         self._states: list[State] = []
         self._failures: list[FailureKind] = []
         self._parked = False
+        self._said: list[tuple[Said, Action]] = []
+        self._late: list[Action] = []
         self._missed: tuple[Action, ...] = script.do
         self._limit = script.limit_s
         self._overdue = False
+        self._trouble: list[str] = []
+        self._guard: threading.Timer | None = None
 
     def begin(self, ports: Ports, commands: CommandQueue) -> Ports:
         """The ports as the executive gets them: the same, with a clock on whose way the script is carried out."""
         self._ports, self._commands, self._began = ports, commands, ports.clock.now()
         self._schedule(lambda action: action.when.time_s)
-        self._due.append((self._began + self._limit, GIVE_UP))
+        self._due += [(self._began + self._limit, GIVE_UP), (self._began + self._limit + GRACE_S, HALT)]
+        self._guard = threading.Timer(HUNG_FACTOR * (self._limit + GRACE_S), ports.stop.trigger, [HUNG])
+        self._guard.daemon = True
+        self._guard.start()
         self.carry_out(self._began)
         return replace(ports, clock=PunctualClock(ports.clock, self))
 
+    def close(self) -> None:
+        """The run is over: nothing is to be stopped any more."""
+        if self._guard is not None:
+            self._guard.cancel()
+
     def seen(self) -> Seen:
-        return Seen(tuple(self._states), tuple(self._failures), self._parked, self._missed, self._overdue)
+        states, failures = tuple(self._states), tuple(self._failures)
+        return Seen(states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble))
 
     # an agenda
 
@@ -92,11 +113,14 @@ class Director:
         for t, action in sorted(self._due, key=lambda item: item[0]):
             if t <= now and which(action):
                 self._due.remove((t, action))
-                self._do(t, action)
+                self._without_raising(partial(self._do, t, action))
 
     # an observer
 
     def entered(self, t: float, step: Step) -> None:
+        left = [(due, action) for due, action in self._due if action.when.state is not None and due > t]
+        self._due = [item for item in self._due if item not in left]  # it would meet another state
+        self._late += [action for _, action in left]
         visit = self._states.count(step.target) + 1
         self._states.append(step.target)
 
@@ -108,7 +132,7 @@ class Director:
         # what is said before a question was asked does not answer it: that waits until the effect has begun
         self._carry_out(t, lambda action: action.say is None)
         if step.target in TERMINAL:
-            self._look_at_the_end()
+            self._without_raising(self._look_at_the_end)
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         if result.event in FAILING and result.context.failure is not None:
@@ -130,7 +154,7 @@ class Director:
             inject(self._ports, fault)
         elif action.say is not None:
             self._overdue = self._overdue or action is GIVE_UP
-            self._commands.put(action.say)
+            self._said.append((self._commands.put(action.say), action))
         elif action.stop is not None:
             self._ports.stop.trigger(action.stop)
         elif action.tell is not None:
@@ -144,5 +168,13 @@ class Director:
         self._parked = astray < AT_REST and min(openings) > OPEN
         happened = [fault for _, fault in truth(ports).faults] if self._faults else []
         not_so = [action for fault, action in self._faults if not any(fault is f for f in happened)]
-        still = (action for _, action in self._due if action is not GIVE_UP)
-        self._missed = (*self._waiting, *still, *not_so)
+        still = [action for _, action in self._due] + [action for said, action in self._said if not said.taken]
+        missed = (*self._waiting, *self._late, *still, *not_so)
+        self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)
+
+    def _without_raising(self, act: Callable[[], None]) -> None:
+        """The run must not end by its script's trouble; the script has failed then."""
+        try:
+            act()
+        except Exception as e:
+            self._trouble.append(f"{type(e).__name__}: {e}")

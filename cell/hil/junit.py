@@ -6,17 +6,20 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from cell.hil.performing import Performance
+from cell.hil.script import Script
 
 __all__ = ["junit_text"]
 
 
-def junit_text(performances: Sequence[Performance]) -> bytes:
-    """One test case a script, with what was not as expected and the run's folder."""
+def junit_text(performances: Sequence[Performance], left: Sequence[Script] = ()) -> bytes:
+    """One test case a script, with what was not as expected and the run's folder. left: scripts that were not
+    performed any more, as skipped."""
     failed = sum(not p.passed for p in performances)
     seconds = sum(p.seconds for p in performances)
     suite = ElementTree.Element(
-        "testsuite", name="foldcell hil", tests=str(len(performances)), failures=str(failed), time=f"{seconds:.1f}"
-    )
+        "testsuite", name="foldcell hil", tests=str(len(performances) + len(left)), failures=str(failed),
+        skipped=str(len(left)), time=f"{seconds:.1f}",
+    )  # fmt: skip
     for p in performances:
         case = ElementTree.SubElement(
             suite, "testcase", classname="hil", name=p.script.name, time=f"{p.seconds:.1f}"
@@ -26,6 +29,9 @@ def junit_text(performances: Sequence[Performance]) -> bytes:
             ElementTree.SubElement(case, "failure", message=_plain(p.broken[0])).text = _plain("\n".join(p.broken))
         if p.result is not None:
             ElementTree.SubElement(case, "system-out").text = _plain(p.result.run_dir)
+    for script in left:
+        case = ElementTree.SubElement(suite, "testcase", classname="hil", name=script.name)
+        ElementTree.SubElement(case, "skipped", message="interrupted before it was performed")
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True) + b"\n"
 

@@ -15,6 +15,7 @@ from cell.hil.director import Director
 from cell.hil.script import Script
 from cell.hil.verdict import broken_expectations
 from cell.requests import FoldRequest, FoldResult
+from cell.states import State
 from robots.errors import CellError, ConfigurationError
 
 __all__ = ["Performance", "check_script", "perform_script"]
@@ -36,7 +37,9 @@ class Performance:
     @property
     def faulty(self) -> bool:
         """Whether the cell ended in a fault, or did not begin, without the script having asked for it."""
-        return not self.passed and (self.result is None or self.result.result == "fault")
+        if self.result is None:
+            return True
+        return self.result.state == State.FAULT and State.FAULT not in self.script.expect.end
 
     def as_json(self) -> dict[str, Any]:
         run = self.result
@@ -50,14 +53,14 @@ class Performance:
 
 def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
     """The settings of the script's run. Raises ConfigurationError for a script that cannot be performed."""
-    if script.hurts and driver != "sim":
+    if script.needs_simulation and driver != "sim":
         raise ConfigurationError(
-            f"{script.path}: only a simulated cell can be made to fail",
-            "use `tell` to have a person do it, or --driver sim",
+            f"{script.path}: only a simulated cell can be made to fail, and is scored",
+            "use `tell` to have a person do it, leave `passed` out, or use --driver sim",
         )
-    own = overlaid(settings, script.cell, script.path)
+    own = overlaid(settings, script.cell, script.path, script.setting_lines)
     if script.garment != "auto":
-        load_garment(script.garment, own.surface)
+        load_garment(script.garment_named, own.surface)
     return own
 
 
@@ -77,15 +80,20 @@ def perform_script(
     from cell.run import fold_once
 
     began = time.monotonic()
-    request = FoldRequest(
-        garment=script.garment, seed=script.seed, driver=driver, settings=check_script(script, settings, driver),
-        settings_path=None, logs=logs, live=live, approve=script.attended, terminal=False, realtime=realtime,
-        world=world, quiet=True,
-    )  # fmt: skip
-    director = Director(script, load_robot(request.settings).q_park, tell)
+    director: Director | None = None
     try:
+        own = check_script(script, settings, driver)
+        request = FoldRequest(
+            garment=script.garment_named, seed=script.seed, driver=driver, settings=own, settings_path=None,
+            logs=logs, live=live, approve=script.attended, terminal=False, realtime=realtime, world=world,
+            quiet=True,
+        )  # fmt: skip
+        director = Director(script, load_robot(own).q_park, tell)
         result = fold_once(request, director.begin, (director,))
     except CellError as e:
         return Performance(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
+    finally:
+        if director is not None:
+            director.close()
     broken = broken_expectations(script, result, director.seen())
     return Performance(script, broken, result, time.monotonic() - began)

@@ -17,21 +17,24 @@ expect:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from cell.commands import OPERATOR_EVENTS
 from cell.simulation import Fault, FaultKind
 from cell.states import TERMINAL, Event, State
-from cell.yaml_file import Document, read_yaml, validated
+from cell.yaml_file import Key, read_yaml, validated
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Side
 
 __all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "read_script"]
 
 _LONGEST_S = 36_000.0
+_ENTERED = frozenset(State) - {State.IDLE}
+"""States that a run comes to: it begins in the other."""
 
 
 def _one_of(kind: Any, known: Any = None) -> Any:
@@ -50,10 +53,14 @@ def _as_list(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _seconds(about: str) -> Any:
-    return Field(
-        ge=0.0, le=_LONGEST_S, strict=True, allow_inf_nan=False, description=about, json_schema_extra={"unit": "s"}
-    )
+def _or_empty(value: Any) -> Any:
+    """A key that is there with nothing behind it is an empty list."""
+    return () if value is None else value
+
+
+def _seconds(about: str, **more: Any) -> Any:
+    low: dict[str, Any] = {} if "gt" in more else {"ge": 0.0}
+    return Field(le=_LONGEST_S, strict=True, allow_inf_nan=False, description=about, **low, **more)
 
 
 class _Group(BaseModel):
@@ -63,15 +70,8 @@ class _Group(BaseModel):
 class Moment(_Group):
     """A cell time of the run, or some time after a state was entered for the n-th time."""
 
-    time_s: float | None = Field(
-        default=None,
-        ge=0.0,
-        le=_LONGEST_S,
-        strict=True,
-        allow_inf_nan=False,
-        description="cell time since the run began",
-    )
-    state: _one_of(State) | None = Field(None, description="a state of the machine (docs/architecture.md)")  # type: ignore[valid-type]
+    time_s: Annotated[float, _seconds("cell time since the run began")] | None = None
+    state: _one_of(State, _ENTERED) | None = Field(None, description="a state of the machine")  # type: ignore[valid-type]
     visit: int = Field(1, ge=1, le=1000, strict=True, description="the state's n-th visit, from 1")
     after_s: Annotated[float, _seconds("so long after the state was entered")] = 0.0
 
@@ -145,8 +145,8 @@ class Expectation(_Group):
     )
     failures: tuple[_one_of(FailureKind), ...] = Field((), description="kinds of failure that are met")  # type: ignore[valid-type]
     only_failures: bool = Field(False, strict=True, description="no other kinds of failure than these are met")
-    through: tuple[_one_of(State), ...] = Field((), description="states that are passed")  # type: ignore[valid-type]
-    not_through: tuple[_one_of(State), ...] = Field((), description="states that are never entered")  # type: ignore[valid-type]
+    through: tuple[_one_of(State, _ENTERED), ...] = Field((), description="states that are passed")  # type: ignore[valid-type]
+    not_through: tuple[_one_of(State, _ENTERED), ...] = Field((), description="states that are never entered")  # type: ignore[valid-type]
     folds: int | None = Field(None, ge=0, strict=True, description="folds that are made")
     within_s: Annotated[float, _seconds("robot time of the whole run")] | None = None
     passed: bool | None = Field(None, strict=True, description="the scorer's verdict; simulated cells only")
@@ -154,33 +154,50 @@ class Expectation(_Group):
 
 
 class Script(_Group):
-    """One script. path: its file."""
+    """One script."""
 
     about: str = Field(min_length=1, description="what happens and what should come of it, in a sentence")
     garment: str = Field(min_length=1, description="name or file of the garment, or auto")
     seed: int = Field(0, ge=0, le=2**31 - 1, strict=True, description="of the simulated cell")
     attended: bool = Field(False, strict=True, description="folds are approved, failures may be asked about")
-    limit_s: Annotated[float, _seconds("cell time after which the run is aborted, and the script failed")] = 600.0
+    limit_s: Annotated[
+        float, _seconds("cell time after which the run is aborted, and the script failed", gt=0.0)
+    ] = 600.0
     cell: dict[str, Any] = Field({}, description="settings laid over those of the cell")
-    do: tuple[Action, ...] = Field((), description="what is done to the run")
+    do: Annotated[tuple[Action, ...], BeforeValidator(_or_empty)] = Field((), description="what is done")
     expect: Expectation = Field(description="what has to come of it")
-    path: Path = Path()
+    _path: Path = PrivateAttr(default=Path())
+    _setting_lines: dict[Key, int] = PrivateAttr(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The file that it was read from."""
+        return self._path
+
+    @property
+    def setting_lines(self) -> Mapping[Key, int]:
+        """Lines of the keys in `cell`."""
+        return self._setting_lines
 
     @property
     def name(self) -> str:
         return self.path.stem
 
     @property
-    def hurts(self) -> bool:
-        """Whether it lets things go wrong that only a simulated cell can be made to do."""
-        return any(action.fault is not None for action in self.do)
+    def needs_simulation(self) -> bool:
+        """Whether it lets things go wrong, or asks for what only a scorer knows."""
+        return any(action.fault is not None for action in self.do) or self.expect.passed is not None
+
+    @property
+    def garment_named(self) -> str:
+        """The garment's name, or its file: a path counts from where the script lies."""
+        is_file = self.garment.endswith((".yaml", ".yml")) or "/" in self.garment
+        return str(self.path.parent / self.garment) if is_file else self.garment
 
 
 def read_script(path: Path) -> Script:
     """Raises ConfigurationError, with file, line, key and what is allowed."""
-    document: Document = read_yaml(path, "HIL script")
-    if "path" in document.data:
-        raise ConfigurationError(f"{document.where(('path',))}: unknown key 'path'", path=str(path))
+    document = read_yaml(path, "HIL script")
     script = validated(document, Script)
     said = {action.say for action in script.do}
     if not script.attended and said & {Event.APPROVE, Event.RETRY, Event.SKIP}:
@@ -189,4 +206,6 @@ def read_script(path: Path) -> Script:
             "add `attended: true`: then folds are approved, and failures may be asked about",
             path=str(path),
         )
-    return script.model_copy(update={"path": path})
+    script._path = path
+    script._setting_lines.update({key[1:]: line for key, line in document.lines.items() if key[:1] == ("cell",)})
+    return script

@@ -21,7 +21,9 @@ def broken_expectations(script: Script, result: FoldResult, seen: Seen) -> tuple
 def _broken(script: Script, result: FoldResult, seen: Seen) -> Iterator[str]:
     expect = script.expect
     if seen.overdue:
-        yield f"was aborted after {script.limit_s:g} s (limit_s)"
+        yield f"was still going after {script.limit_s:g} s (limit_s)"
+    for what in seen.trouble:
+        yield f"the script could not be carried out: {what}"
     if result.state not in expect.end:
         why = f": {result.failure['what']}" if result.failure else ""
         yield f"ended {result.state}{why}; expected {_words(expect.end, ' or ')}"
@@ -41,7 +43,9 @@ def _broken(script: Script, result: FoldResult, seen: Seen) -> Iterator[str]:
         yield f"made {made} folds; expected {expect.folds}"
     if expect.within_s is not None and result.robot_time_s > expect.within_s:
         yield f"took {result.robot_time_s:.1f} s of robot time; expected at most {expect.within_s:g} s"
-    if expect.passed is not None and result.score is not None and bool(result.score["passed"]) != expect.passed:
+    if expect.passed is not None and result.score is None:
+        yield "there is no score"
+    elif expect.passed is not None and result.score is not None and bool(result.score["passed"]) != expect.passed:
         yield f"the score {'passed' if result.score['passed'] else 'did not pass'}; expected otherwise"
     if expect.parked is not None and seen.parked != expect.parked:
         yield "the arms were not parked with open hands at the end" if expect.parked else "the arms were parked"

@@ -8,7 +8,7 @@ they like, and get what was kept for them.
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from urllib.parse import quote
 
 import rerun as rr
@@ -33,23 +33,13 @@ MEMORY = "512MiB"
 class LiveStream:
     """Feeds a viewer, drops what it does not take, counts that."""
 
-    def __init__(
-        self,
-        application: str,
-        run_id: str,
-        live: bool | str,
-        floor: float,
-        on_error: OnError,
-        pages: Sequence[str] = (),
-    ) -> None:
-        """pages: origins of web viewers that may read the stream, beside the program's own viewer."""
+    def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
         host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
         self._host, self._port = host or "127.0.0.1", int(port) if port else free_port()
         shown = "127.0.0.1" if self._host == "0.0.0.0" else self._host
         self.url = f"rerun+http://{shown}:{self._port}/proxy"
         self._identity = (application, run_id)
         self._floor = floor
-        self._pages = list(pages)
         self._stream: rr.RecordingStream | None = None
         self._pump: Pump[Entry] = Pump("recorder-live", self._write, on_error, QUEUE, self._connect, self._leave)
 
@@ -65,9 +55,7 @@ class LiveStream:
 
     def _connect(self) -> None:
         stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
-        sink = rr.GrpcServerSink(
-            self._host, self._port, server_memory_limit=MEMORY, cors_allow_origin=self._pages or None
-        )
+        sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
         stream.set_sinks(sink, default_blueprint=layout(self._floor))
         stream.send_recording_name(self._identity[1])
         self._stream = stream
@@ -82,11 +70,16 @@ class LiveStream:
             self._stream.disconnect()
 
 
-def web_viewer() -> str:
-    """Serve Rerun's web viewer on a free port; its origin. It holds no data, it is the program alone, and is
-    served until this process ends."""
+def web_viewer() -> str | None:
+    """Serve Rerun's web viewer on a free port; its origin, or None where that fails: a run goes on without it.
+
+    It is the program alone and holds no data; it is served until this process ends, and on every interface: Rerun
+    has no way to bind it to one."""
     port = free_port(0)
-    rr.serve_web_viewer(web_port=port, open_browser=False)
+    try:
+        rr.serve_web_viewer(web_port=port, open_browser=False)
+    except RuntimeError:
+        return None
     return f"http://127.0.0.1:{port}"
 
 

@@ -10,7 +10,7 @@ for minutes, and both count what they drop.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -106,13 +106,12 @@ class Recorder:
         live: bool | str = False,
         robot: RobotVisual | None = None,
         truth: bool = True,
-        pages: Sequence[str] = (),
     ) -> Recorder:
         """Begin the recording `path` (.rrd).
 
         live: True serves viewers on 127.0.0.1 (`live_url` says where), 'HOST:PORT' elsewhere. truth: whether
-        `garment_truth` is kept. pages: origins of web viewers that may read the live stream. Does not raise: a
-        recording that cannot be begun is reported by `close`, and the run goes on without it.
+        `garment_truth` is kept. Does not raise: a recording that cannot be begun is reported by `close`, and
+        the run goes on without it.
         """
         recorder = cls(table, robot, truth)
         try:
@@ -123,7 +122,7 @@ class Recorder:
         except Exception as error:
             recorder._note_error(error)
         if live:
-            recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_error, pages)
+            recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_error)
         recorder._pump = Pump("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
         recorder._submit(recorder._begin, essential=True)
         return recorder

@@ -52,6 +52,8 @@ def _summary(figures: dict) -> None:
     fault = "FAULT" if unwritten else "FAULT (see the report)"
     words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}
     result = str(figures.get("result"))
+    if figures.get("state") == "stopped":
+        words[result] = "STOPPED (the arms hold; the hands keep what they hold)"
     print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
     failure = figures.get("failure")
     if failure:

@@ -4,61 +4,118 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from cell.config import load_settings
+from cell.config import CellSettings, load_settings
 from cell.hil.junit import junit_text
 from cell.hil.performing import Performance, check_script, perform_script
 from cell.hil.script import Script, read_script
 from cell.journal import to_json
+from cell.lock import OwnerLock
 from cell.paths import campaign_folder, logs_directory, prepare_logs
-from cell.subcommands.output import print_json, progress_stream
+from cell.subcommands.output import progress_stream
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 
 __all__ = ["run"]
 
-INTERRUPTED = 128
+BY_SIGNAL = 128
 
 
 def run(options: argparse.Namespace) -> int:
     """0 when every script passed, 2 when one did not, 3 when a cell came to a fault that was not expected.
 
     All scripts are read and checked before the first run begins. A signal ends the run under way, and no other
-    begins: what was not performed is told."""
+    begins. Whatever ends the campaign, what was performed is told and kept."""
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
     for script in scripts:
         check_script(script, settings, options.driver)
-    campaign = campaign_folder(prepare_logs(logs_directory(options.logs)), "hil")
-    out = progress_stream(options.json)
+    if options.junit is not None and not options.junit.absolute().parent.is_dir():
+        raise ConfigurationError(f"{options.junit}: there is no such folder", "make it, or give another --junit")
+    logs = prepare_logs(logs_directory(options.logs))
+    with _owned(logs, options.driver):
+        return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
+
+
+def _campaign(
+    options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path
+) -> int:
     done: list[Performance] = []
-    signal: int | None = None
+    ended_by: int | None = None
+    try:
+        with _interruptible():
+            ended_by = _perform(options, settings, scripts, folder, done)
+    except _Interrupted as e:
+        ended_by = e.number
+    finally:  # also when a bug ends it
+        left = scripts[len(done) :]
+        figures = _figures(done, left, options.driver)
+        if options.json:
+            _tell(sys.stdout, json.dumps(to_json({**figures, "directory": str(folder)}), ensure_ascii=False))
+        else:
+            _summary(done, left, folder)
+        write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
+        if options.junit is not None:
+            write_whole(options.junit, junit_text(done, left))
+    if ended_by is not None:
+        return BY_SIGNAL + ended_by
+    return 3 if any(p.faulty for p in done) else 2 if any(not p.passed for p in done) else 0
+
+
+def _perform(
+    options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path,
+    done: list[Performance],
+) -> int | None:  # fmt: skip
+    """Each script in turn, added to `done`; -> the signal that ended a run, if one did."""
+    out = progress_stream(options.json)
     for number, script in enumerate(scripts, 1):
         _tell(out, f"{number:3d}/{len(scripts)}  {script.name}: {script.about}")
         performance = perform_script(
-            script, settings, campaign, driver=options.driver, world=options.world, live=options.live,
+            script, settings, folder, driver=options.driver, world=options.world, live=options.live,
             realtime=options.realtime, tell=lambda line: _tell(sys.stderr, f"         -> {line}"),
         )  # fmt: skip
         done.append(performance)
         _tell(out, _outcome(performance))
-        signal = performance.result.signal if performance.result else None
-        if signal is not None:
-            break
-    left = scripts[len(done) :]
-    figures = _figures(done, left, options.driver)
-    write_whole(campaign / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
-    if options.junit is not None:
-        write_whole(options.junit, junit_text(done))
-    if options.json:
-        print_json({**figures, "directory": str(campaign)})
-    else:
-        _summary(done, left, campaign)
-    if signal is not None:
-        return INTERRUPTED + signal
-    return 3 if any(p.faulty for p in done) else 2 if any(not p.passed for p in done) else 0
+        if performance.result is not None and performance.result.signal is not None:
+            return performance.result.signal
+    return None
+
+
+class _Interrupted(BaseException):
+    """A signal between two runs."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """SIGINT and SIGTERM raise _Interrupted; while a run is under way they are its own, and stop it."""
+
+    def interrupt(number: int, _: Any) -> None:
+        raise _Interrupted(number)
+
+    try:
+        before = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread
+        before = {}
+    try:
+        yield
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, handler)
+
+
+def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
+    """One owner a cell, also between two runs; each simulated run has a cell of its own."""
+    return nullcontext() if driver == "sim" else OwnerLock(logs / "cell.lock")
 
 
 def _files(given: list[Path]) -> list[Path]:
@@ -84,7 +141,11 @@ def _figures(done: list[Performance], left: list[Script], driver: str) -> dict[s
 
 
 def _tell(stream: Any, line: str) -> None:
-    print(line, file=stream, flush=True)
+    """A line for whoever reads; that nobody does any more (`| head`) changes neither runs nor exit code."""
+    try:
+        print(line, file=stream, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _outcome(p: Performance) -> str:
@@ -96,9 +157,11 @@ def _outcome(p: Performance) -> str:
     return "\n".join(lines)
 
 
-def _summary(done: list[Performance], left: list[Script], campaign: Path) -> None:
+def _summary(done: list[Performance], left: list[Script], folder: Path) -> None:
     failed = [p.script.name for p in done if not p.passed]
-    print(f"\n{len(done) - len(failed)} of {len(done)} passed" + (f"; not: {', '.join(failed)}" if failed else ""))
+    names = f"; not: {', '.join(failed)}" if failed else ""
+    lines = [f"\n{len(done) - len(failed)} of {len(done)} passed{names}"]
     if left:
-        print(f"not performed: {', '.join(script.name for script in left)}")
-    print(f"details  {campaign / 'hil.json'}")
+        lines.append(f"not performed: {', '.join(script.name for script in left)}")
+    lines.append(f"details  {folder / 'hil.json'}")
+    _tell(sys.stdout, "\n".join(lines))

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
 from cell.cli import main
+from cell.hil.performing import Performance
+from cell.hil.script import Script
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -57,5 +64,36 @@ def test_nothing_is_performed_while_one_script_is_bad(
     logs = tmp_path / "logs"
     code = main(["hil", str(SHIPPED / "no_garment.yaml"), str(bad), "--logs", str(logs)])
     assert code == 64 and "did you mean 'end'" in capsys.readouterr().err and not logs.exists()
-    assert main(["hil", str(tmp_path / "logs"), "--logs", str(logs)]) == 64
-    assert main(["hil", str(tmp_path), "--logs", str(logs), "--driver", "ros"]) == 64
+    assert main(["hil", str(tmp_path / "nowhere"), "--logs", str(logs)]) == 64
+    junit = ["--junit", str(tmp_path / "nowhere" / "hil.xml")]
+    assert main(["hil", str(SHIPPED / "no_garment.yaml"), "--logs", str(logs), *junit]) == 64
+    assert "no such folder" in capsys.readouterr().err and not logs.exists()
+
+
+def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    performed: list[str] = []
+
+    def perform(script: Script, *_: Any, **__: Any) -> Performance:
+        performed.append(script.name)
+        if len(performed) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return Performance(script, ("it did not pass",), None, 1.0)
+
+    monkeypatch.setattr("cell.subcommands.hil.perform_script", perform)
+    junit = tmp_path / "hil.xml"
+    scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
+    code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert code == 143 and figures["failed"] == 1 and len(figures["not_performed"]) == 2
+    suite = ElementTree.parse(junit).getroot()
+    assert [suite.get(k) for k in ("tests", "failures", "skipped")] == ["3", "1", "2"]
+
+
+def test_nobody_reading_changes_no_exit_code(tmp_path: Path) -> None:
+    bad = tmp_path / "stopped.yaml"
+    bad.write_text(STOPPED, encoding="utf-8")
+    hil = f"{sys.executable} -m cell.cli hil {bad} {bad} --logs {tmp_path / 'logs'}"
+    line = f"{hil} | true; exit ${{PIPESTATUS[0]}}"
+    assert subprocess.run(["bash", "-c", line], stderr=subprocess.DEVNULL).returncode == 2

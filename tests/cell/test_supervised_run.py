@@ -40,9 +40,9 @@ class Operator(threading.Thread):
                         continue
                     self.boards.append(message["board"])
                     word = self._word(message["board"])
+                    number = (message["board"]["question"] or {}).get("number")
                     if word is not None and word not in said:
                         said.add(word)
-                        number = (message["board"]["question"] or {}).get("number")
                         link.send(json.dumps({"say": word, "question": number}))
             except ConnectionClosed:
                 pass
@@ -50,7 +50,7 @@ class Operator(threading.Thread):
     def _word(self, board: dict[str, Any]) -> str | None:
         if board["question"]:
             return "approve" if board["question"]["number"] == 1 else "abort"
-        if board["state"] != "folding":
+        if board["state"] != "folding" or board["note"] == "going on":
             return None
         return "resume" if board["note"].startswith("paused") else "pause"
 
@@ -62,6 +62,7 @@ def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     operator.start()
     result = fold_once(fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True))
     operator.join(10.0)
+    assert not operator.is_alive()
     assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
     assert [step["done"] for step in result.steps] == [True, False], "the fold that was paused was made"
     noted = [answer["noted"] for answer in operator.answers if "noted" in answer]

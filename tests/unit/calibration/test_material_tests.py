@@ -118,6 +118,7 @@ def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch,
     ("elongation", "said"),
     [
         (lambda strip: 0.03 + 0.2 * strip, "no stiffer cloth"),
+        (lambda strip: 0.01 * strip, "so stretchy"),
         (lambda strip: 0.012 if strip < 0.01 else 0.03, "now one way"),
     ],
 )

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from cell.commands import CommandQueue
 from cell.console.board import Board
-from cell.console.server import operators_page
+from cell.console.server import open_listener, operators_page
 from cell.context import Context, Result
 from cell.executive import Step
 from cell.states import Effect, Event, State
@@ -46,7 +47,8 @@ def commands(board: Board) -> CommandQueue:
 
 @pytest.fixture
 def address(cell: FakeCell, board: Board, commands: CommandQueue) -> Iterator[str]:
-    with operators_page(board, commands, cell.ports().stop, "http://127.0.0.1:1/?url=x'\"<") as address:
+    viewer = "http://127.0.0.1:1/?url=x'\"</script>"
+    with operators_page(board, commands, cell.ports().stop, viewer, open_listener()) as address:
         yield address
 
 
@@ -58,40 +60,53 @@ def linked(address: str, origin: str | None = None) -> ClientConnection:
     return connect(address.replace("http", "ws") + "link", origin=origin or origin_of(address))  # type: ignore[arg-type]
 
 
+def heard(link: ClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The next message that is wanted; signs of life do not put off the end of waiting."""
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        message = dict(json.loads(link.recv(timeout=5.0)))
+        if wanted(message):
+            return message
+    raise AssertionError("nothing of the kind was told")
+
+
 def told(link: ClientConnection, key: str) -> Any:
-    """The next message that has `key`."""
-    while True:
-        message = json.loads(link.recv(timeout=5.0))
-        if key in message:
-            return message[key]
+    """What the next message with `key` says of it."""
+    return heard(link, lambda message: key in message)[key]
 
 
 def say(link: ClientConnection, **message: Any) -> dict[str, Any]:
     link.send(json.dumps(message))
-    while True:
-        answer = json.loads(link.recv(timeout=5.0))
-        if "noted" in answer or "refused" in answer:
-            return answer
+    return heard(link, lambda answer: "noted" in answer or "refused" in answer)
 
 
 def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
     with urllib.request.urlopen(address) as answer:
         text = answer.read().decode()
     assert 'const VIEWER = "http://127.0.0.1:1/?url=x' in text and "{{" not in text
-    assert answer.headers["X-Frame-Options"] == "DENY"
+    assert text.count("</script>") == 1, "the address cannot end the script"
+    assert answer.headers["X-Frame-Options"] == "DENY" and answer.headers["Referrer-Policy"] == "no-referrer"
 
 
-@pytest.mark.parametrize("path", ["", "link", "0123456789abcdef/", "../"])
+@pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
 def test_without_the_secret_there_is_nothing(address: str, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as error:
         urllib.request.urlopen(f"{origin_of(address)}/{path}")
     assert error.value.code == 404
+    with pytest.raises(InvalidStatus), linked(f"{origin_of(address)}/{path}", origin_of(address)):
+        pass
 
 
 def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) -> None:
-    for origin in ("http://evil.example", origin_of(address).replace("http", "https")):
-        with pytest.raises(InvalidStatus):
-            linked(address, origin)
+    link = address.replace("http", "ws") + "link"
+    for origin in ("http://evil.example", origin_of(address).replace("http", "https"), None):
+        with pytest.raises(InvalidStatus), connect(link, origin=origin):  # type: ignore[arg-type]
+            pass
+    with (
+        pytest.raises(InvalidStatus),
+        connect(link, origin=origin_of(address), additional_headers={"Host": "evil.example"}),  # type: ignore[arg-type]
+    ):
+        pass
     request = urllib.request.Request(address, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError) as error:
         urllib.request.urlopen(request)
@@ -103,9 +118,7 @@ def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
         assert told(link, "board")["state"] == "idle"
         enter(board, State.OPTIMISING)
         board.computing(3, 25, "simulations at most")
-        shown = told(link, "board")
-        while shown["progress"] is None:
-            shown = told(link, "board")
+        shown = heard(link, lambda message: message.get("board", {}).get("progress") is not None)["board"]
         assert shown["progress"] == {"done": 3, "total": 25, "remark": "simulations at most"}
         assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
         failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
@@ -150,15 +163,17 @@ def test_stop_works_in_every_state_and_not_by_the_queue(
     with linked(address) as link:
         assert say(link, stop=True) == {"noted": "stop"}
         assert cell.stop_reason and commands.take(ALL) is None
-        while not told(link, "stopped"):
-            pass
+        heard(link, lambda message: bool(message.get("stopped")))
 
 
-NONSENSE = ("", "{", "[]", "3", "null", '{"say": 7}', '{"say": "stop"}', '{"say": ["pause"]}')
+NONSENSE = (
+    b"\x00\xff", '{"say": "\\ud800"}', "[" * 4000, "", "{", "[]", "3", "null", '{"say": 7}', '{"say": "stop"}',
+    '{"say": ["pause"]}',
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("message", NONSENSE)
-def test_whatever_is_said_is_answered(message: str, address: str, board: Board, cell: FakeCell) -> None:
+def test_whatever_is_said_is_answered(message: str | bytes, address: str, board: Board, cell: FakeCell) -> None:
     enter(board, State.FOLDING)
     with linked(address) as link:
         link.send(message)
@@ -170,7 +185,7 @@ def test_whatever_is_said_is_answered(message: str, address: str, board: Board, 
 def test_the_end_is_told_before_the_page_goes(
     cell: FakeCell, board: Board, commands: CommandQueue, tmp_path: Path
 ) -> None:
-    page = operators_page(board, commands, cell.ports().stop, None)
+    page = operators_page(board, commands, cell.ports().stop, None, open_listener())
     address = page.__enter__()
     with linked(address) as link:
         told(link, "board")
@@ -184,8 +199,28 @@ def test_the_end_is_told_before_the_page_goes(
         urllib.request.urlopen(address, timeout=2.0)
 
 
-def test_a_port_that_is_taken_is_told(address: str, cell: FakeCell, board: Board, commands: CommandQueue) -> None:
+def test_a_port_that_is_taken_is_told(address: str) -> None:
     port = int(origin_of(address).rpartition(":")[2])
-    page = operators_page(board, commands, cell.ports().stop, None, port)
-    with pytest.raises(StorageError, match=str(port)), page:
-        pass
+    with pytest.raises(StorageError, match=str(port)):
+        open_listener(port)
+
+
+def test_a_link_that_can_tell_nothing_is_closed(
+    address: str, board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that hears nothing must know, so that it looks for another link."""
+    with linked(address) as link:
+        told(link, "board")
+        monkeypatch.setattr(board, "snapshot", lambda: 1 / 0)
+        enter(board, State.FOLDING)
+        with pytest.raises(ConnectionClosed):
+            heard(link, lambda message: False)
+
+
+def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: Board) -> None:
+    enter(board, State.FOLDING)
+    board.heard(Event.PAUSE)
+    board.note("paused on the way: resume or abort")
+    board.heard(Event.RESUME)
+    board.note("going on")
+    assert board.snapshot()["note"] == "going on" and board.snapshot()["allowed"] == ["pause", "abort"]

@@ -139,15 +139,6 @@ def test_what_was_not_asked_for_is_no_answer() -> None:
     assert cell.now >= 0.6
 
 
-def test_approval_given_before_the_plan_was_there_is_void() -> None:
-    """A key pressed twice at one fold must not approve the next one unseen."""
-    cell = FakeCell()
-    workcell = fake_workcell(cell)
-    workcell.commands.put(Event.APPROVE)
-    cell.at(0.3, lambda: workcell.commands.put(Event.ABORT))
-    assert ask_approval(workcell, Context()).event is Event.ABORT
-
-
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
 def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
     cell = FakeCell()

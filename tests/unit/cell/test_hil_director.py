@@ -32,6 +32,12 @@ def a_script(*actions: dict[str, Any], **expect: Any) -> Script:
     return Script.model_validate(data)
 
 
+@pytest.fixture(autouse=True)
+def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A director's guard against a clock that stands still outlives a test that does not close it."""
+    monkeypatch.setattr(directing, "HUNG_FACTOR", 1e4)
+
+
 def begun(*actions: dict[str, Any], **expect: Any) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
     cell, commands, told = FakeCell(), CommandQueue(), []
     director = Director(a_script(*actions, **expect), np.zeros(14), told.append)
@@ -83,9 +89,41 @@ def test_states_count_their_visits() -> None:
         enter(director, State.FOLDING, cell)
         ports.clock.sleep_until(cell.now + 0.4)
         assert not told
-        enter(director, State.RELEASING, cell)
+        if cell.now < 0.5:
+            ports.clock.sleep_until(cell.now + 0.4)
+            enter(director, State.RELEASING, cell)
     ports.clock.sleep_until(cell.now + 0.2)
     assert told == ["now"]
+
+
+def test_what_is_due_when_its_state_was_left_is_not_done_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    director, ports, cell, _, told = begun({"when": {"state": "folding", "after_s": 5.0}, "tell": "too late"})
+    enter(director, State.FOLDING, cell)
+    ports.clock.sleep_until(2.0)
+    enter(director, State.RETREATING, cell)
+    ports.clock.sleep_until(8.0)
+    enter(director, State.FOLDED, cell)
+    assert not told and [str(action) for action in director.seen().missed] == ["tell"]
+
+
+def test_a_command_that_nobody_takes_has_shown_nothing() -> None:
+    director, ports, cell, commands, _ = begun(
+        {"when": {"state": "folding"}, "say": "pause"}, {"when": {"state": "folding"}, "say": "resume"}
+    )
+    enter(director, State.FOLDING, cell)
+    ports.clock.sleep_until(1.0)
+    assert commands.take(PAUSE) is Event.PAUSE
+    enter(director, State.FOLDED, cell)
+    assert [str(action) for action in director.seen().missed] == ["say resume"]
+
+
+def test_trouble_of_the_script_does_not_end_the_run() -> None:
+    director, ports, *_ = begun({"when": {"time_s": 1.0}, "fault": {"kind": "no_garment"}})
+    ports.clock.sleep_until(2.0)  # the fake is no simulated cell
+    (trouble,) = director.seen().trouble
+    assert "simulated cell" in trouble
+    (broken, *_) = broken_expectations(a_script(), result(), director.seen())
+    assert "could not be carried out" in broken
 
 
 def test_what_is_said_waits_until_the_question_was_asked_but_a_stop_does_not_wait() -> None:
@@ -104,6 +142,12 @@ def test_a_run_without_end_is_aborted() -> None:
     assert commands.take(frozenset({Event.ABORT})) is None and not director.seen().overdue
     ports.clock.sleep_until(601.0)
     assert commands.take(frozenset({Event.ABORT})) is Event.ABORT and director.seen().overdue
+    assert not ports.stop.state().stopped
+    ports.clock.sleep_until(661.0)
+    assert ports.stop.state().stopped, "what does not heed that is stopped"
+    (broken, *_) = broken_expectations(a_script(), result(), director.seen())
+    assert "still going after 600 s" in broken
+    director.close()
 
 
 def result(**changes: Any) -> FoldResult:

@@ -49,7 +49,7 @@ def test_a_script_is_read_whole(tmp_path: Path) -> None:
     fault = drop.fault.at(3.0)
     assert (fault.kind, fault.side, fault.at, fault.size) == (FaultKind.DROPPED_CORNER, Side.LEFT, 3.0, 0.1)
     assert script.expect.end == (State.FOLDED, State.NOT_FOLDED)
-    assert script.expect.failures == (FailureKind.SLIPPED,) and script.hurts
+    assert script.expect.failures == (FailureKind.SLIPPED,) and script.needs_simulation
     own = check_script(script, load_settings(), "sim")
     assert own.optimiser.simulations == 5 and own.table == load_settings().table
 
@@ -67,6 +67,8 @@ def test_a_script_is_read_whole(tmp_path: Path) -> None:
         ({"do": [{"when": {"state": "folding", "time_s": 1.0}, "say": "pause"}]}, "either `time_s` or `state`"),
         ({"do": [{"when": {"time_s": 1.0, "visit": 2}, "say": "pause"}]}, "go with `state`"),
         ({"do": [{"when": {"state": "dancing"}, "say": "pause"}]}, "folding"),
+        ({"do": [{"when": {"state": "idle"}, "say": "pause"}]}, "folding"),
+        ({"limit_s": 0}, "limit_s"),
         ({"do": [{"when": {"state": "folding", "after_s": -1}, "say": "pause"}]}, "after_s"),
         ({"do": [{"when": {"time_s": float("nan")}, "say": "pause"}]}, "time_s"),
         ({"do": [{"fault": {"kind": "camera_black", "side": "left"}}]}, "has no side"),
@@ -96,6 +98,22 @@ def test_only_a_simulated_cell_is_hurt(tmp_path: Path) -> None:
     script = read_script(script_file(tmp_path, do=[{"fault": {"kind": "no_garment"}}]))
     with pytest.raises(ConfigurationError, match="only a simulated cell"):
         check_script(script, load_settings(), "ros")
+    scored = read_script(script_file(tmp_path, expect={"end": "folded", "passed": True}))
+    with pytest.raises(ConfigurationError, match="is scored"):
+        check_script(scored, load_settings(), "ros")
+    plain = read_script(script_file(tmp_path, do=None))
+    assert plain.do == () and check_script(plain, load_settings(), "ros")
+
+
+def test_what_the_script_names_is_found_where_the_script_says(tmp_path: Path) -> None:
+    path = script_file(tmp_path, cell={"optimiser": {"speed": 9}})
+    line = path.read_text().splitlines().index("    speed: 9") + 1
+    with pytest.raises(ConfigurationError) as error:
+        check_script(read_script(path), load_settings(), "sim")
+    assert f"{path}:{line}: unknown key" in error.value.what
+    (tmp_path / "own.yaml").write_text("title: no garment\n")
+    with pytest.raises(ConfigurationError, match=r"own\.yaml"):
+        check_script(read_script(script_file(tmp_path, garment="./own.yaml")), load_settings(), "sim")
 
 
 @pytest.mark.parametrize(("key", "value"), [("cell", {"optimiser": {"speed": 9}}), ("garment", "small_towle")])

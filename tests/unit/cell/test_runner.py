@@ -434,3 +434,32 @@ def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(ri
     rig.after[Effect.FOLD] = lambda: lose(rig)
     end = rig.run()
     assert end.state is State.FAULT and "emergency stop" in end.context.failure.hint
+
+
+def approving(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+
+
+def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
+    """A key pressed twice at one fold must not approve the next one unseen."""
+    approving(rig)
+    rig.after[Effect.PLAN_MOTION] = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and Effect.APPROACH not in rig.performed
+
+
+def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None:
+    """Whoever watches may answer at once: what was noted must not get lost."""
+
+    class Hasty:
+        def entered(self, t: float, step: Step) -> None:
+            if step.target is State.AWAITING_APPROVAL:
+                rig.workcell.commands.put(Event.APPROVE)
+
+        def performed(self, t: float, step: Step, result: Result) -> None: ...
+
+    approving(rig)
+    rig.observers = (Hasty(),)
+    assert rig.run().state is State.FOLDED
