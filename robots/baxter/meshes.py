@@ -8,23 +8,16 @@ is written beside them that names the GLB files and has visuals only.
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
-import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 import trimesh
-from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from robots.baxter.model import FINGER_JOINTS, FLOOR, JOINT_NAMES, baxter_urdf_path, package_root
-from robots.errors import StorageError
-from robots.ports import Array
+from robots.baxter.model_cache import cached_urdf, thinned
 from robots.visual import RobotVisual
 
 __all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
@@ -55,42 +48,12 @@ def visual_glb_urdf() -> Path:
 
     Raises StorageError when the cache cannot be written.
     """
-    source = baxter_urdf_path()
-    digest = hashlib.sha256(source.read_bytes() + f"{FORMAT} {CELL} {CREASE}".encode()).hexdigest()[:12]
-    folder = Path(platformdirs.user_cache_dir("foldcell")) / f"baxter-visual-{digest}"
-    urdf = folder / "baxter.urdf"
-    if urdf.is_file():
-        return urdf
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        build = Path(tempfile.mkdtemp(prefix=".baxter-", dir=folder.parent))
-        try:
-            write_visuals(source, build, final=folder)
-            move_into_place(build, folder)
-        finally:
-            shutil.rmtree(build, ignore_errors=True)
-    except OSError as error:
-        raise StorageError(
-            f"the robot's meshes cannot be cached in {folder.parent}: {error.strerror}",
-            "make the folder writable, or point XDG_CACHE_HOME at one that is",
-            path=str(folder),
-        ) from error
-    return urdf
+    return cached_urdf("baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals)
 
 
-def move_into_place(build: Path, folder: Path) -> None:
-    """Publish a finished folder at once: another process either sees all of it or none."""
-    build.chmod(0o755)
-    try:
-        os.rename(build, folder)
-    except OSError:
-        if not (folder / "baxter.urdf").is_file():  # not lost to another process that was quicker
-            raise
-
-
-def write_visuals(source: Path, folder: Path, final: Path) -> None:
+def write_visuals(folder: Path, final: Path) -> None:
     """Write the GLB files and the URDF into `folder`; the URDF names them where they will lie, in `final`."""
-    tree = ET.parse(source)
+    tree = ET.parse(baxter_urdf_path())
     root = tree.getroot()
     for link in root.iter("link"):
         for unwanted in [*link.findall("collision"), *link.findall("inertial")]:
@@ -120,23 +83,11 @@ def convert(path: Path) -> bytes:
     for number, part in enumerate(scene.dump(concatenate=False)):
         if not isinstance(part, trimesh.Trimesh):
             continue
-        thinned = thin(np.asarray(part.vertices, dtype=np.float64), np.asarray(part.faces), CELL)
-        shaded = trimesh.graph.smooth_shade(thinned, angle=CREASE)
+        thin = thinned(np.asarray(part.vertices, dtype=np.float64), np.asarray(part.faces), CELL)
+        shaded = trimesh.graph.smooth_shade(thin, angle=CREASE)
         shaded.visual = TextureVisuals(material=material(part, path.stem))  # type: ignore[no-untyped-call]
         out.add_geometry(shaded, geom_name=f"{path.stem}_{number}")
     return bytes(out.export(file_type="glb", include_normals=True))  # type: ignore[no-untyped-call]
-
-
-def thin(vertices: Array, faces: NDArray, cell: float) -> trimesh.Trimesh:
-    """Vertex clustering: vertices (n, 3) in one grid cell [m] become their mean; collapsed faces go."""
-    _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
-    cluster = cluster.ravel()
-    count = np.bincount(cluster)
-    mean = np.stack([np.bincount(cluster, vertices[:, k]) for k in range(3)], axis=1) / count[:, None]
-    f = cluster[faces]
-    f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
-    _, first = np.unique(np.sort(f, axis=1), axis=0, return_index=True)
-    return trimesh.Trimesh(mean, f[np.sort(first)], process=False)
 
 
 def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:

@@ -6,20 +6,15 @@ the body that moves has no visuals, and the body that is seen has thinned OBJ me
 
 from __future__ import annotations
 
-import hashlib
-import os
 import shutil
-import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 import trimesh
 
 from robots.baxter.model import baxter_srdf_path, baxter_urdf_path, package_root
-from robots.errors import StorageError
+from robots.baxter.model_cache import cached_urdf, thinned
 
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
@@ -29,17 +24,18 @@ CELL = 0.006
 """Vertices of the arms nearer than this are merged: two or three pixels as seen from the head [m]."""
 COARSE_CELL = 0.020
 """The same for torso and pedestal, of which the camera sees little more than their shadow [m]."""
+MADE_WITH = f"{FORMAT} {CELL} {COARSE_CELL}"
 RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56, 0.58, 1.0)
 
 
 def moving_urdf() -> Path:
     """Collision shapes and inertias, no visuals. Raises StorageError when the cache cannot be written."""
-    return _cached("moving", _write_moving)
+    return cached_urdf("baxter-bullet-moving", MADE_WITH, _write_moving)
 
 
 def seen_urdf() -> Path:
     """Thinned visuals, no collision shapes. Raises StorageError when the cache cannot be written."""
-    return _cached("seen", _write_seen)
+    return cached_urdf("baxter-bullet-seen", MADE_WITH, _write_seen)
 
 
 def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
@@ -48,40 +44,6 @@ def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
     return frozenset(
         frozenset((pair.attrib["link1"], pair.attrib["link2"])) for pair in root.iter("disable_collisions")
     )
-
-
-def _cached(kind: str, write: Callable[[Path, Path], None]) -> Path:
-    made_with = f"{FORMAT} {CELL} {COARSE_CELL}".encode()
-    digest = hashlib.sha256(baxter_urdf_path().read_bytes() + made_with).hexdigest()[:12]
-    folder = Path(platformdirs.user_cache_dir("foldcell")) / f"baxter-bullet-{kind}-{digest}"
-    urdf = folder / "baxter.urdf"
-    if urdf.is_file():
-        return urdf
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        build = Path(tempfile.mkdtemp(prefix=".baxter-", dir=folder.parent))
-        try:
-            write(build, folder)
-            _publish(build, folder)
-        finally:
-            shutil.rmtree(build, ignore_errors=True)
-    except OSError as error:
-        raise StorageError(
-            f"the robot's model cannot be cached in {folder.parent}: {error.strerror}",
-            "make the folder writable, or point XDG_CACHE_HOME at one that is",
-            path=str(folder),
-        ) from error
-    return urdf
-
-
-def _publish(build: Path, folder: Path) -> None:
-    """A finished folder appears at once; losing the race to another process is as good as winning it."""
-    build.chmod(0o755)
-    try:
-        os.rename(build, folder)
-    except OSError:
-        if not (folder / "baxter.urdf").is_file():
-            raise
 
 
 def _urdf_without(*tags: str) -> ET.Element:
@@ -131,15 +93,7 @@ def _thinned_obj(source: Path) -> str:
     """A COLLADA file as one OBJ in the link's frame, its vertices clustered on a grid."""
     cell = COARSE_CELL if source.stem in ("PEDESTAL", "base_link") else CELL
     mesh = trimesh.load_scene(source).to_mesh()
-    vertices = np.asarray(mesh.vertices)
-    _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
-    cluster = cluster.ravel()
-    count = np.bincount(cluster)
-    mean = np.stack([np.bincount(cluster, vertices[:, k]) for k in range(3)], axis=1) / count[:, None]
-    faces = cluster[np.asarray(mesh.faces)]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    thin = trimesh.Trimesh(mean, faces[np.sort(first)], process=False)
+    thin = thinned(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in thin.vertices]
     lines += [f"vn {x:.4f} {y:.4f} {z:.4f}" for x, y, z in thin.vertex_normals]
     lines += ["f " + " ".join(f"{k + 1}//{k + 1}" for k in face) for face in thin.faces]

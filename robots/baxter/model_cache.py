@@ -1,0 +1,75 @@
+"""Models of Baxter made once from the wheel's files and kept in the user's cache, and how meshes are thinned for
+them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+import trimesh
+from numpy.typing import NDArray
+
+from robots.baxter.model import baxter_urdf_path
+from robots.errors import StorageError
+from robots.ports import Array
+
+__all__ = ["cached_urdf", "thinned"]
+
+URDF = "baxter.urdf"
+
+
+def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
+    """Path of the URDF in the cache folder `name`; made by `write` where it is not there yet.
+
+    made_with: what else than the wheel's URDF the result hangs on: another text is another folder. write(build,
+    folder): puts `URDF` and its meshes into `build`, naming them as they will lie in `folder`. Raises StorageError
+    when the cache cannot be written.
+    """
+    digest = hashlib.sha256(baxter_urdf_path().read_bytes() + made_with.encode()).hexdigest()[:12]
+    folder = Path(platformdirs.user_cache_dir("foldcell")) / f"{name}-{digest}"
+    urdf = folder / URDF
+    if urdf.is_file():
+        return urdf
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        build = Path(tempfile.mkdtemp(prefix=".baxter-", dir=folder.parent))
+        try:
+            write(build, folder)
+            _publish(build, folder)
+        finally:
+            shutil.rmtree(build, ignore_errors=True)
+    except OSError as error:
+        raise StorageError(
+            f"the robot's model cannot be cached in {folder.parent}: {error.strerror}",
+            "make the folder writable, or point XDG_CACHE_HOME at one that is",
+            path=str(folder),
+        ) from error
+    return urdf
+
+
+def _publish(build: Path, folder: Path) -> None:
+    """A finished folder appears at once; losing the race to another process is as good as winning it."""
+    build.chmod(0o755)
+    try:
+        os.rename(build, folder)
+    except OSError:
+        if not (folder / URDF).is_file():
+            raise
+
+
+def thinned(vertices: Array, faces: NDArray, cell: float) -> trimesh.Trimesh:
+    """Vertex clustering: vertices (n, 3) in one grid cell [m] become their mean; collapsed faces go."""
+    _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+    cluster = cluster.ravel()
+    count = np.bincount(cluster)
+    mean = np.stack([np.bincount(cluster, vertices[:, k]) for k in range(3)], axis=1) / count[:, None]
+    f = cluster[faces]
+    f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+    _, first = np.unique(np.sort(f, axis=1), axis=0, return_index=True)
+    return trimesh.Trimesh(mean, f[np.sort(first)], process=False)
