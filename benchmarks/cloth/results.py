@@ -28,6 +28,7 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
         Row("at rest", "shirt_1307_rest_x_realtime", 40, True, "x"),
         Row("two simulations in two threads (wall time)", "two_threads_x_throughput", 1.8, True, "x"),
         Row("cost over vertices, exponent", "cost_exponent"),
+        Row("sizes to 20 000 vertices at which the cloth is lost", "cost_sizes_lost", 0),
         Row("a new process to its first fold (wall time)", "first_fold_in_a_new_process_s", unit="s"),
     ),
     "Self-contact": tuple(
@@ -100,6 +101,8 @@ def page(figures: Mapping[str, Any]) -> str:
         "`foldcell bench cloth --peers --json`"
         + (f" on {machine['cpu']}, {machine['cores']} cores." if "cpu" in machine else "."),
     ]
+    if figures.get("remark"):
+        head.append(str(figures["remark"]))
     if figures.get("quick"):
         head.append("**A quick run: it shows that the bench works, not how good the figures are.**")
     parts = ["\n".join(head)]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cloth.scenes import mirrored, shortened, timed, towel_half, towel_mesh, towel_quarter
+from robots.errors import InternalError
 from skills.cloth.crossings import count_crossings
 from skills.cloth.predict import predict_fold
 
@@ -35,17 +36,21 @@ def towel(quick: bool) -> dict[str, Any]:
 
 def sizes(quick: bool) -> dict[str, Any]:
     """The 5200-vertex fold, and what the first second of the fold costs over the number of vertices (CPU seconds;
-    about linear is an exponent of about one)."""
+    about linear is an exponent of about one); sizes at which the cloth lost its positions."""
     speed = None
     if not quick:
         mesh, material = towel_mesh(5200)
         speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half())[1]
-    counts, seconds = [], []
+    counts, seconds, lost = [], [], []
     paths = {side: shortened(path, 1.0) for side, path in towel_half().items()}
     for n in (SIZES[0], *SIZES[: 2 if quick else None]):  # the first compiles
         mesh, material = towel_mesh(n)
         start = time.thread_time()
-        predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths, 0.0, 0.1)
+        try:
+            predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths, 0.0, 0.1)
+        except InternalError:  # a figure too, and no reason to lose the others
+            lost.append(len(mesh.rest))
+            continue
         counts.append(len(mesh.rest))
         seconds.append(time.thread_time() - start)
     counts, seconds = counts[1:], seconds[1:]
@@ -53,6 +58,8 @@ def sizes(quick: bool) -> dict[str, Any]:
         "towel_5200_x_realtime": speed,
         "cost_vertices": counts,
         "cost_cpu_s": seconds,
+        "cost_lost_vertices": lost,
+        "cost_sizes_lost": len(lost),
         "cost_exponent": float(np.polyfit(np.log(counts), np.log(seconds), 1)[0]),
     }
 

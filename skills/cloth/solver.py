@@ -24,6 +24,9 @@ __all__ = ["CapsuleMotion", "ClothSimulation", "SolverSettings", "ToolMotion"]
 
 HANDS = 2
 MAX_HELD = 128
+MOST_PAIRS = 120
+"""For each vertex, that may touch: folded stacks have some 10. With more the cloth has lost its shape, and the
+lists would grow until the memory is full."""
 
 
 @dataclass(frozen=True)
@@ -266,6 +269,9 @@ class ClothSimulation:
                 )
                 == kernel.PAIRS_FULL
             ):
+                if len(self._pairs.vt) > MOST_PAIRS * len(self.mesh.rest):
+                    lost = True
+                    break
                 self._grow_pairs()
         except ZeroDivisionError:  # edges or relative speeds that are no longer numbers
             lost = True

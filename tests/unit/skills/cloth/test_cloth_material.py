@@ -9,9 +9,10 @@ from scipy.optimize import brentq
 
 from benchmarks.cloth.scenes import stacked
 from robots.errors import ConfigurationError, InternalError
+from skills.cloth import kernel
 from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.solver import MOST_PAIRS, ClothSimulation, SolverSettings
 from skills.vocabulary import Material
 
 MATERIAL = Material(
@@ -195,3 +196,12 @@ def test_cloth_too_stiff_for_its_steps_is_a_typed_error_or_stays_finite():
         assert error.values["substeps"] == s.substeps and error.values["bending_length"] == 0.06
     else:
         assert np.isfinite(s.positions).all()
+
+
+def test_lists_of_pairs_do_not_grow_until_the_memory_is_full(monkeypatch):
+    """Cloth that is flung into itself asks for ever more: it is lost, and says so."""
+    s = ClothSimulation(mesh_from_contour(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), 0.02), MATERIAL)
+    monkeypatch.setattr(kernel, "run_frames", lambda *_: kernel.PAIRS_FULL)
+    with pytest.raises(InternalError, match="lost its positions"):
+        s.advance(1)
+    assert len(s.checkpoint()["pairs.vt"]) <= 4 * MOST_PAIRS * len(s.positions)
