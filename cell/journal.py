@@ -24,6 +24,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from cell.lock import OwnerLock, is_held
+from cell.paths import new_folder
 from robots.errors import ConfigurationError, InternalError, StorageError
 
 __all__ = ["Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]
@@ -494,24 +495,10 @@ def _retry_busy(action: Callable[[], object]) -> None:
 
 
 def _make_run_folder(logs: Path, garment: str, seed: int | None, started: float) -> Path:
-    """A new folder `20261120T235416Z-medium_towel-seed3`; `mkdir` decides who gets a name."""
+    """A new folder `20261120T235416Z-medium_towel-seed3`."""
     stamp = datetime.fromtimestamp(started, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(garment).stem)[:40] or "garment"
-    base = f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else "")
-    for i in range(1, 10_000):
-        folder = logs / (base if i == 1 else f"{base}-{i}")
-        try:
-            folder.mkdir()
-            return folder
-        except FileExistsError:
-            continue
-        except OSError as e:
-            raise StorageError(
-                f"cannot make the run's folder {folder}: {e.strerror}",
-                "choose another folder with --logs DIR or FOLDCELL_LOGS",
-                path=str(folder),
-            ) from e
-    raise StorageError(f"too many runs called {base} in {logs}", "choose another --logs DIR", path=str(logs))
+    return new_folder(logs, f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else ""))
 
 
 def _storage_error(path: Path, error: sqlite3.Error) -> StorageError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shutil
 import tempfile
@@ -18,12 +17,15 @@ __all__ = [
     "free_bytes",
     "ledger_path",
     "logs_directory",
+    "new_folder",
     "prepare_logs",
     "repository_root",
     "user_cache",
 ]
 
 LEDGER = "ledger.db"
+MOST_ALIKE = 10_000
+"""Folders of one name and second."""
 LEAST_FREE_BYTES = 200 * 2**20
 """A run's recording and report take about a third of this."""
 
@@ -96,18 +98,26 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
 
 
 def campaign_folder(logs: Path, kind: str) -> Path:
-    """A new folder `KIND-time` in the logs, for many runs that belong together."""
-    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    for i in itertools.count(1):
-        folder = logs / (f"{kind}-{stamp}" + ("" if i == 1 else f"-{i}"))
+    """A new folder `KIND-time` in the logs, for many runs that belong together. Raises StorageError."""
+    return new_folder(logs, f"{kind}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
+
+
+def new_folder(logs: Path, name: str) -> Path:
+    """The folder `name` in the logs, or `name-2` and so on: `mkdir` decides who gets it. Raises StorageError."""
+    for i in range(1, MOST_ALIKE):
+        folder = logs / (name if i == 1 else f"{name}-{i}")
         try:
             folder.mkdir()
             return folder
         except FileExistsError:
             continue
         except OSError as e:
-            raise StorageError(f"{folder} cannot be made: {e.strerror}", path=str(folder), errno=e.errno) from e
-    raise AssertionError
+            raise StorageError(
+                f"cannot make the folder {folder}: {e.strerror}",
+                "choose another folder with --logs DIR or FOLDCELL_LOGS",
+                path=str(folder),
+            ) from e
+    raise StorageError(f"too many folders called {name} in {logs}", "choose another --logs DIR", path=str(logs))
 
 
 def _missing_folders(path: Path) -> list[Path]:

@@ -61,7 +61,7 @@ def _campaign(
             _tell(sys.stdout, json.dumps(to_json({**figures, "directory": str(folder)}), ensure_ascii=False))
         else:
             _summary(done, left, folder)
-        write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
+        _keep(folder, figures)
         if options.junit is not None:
             write_whole(options.junit, junit_text(done, left))
     if ended_by is not None:
@@ -82,6 +82,7 @@ def _perform(
             realtime=options.realtime, tell=lambda line: _tell(sys.stderr, f"         -> {line}"),
         )  # fmt: skip
         done.append(performance)
+        _keep(folder, _figures(done, scripts[number:], options.driver))  # now: a kill must not lose it
         _tell(out, _outcome(performance))
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
@@ -138,6 +139,10 @@ def _figures(done: list[Performance], left: list[Script], driver: str) -> dict[s
         "not_performed": [str(script.path) for script in left],
         "scripts": [p.as_json() for p in done],
     }
+
+
+def _keep(folder: Path, figures: dict[str, Any]) -> None:
+    write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
 
 
 def _tell(stream: Any, line: str) -> None:

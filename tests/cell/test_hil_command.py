@@ -91,6 +91,21 @@ def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
     assert [suite.get(k) for k in ("tests", "failures", "skipped")] == ["3", "1", "2"]
 
 
+def test_a_kill_loses_nothing_that_was_performed(tmp_path: Path) -> None:
+    bad = tmp_path / "stopped.yaml"
+    bad.write_text(STOPPED, encoding="utf-8")
+    logs = tmp_path / "logs"
+    scripts = [str(bad), str(SHIPPED / "folds_unhurt.yaml")]
+    line = [sys.executable, "-m", "cell.cli", "hil", *scripts, "--logs", str(logs)]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as campaign:
+        assert campaign.stdout is not None
+        next(told for told in campaign.stdout if told.startswith("  2/2"))
+        campaign.kill()
+    (kept,) = logs.glob("hil-*/hil.json")
+    figures = json.loads(kept.read_text())
+    assert [script["name"] for script in figures["scripts"]] == ["stopped"] and len(figures["not_performed"]) == 1
+
+
 def test_nobody_reading_changes_no_exit_code(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
