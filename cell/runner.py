@@ -146,7 +146,9 @@ class Runner:
         try:
             result = self._effects[step.effect](self._cell, context)
         except DriverError as e:
-            result = Result(Event.FAILED, context.with_failure(e.failure()))
+            # a stop between two looks at it is met by the driver first: it is told of as any other
+            halted = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
+            result = Result(Event.FAILED, context.with_failure(halted or e.failure()))
         except Exception as e:  # a bug or a broken file: the machine must know, the ledger must keep it
             hint = e.hint if isinstance(e, CellError) else "this is a bug: keep the run folder and report it"
             crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint,

@@ -463,3 +463,15 @@ def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None
     approving(rig)
     rig.observers = (Hasty(),)
     assert rig.run().state is State.FOLDED
+
+
+def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) -> None:
+    def refused(cell: Any, context: Context) -> Result:
+        cell.ports.stop.trigger("the button")
+        raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")
+
+    rig.special[Effect.FOLD] = refused
+    end = rig.run()
+    assert end.state is State.STOPPED and end.context.failure is not None
+    assert end.context.failure.what == "the stop was triggered: the button"
+    assert "start a new run" in end.context.failure.hint
