@@ -20,6 +20,7 @@ from benchmarks.cloth.scenes import (
     shirt_folds,
     timed,
 )
+from cell.garments import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -118,6 +119,28 @@ def shirt(quick: bool) -> dict[str, Any]:
     figures["shirt_1307_sleeve_x_realtime"] = min(speeds[:2])
     figures["shirt_1307_hem_x_realtime"] = speeds[2]
     return figures | fold_all(mesh, MATERIAL, shirt_folds()).figures("shirt")
+
+
+def shirting(quick: bool) -> dict[str, Any]:
+    """The same folds with a fabric that stretches as that of the paper's large shirt."""
+    mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
+    paper = load_garment("long_sleeve_shirt_large").material
+    material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
+    return fold_all(mesh, material, shirt_folds()).figures("shirting")
+
+
+def shipped(quick: bool) -> dict[str, Any]:
+    """Every shipped garment through its plan, along the same kind of arc: the worst of all, and each one."""
+    rows, worst = [], Folded([], [], [], [])
+    for name in list_garments()[: 2 if quick else None]:
+        found = fold_all(*planned_folds(name))
+        for field in ("end", "most", "residual", "strain"):
+            getattr(worst, field).extend(getattr(found, field))
+        rows.append({
+            "garment": name, "end": max(found.end), "most": max(found.most),
+            "residual_mm": 1e3 * max(found.residual), "strain_percent": 100.0 * max(found.strain),
+        })  # fmt: skip
+    return worst.figures("shipped") | {"shipped": rows}
 
 
 def pants(quick: bool) -> dict[str, Any]:

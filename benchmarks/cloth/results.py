@@ -33,7 +33,10 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
     ),
     "Self-contact": tuple(
         row
-        for name, title in (("shirt", "shirt"), ("pants", "pants"), ("variants", "variants"))
+        for name, title in (
+            ("shirt", "shirt"), ("shirting", "shirt with the stretch of the paper's"), ("pants", "pants"),
+            ("variants", "variants"), ("shipped", "shipped garments"),
+        )
         for row in (
             Row(f"{title}: edge-triangle crossings at the end", f"{name}_end_crossings", 0),
             Row(f"{title}: most at any frame", f"{name}_max_crossings", 5),
@@ -118,6 +121,7 @@ def page(figures: Mapping[str, Any]) -> str:
 
 LISTS = {
     "variants": "Folds with other friction, thickness and speed",
+    "shipped": "The shipped garments",
     "hang_garment": "Hung garments of the paper's table",
     "mujoco_refinement": "MuJoCo's own refinement",
     "mujoco_folds": "The towel fold by both, over friction",

@@ -35,6 +35,7 @@ from skills.cloth.contact import (
 )
 from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
 from skills.cloth.patches import Patches, fit_patches, search_pairs
+from skills.cloth.untangle import GLANCE, untangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
@@ -58,11 +59,13 @@ SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEX
 
 
 class Body(NamedTuple):
-    """What does not change: masses, constraints, triangles, neighbours (ring: CSR). rim: (e,) edges of hems
-    and seams."""
+    """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
+    the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
+    rim: (e,) edges of hems and seams."""
 
     w: Array
     edge: NDArray[np.int32]
+    edge_tri: NDArray[np.int32]
     rim: NDArray[np.bool_]
     length: Array
     compliance: Array
@@ -71,8 +74,10 @@ class Body(NamedTuple):
     weight: Array
     bend: Array
     tri: NDArray[np.int32]
+    tri_edge: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
+    ring_edge: NDArray[np.int32]
     patches: Patches
 
 
@@ -892,7 +897,7 @@ def _let_go(holds):
 def _fingerprint() -> str:
     """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
     digest = hashlib.sha256()
-    for name in ("contact.py", "elastic.py", "kernel.py", "patches.py"):
+    for name in ("contact.py", "elastic.py", "kernel.py", "patches.py", "untangle.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
     return digest.hexdigest()
 
@@ -901,7 +906,7 @@ def _compile(sources: str) -> Callable[..., int]:
     """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
 
     @njit(cache=True, nogil=True)
-    def run_frames(body, rules, state, pairs, holds, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):
+    def run_frames(body, rules, state, pairs, holds, tangles, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):
         """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
 
         tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0,
@@ -1043,6 +1048,9 @@ def _compile(sources: str) -> Callable[..., int]:
                         remember_impulses(
                             count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
                         )
+                if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
+                    soon = count[NOW] + PHASE
+                    untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.xp, state.wa, thick)
             count[SUBSTEP] = count[NEXT] = 0
             for hand in range(2):
                 holds.age[hand] += frame

@@ -14,10 +14,11 @@ from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
 from skills.cloth.contact import PHASE
-from skills.cloth.elastic import build_elastic, stretch_excess
+from skills.cloth.elastic import build_elastic, flexural_rigidity, membrane_modulus, stretch_excess
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.patches import Patches, build_patches
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.untangle import Tangles, no_tangles
 from skills.vocabulary import Material
 
 __all__ = ["CapsuleMotion", "ClothSimulation", "SolverSettings", "ToolMotion"]
@@ -33,16 +34,17 @@ lists would grow until the memory is full."""
 class SolverSettings:
     """How the cloth is solved, and what of a fabric a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to
-    within stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too
-    many would be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do
-    not meet. gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging
-    length at which the material's stretch_fraction was measured (0.6 where the garment's own is not given).
-    stretch_damping, bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate. drag [1/s] of
-    the air. max_speed [m/s] caps every vertex. sleep_distance, sleep_frames: a vertex that stays so near for so
-    long, and does not gather speed, is at rest and costs nothing until something moves near it (0 frames: nothing
-    ever sleeps). anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the
-    outline over the cloth's.
+    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
+    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would
+    be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet.
+    gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at
+    which the material's stretch_fraction was measured (0.6 where the garment's own is not given). stretch_damping,
+    bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
+    so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
+    sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest and costs nothing
+    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a fifteenth of an edge).
+    anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
+    the cloth's.
     """
 
     frame_rate: int = 60
@@ -94,6 +96,11 @@ class CapsuleMotion:
 
 
 RELEASE_SPEED = 0.1  # [m/s]
+SLEEP_SHARE = 1.0 / 15.0
+"""Of the mean edge: a vertex at rest strains its edges by no more, however fine the mesh."""
+IN_PLANE = 0.2
+"""Quadratic hinges resist gradients of strain in the plane too, and damping multiplies that. Beyond some 0.4 of
+the stiffness of the edges, sweeps over the two in turn drive each other (measured on edges of 4 to 15 mm)."""
 STRETCH_TOLERANCE = 1e-3  # of the length
 ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
 LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
@@ -130,11 +137,12 @@ class ClothSimulation:
         self._body = _body(mesh, material, self.settings, self.substeps)
         if fixed is not None:
             self._body.w[fixed] = 0.0
-        self._rules = _rules(material, self.settings, self.substeps, self.pads, table)
+        self._rules = _rules(mesh, material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         self._state = _new_state(n, len(mesh.edges), len(mesh.hinges), self._body.patches)
         self._pairs = _new_pairs(16 * n, 12 * n)
         self._holds = _new_holds()
+        self._tangles = no_tangles(n)
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
         self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
@@ -183,6 +191,8 @@ class ClothSimulation:
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
         s.counts[kernel.AWAKE] = len(free)
+        for part in self._tangles:
+            part[...] = 0
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
         self._holds.force[:] = 0.0
@@ -262,10 +272,11 @@ class ClothSimulation:
         p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
         p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
         lost = False
+        motion = p, r, p0, p1, radius, frames
         try:
             while (
                 kernel.run_frames(
-                    self._body, self._rules, self._state, self._pairs, self._holds, p, r, p0, p1, radius, frames
+                    self._body, self._rules, self._state, self._pairs, self._holds, self._tangles, *motion
                 )
                 == kernel.PAIRS_FULL
             ):
@@ -293,6 +304,7 @@ class ClothSimulation:
         out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
         out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
         out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
+        out |= {f"tangles.{k}": v.copy() for k, v in self._tangles._asdict().items()}
         out |= {"tool_p": self._tool_p.copy(), "tool_r": self._tool_r.copy(), "time": np.array(self.time)}
         return out
 
@@ -307,6 +319,7 @@ class ClothSimulation:
         self._state = kernel.State(**part("state"))
         self._pairs = kernel.Pairs(**part("pairs"))
         self._holds = kernel.Holds(**part("holds"))
+        self._tangles = Tangles(**part("tangles"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
         self._state.counts[kernel.FITTED] = 0  # the patches are not part of it
         self.time = float(saved["time"])
@@ -391,9 +404,18 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
     both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     start = np.searchsorted(both[:, 0], np.arange(len(w) + 1)).astype(np.int32)
+    numbers = {(min(i, j), max(i, j)): k for k, (i, j) in enumerate(e.edge.tolist())}
+    tri_edge = np.array([
+        [numbers[min(t[k], t[k - 1]), max(t[k], t[k - 1])] for k in range(3)] for t in mesh.triangles.tolist()
+    ], np.int32)  # fmt: skip
+    edge_tri = np.full((len(e.edge), 2), -1, np.int32)
+    for t, edges in enumerate(tri_edge):
+        for k in edges:
+            edge_tri[k, int(edge_tri[k, 0] >= 0)] = t
     return kernel.Body(
         w,
         e.edge,
+        edge_tri,
         e.rim,
         e.length,
         e.compliance,
@@ -402,17 +424,21 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
         e.weight,
         e.bend,
         mesh.triangles.copy(),
+        tri_edge,
         start,
         np.ascontiguousarray(both[:, 1], dtype=np.int32),
+        np.array([numbers[min(i, j), max(i, j)] for i, j in both.tolist()], np.int32),
         build_patches(mesh, e.edge),
     )
 
 
 def _rules(
-    material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
+    mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
 ) -> kernel.Rules:
     h = settings.frame / substeps
-    gamma = settings.bend_damping / h
+    edge = float(mesh.edge_length.mean())
+    modulus = membrane_modulus(material, settings.reference_drop) / np.sqrt(settings.anisotropy)
+    most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity
     return kernel.Rules(
         h=h,
@@ -426,8 +452,8 @@ def _rules(
         mu_layers=material.friction_layers,
         max_speed=settings.max_speed,
         drag=settings.drag,
-        bend_gamma=gamma,
-        sleep_distance=settings.sleep_distance,
+        bend_gamma=min(settings.bend_damping / h, most),
+        sleep_distance=min(settings.sleep_distance, SLEEP_SHARE * edge),
         sleep_frames=settings.sleep_frames if settings.sleep_frames > 0 else 2**30,
         table=table,
         hold_compliance=pads.compliance,
