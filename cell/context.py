@@ -40,6 +40,8 @@ class StepNote:
     predicted_iou: float
     observed_iou: float
     drift_m: float
+    height_m: float
+    """How high the camera saw the stack stand, away from fold lines (NaN: not seen)."""
     grasps: int
     predicted: PredictedShape
     observed: Array

@@ -88,6 +88,8 @@ class StepRecord:
     target: tuple[Array, ...] = ()
     predicted: tuple[Array, ...] = ()
     observed: tuple[Array, ...] = ()
+    height_m: float | None = None
+    """How high the camera saw the stack stand."""
 
 
 @dataclass(frozen=True, eq=False)

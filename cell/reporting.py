@@ -129,6 +129,7 @@ def _step(
         key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,),
+        height_m=note.height_m if np.isfinite(note.height_m) else None,
     )
 
 

@@ -7,6 +7,7 @@ signal trigger the stop circuit, and the machine ends in a declared state.
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -300,6 +301,7 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "predicted_iou": note.predicted_iou if note else None,
             "observed_iou": note.observed_iou if note else None,
             "drift_m": note.drift_m if note else None,
+            "observed_height_m": note.height_m if note and math.isfinite(note.height_m) else None,
             "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }

@@ -86,7 +86,7 @@ def find_folded(cell: Workcell, context: Context) -> Result:
 def figures(seen: Inspection) -> dict[str, float]:
     """An inspection as plain numbers; what nobody could see is left out."""
     edge = {} if seen.edge is None else {"edge_corner_m": seen.edge.corner, "edge_sag_m": seen.edge.sag}
-    hard_to_see = {"missing_layer": seen.missing_layer, **edge}
+    hard_to_see = {"height_m": seen.height_m, "missing_layer": seen.missing_layer, **edge}
     return {
         "iou": seen.iou,
         "iou_aligned": seen.iou_aligned,
@@ -125,6 +125,7 @@ def _noted(context: Context) -> Context:
         predicted_iou=seen.iou_aligned,
         observed_iou=seen.iou,
         drift_m=seen.drift_m,
+        height_m=seen.height_m,
         grasps=context.grasps,
         predicted=predicted,
         observed=seen.contour,

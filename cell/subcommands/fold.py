@@ -61,6 +61,8 @@ def _summary(figures: dict) -> None:
     for step in figures.get("steps") or []:
         overlap = step.get("observed_iou")
         seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
+        if isinstance(step.get("observed_height_m"), float):
+            seen += f", {_mm(step['observed_height_m'])} high"
         made = step.get("source") or ("not finished" if step.get("attempts") else "not reached")
         print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
     score = figures.get("score")

@@ -11,7 +11,7 @@ from skills.perception.inspection import InspectionSettings
 from skills.perception.view import TableView
 from skills.vocabulary import FoldStep
 
-__all__ = ["extra_height", "judged_area", "missing_layer", "piled_area"]
+__all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_height"]
 
 
 def judged_area(
@@ -29,10 +29,16 @@ def judged_area(
     return inner
 
 
+def upper_height(height: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
+    """95th percentile of the heights (H, W) [m] where they are judged; NaN where there is too little to see."""
+    samples = height[judged & np.isfinite(height)]
+    return float(np.quantile(samples, 0.95)) if len(samples) > 100 else float("nan")
+
+
 def extra_height(excess: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
-    """95th percentile of the excess (H, W) [m] where it is judged; 0 where there is too little to see."""
-    samples = excess[judged & np.isfinite(excess)]
-    return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
+    """The same of the excess (H, W) [m] over a prediction; 0 where there is too little to see."""
+    found = upper_height(excess, judged)
+    return found if np.isfinite(found) else 0.0
 
 
 def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold: float, pixel: float) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robots.ports import frozen
 from skills.perception.alignment import align, edge_deviation
 from skills.perception.diagnosis import diagnose
-from skills.perception.fold_heights import extra_height, judged_area, missing_layer, piled_area
+from skills.perception.fold_heights import extra_height, judged_area, missing_layer, piled_area, upper_height
 from skills.perception.inspection import Inspection, InspectionSettings
 from skills.perception.left_behind import left_behind
 from skills.perception.moved_edge import MovedEdge, moved_edge
@@ -85,7 +85,8 @@ def inspect(
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)
     notes: dict[str, float | int | str] = {
         "iou": inspection.iou, "iou_aligned": inspection.iou_aligned, "drift_m": inspection.drift_m,
-        "drift_rad": inspection.drift_rad, "extra_height_m": inspection.extra_height_m,
+        "drift_rad": inspection.drift_rad, "height_m": inspection.height_m,
+        "extra_height_m": inspection.extra_height_m,
         "edge_deviation_m": inspection.edge_deviation_m, "segmentation_confidence": found.confidence,
     }
     return Outcome(value=inspection, notes=notes)
@@ -119,7 +120,8 @@ class _Figures:
         moved = move_view(view, self._expected, self.R, self.t)
         centre = self._outline.mean(axis=0)
         drift = self.R @ centre + self.t - centre
-        excess = smooth_height(self._height, 7) - moved
+        smooth = smooth_height(self._height, 7)
+        excess = smooth - moved
         judged = judged_area(mask, view, step, settings)
         deviation, place = edge_deviation(self._outline @ self.R.T + self.t, self._observed)
         return Inspection(
@@ -128,6 +130,7 @@ class _Figures:
             drift=frozen(drift),
             drift_m=float(np.linalg.norm(drift)),
             drift_rad=float(np.arctan2(self.R[1, 0], self.R[0, 0])),
+            height_m=upper_height(smooth, judged),
             extra_height_m=extra_height(excess, judged),
             piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
             edge_deviation_m=deviation,

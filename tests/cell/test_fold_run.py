@@ -50,6 +50,14 @@ def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
     assert 0.5 < score["iou"] <= 1.0
 
 
+def test_the_camera_sees_how_high_the_stack_stands(seen: Any) -> None:
+    steps = seen.result.as_json()["steps"]
+    if all(step["done"] for step in steps):
+        assert steps[-1]["observed_height_m"] == pytest.approx(seen.result.score["height_m"], abs=0.005)
+    else:
+        assert steps[-1]["observed_height_m"] is None
+
+
 def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
     figures = json.loads(json.dumps(seen.result.as_json(), allow_nan=False))
     for key in ("garment", "seed", "driver", "result", "score", "steps", "robot_time_s", "wall_time_s",

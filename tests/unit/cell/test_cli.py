@@ -24,7 +24,16 @@ FIGURES: dict[str, Any] = {
     "driver": "sim",
     "result": "folded",
     "score": {"passed": True, "iou": 0.95, "edges_m": 0.01, "drift_m": 0.02, "height_m": 0.012},
-    "steps": [{"name": "half", "source": "library", "observed_iou": 0.93, "attempts": 1, "recoveries": []}],
+    "steps": [
+        {
+            "name": "half",
+            "source": "library",
+            "observed_iou": 0.93,
+            "observed_height_m": 0.0182,
+            "attempts": 1,
+            "recoveries": [],
+        }
+    ],
     "robot_time_s": 61.5,
     "wall_time_s": 20.0,
     "stage_times_s": {},
@@ -205,6 +214,7 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
     text = capsys.readouterr().out
     for part in ("folded", "simulated", "0.950", "61.5 s", "/logs/run/report.html", "/logs/run/run.rrd"):
         assert part in text
+    assert "half: library, observed overlap 0.930, 18 mm high" in text
 
 
 def test_the_summary_tells_which_figure_missed_its_limit(

@@ -79,6 +79,17 @@ def test_a_fold_as_predicted_is_accepted():
     assert seen.iou > 0.97 and seen.drift_m < 0.002 and abs(seen.extra_height_m) < 0.002
 
 
+@pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
+def test_how_high_the_stack_stands_is_seen(thickness):
+    assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
+
+
+def test_a_pile_at_the_crease_is_not_the_height_of_the_stack():
+    along = HALF[1] - HALF[0]
+    bumps = [(*(HALF[0] + u * along), 0.015, 0.030) for u in (0.3, 0.5, 0.7)]
+    assert look([HALF], bumps).unwrap().height_m == pytest.approx(HEIGHT, abs=0.002)
+
+
 @pytest.mark.parametrize(("shift", "turn"), [((0.036, 0.048), 0.0), ((0.0, 0.02), 8.0)])
 def test_drift_is_measured_and_named(shift, turn):
     moved = place(HALF - (0.6, 0.0), 0.6 + shift[0], shift[1], np.deg2rad(turn))
