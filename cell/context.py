@@ -41,7 +41,7 @@ class StepNote:
     observed_iou: float
     drift_m: float
     height_m: float
-    """How high the camera saw the stack stand, away from fold lines (NaN: not seen)."""
+    """How high the camera saw the stack stand, away from the fold lines (NaN: not seen)."""
     grasps: int
     predicted: PredictedShape
     observed: Array

@@ -1050,7 +1050,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         )
                 if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
                     soon = count[NOW] + PHASE
-                    untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.xp, state.wa, thick)
+                    untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.wa, thick)
             count[SUBSTEP] = count[NEXT] = 0
             for hand in range(2):
                 holds.age[hand] += frame

@@ -42,7 +42,7 @@ class SolverSettings:
     bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
     so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
     sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest and costs nothing
-    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a fifteenth of an edge).
+    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a twelfth of an edge).
     anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
     the cloth's.
     """
@@ -96,8 +96,8 @@ class CapsuleMotion:
 
 
 RELEASE_SPEED = 0.1  # [m/s]
-SLEEP_SHARE = 1.0 / 15.0
-"""Of the mean edge: a vertex at rest strains its edges by no more, however fine the mesh."""
+SLEEP_SHARE = 1.0 / 12.0
+"""Of the mean edge: so far a vertex at rest may have moved, however fine the mesh."""
 IN_PLANE = 0.2
 """Quadratic hinges resist gradients of strain in the plane too, and damping multiplies that. Beyond some 0.4 of
 the stiffness of the edges, sweeps over the two in turn drive each other (measured on edges of 4 to 15 mm)."""
@@ -437,7 +437,8 @@ def _rules(
 ) -> kernel.Rules:
     h = settings.frame / substeps
     edge = float(mesh.edge_length.mean())
-    modulus = membrane_modulus(material, settings.reference_drop) / np.sqrt(settings.anisotropy)
+    softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # along one of the two directions
+    modulus = softer * membrane_modulus(material, settings.reference_drop)
     most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity
     return kernel.Rules(

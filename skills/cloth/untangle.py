@@ -6,10 +6,11 @@ Contacts keep every pair on the side on which it is remembered. Where neighbours
 cloth is locked in a crossing that no contact undoes. Where two sheets cross, they do so along a contour, and each
 edge that passes through a triangle has a way to go, against the triangle, on which the contour gets shorter;
 neighbouring crossings agree on one. The pairs concerned are told that this is their side, and the contacts do the
-rest; where edge and triangle are no pair, both are drawn together a little, positions and those before the substep
-alike: no speed. Which part of the cloth is inside or outside need not be known. Cloth that does not cross is not
-touched, and a crossing that contacts undo within some frames, as most do at a fast pinch, is left to them: they
-know more.
+rest; edge and triangle are also moved a little on that way themselves, since they need not be a pair. Which part
+of the cloth is inside or outside need not be known.
+
+Cloth that does not cross is not touched. A crossing that contacts undo within some frames, as most do at a fast
+pinch, is left to them: they know more. What has fallen asleep crossing stays as it is until it is woken.
 """
 
 from __future__ import annotations
@@ -22,23 +23,26 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 
-STEP = 0.1  # x thickness a frame: how fast an edge and a triangle that cross are drawn on their way
-PATIENCE = 3  # frames in which contacts may undo a crossing themselves
+STEP = 0.1  # x thickness a look: how far each crossing moves its edge and triangle
+PATIENCE = 3  # looks at which a crossing is left to the contacts
 SLANT = 0.2  # sine of an edge's angle with its triangle, at least, in the gradient
-GLANCE = 4  # frames from one look to the next, as long as nothing crosses
+GLANCE = 4  # frames from one look to the next as long as nothing crosses; else every frame
 REACH = 1.5  # x thickness: so near a triangle a vertex is for its edges to be looked at
-MOST = 128  # crossings that are treated at once
+FAINT = 0.05  # a way shorter than this is none: two flat parts that cross have none
+MOST = 512  # crossings that are treated at once; those beyond wait
 
 
 class Tangles(NamedTuple):
-    """found: (1,) crossings at the last look. age: (n,) looks for which a vertex has been part of one. Of the
-    present look: cross (MOST, 2), edges and the triangles that they pass through, and way (MOST, 3), where the
-    edges should go; wish (n, 3): sums of ways."""
+    """What the looks have found. found: (1,) crossings at the last one (MOST at most), and cross: (found, 2) edges
+    and the triangles that they pass through. age: (n,) looks in a row at which a vertex was part of one. Scratch:
+    old, (MOST, 2) those that are being undone; way, (MOST, 3) where their edges should go against the triangles,
+    in the table frame, without unit; wish, (n, 3) sums of unit ways at the vertices."""
 
     found: NDArray[np.int64]
     cross: NDArray[np.int32]
-    way: Array
     age: NDArray[np.int32]
+    old: NDArray[np.int32]
+    way: Array
     wish: Array
 
 
@@ -46,16 +50,17 @@ def no_tangles(vertices: int) -> Tangles:
     return Tangles(
         np.zeros(1, np.int64),
         np.zeros((MOST, 2), np.int32),
-        np.zeros((MOST, 3)),
         np.zeros(vertices, np.int32),
+        np.zeros((MOST, 2), np.int32),
+        np.zeros((MOST, 3)),
         np.zeros((vertices, 3)),
     )
 
 
 @njit(nogil=True)
-def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, xp, w, thickness):
-    """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some frames.
-    w: (n,) inverse masses, 0 for what sleeps."""
+def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
+    """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
+    x: (n, 3) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
     n = _find(
         soon, n_vt, pairs.vt, pairs.vt_due, n_ee, pairs.ee, pairs.near, body.tri, body.edge, body.edge_tri,
         body.ring_start, body.ring, body.ring_edge, x, REACH * thickness, tangles.cross
@@ -64,20 +69,21 @@ def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, xp, w, thickness):
         return
     tangles.found[0] = n
     _grow_older(n, tangles.cross, body.edge, body.tri, tangles.age)
-    way, edge, tri = tangles.way, body.edge, body.tri
-    old = 0
+    old, way, edge, tri = tangles.old, tangles.way, body.edge, body.tri
+    m = 0
     for c in range(n):
         e, t = tangles.cross[c, 0], tangles.cross[c, 1]
         if _oldest(edge[e], tri[t], tangles.age) > PATIENCE:
-            tangles.cross[old, 0], tangles.cross[old, 1] = e, t
-            shorten(x, edge[e], body.edge_tri[e], tri, t, way[old])
-            old += 1
-    _agree(old, tangles.cross, edge, tri, way, tangles.wish)
-    for c in range(old):
-        e, t = tangles.cross[c, 0], tangles.cross[c, 1]
-        _put_vertices(n_vt, pairs.vt, pairs.side, pairs.vt_j, edge[e], t, tri, x, way[c])
-        _put_edges(n_ee, pairs.ee, pairs.near, pairs.normal, pairs.ee_j, e, body.tri_edge[t], way[c])
-        _pull(x, xp, w, edge[e], tri[t], STEP * thickness, way[c])
+            old[m, 0], old[m, 1] = e, t
+            shorten(x, edge[e], body.edge_tri[e], tri, t, way[m])
+            m += 1
+    _agree(m, old, edge, tri, way, tangles.wish)
+    for c in range(m):
+        e, t = old[c, 0], old[c, 1]
+        if way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2 > FAINT**2:
+            _put_vertices(n_vt, pairs.vt, pairs.side, pairs.vt_j, edge[e], t, tri, x, way[c])
+            _put_edges(n_ee, pairs.ee, pairs.near, pairs.normal, pairs.ee_j, e, body.tri_edge[t], way[c])
+            _pull(x, w, edge[e], tri[t], STEP * thickness, way[c])
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -92,7 +98,9 @@ def _agree(n, cross, edge, tri, way, wish):
                 wish[tri[t, m], d] = 0.0
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
-        size = np.sqrt(way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2) + 1e-12
+        size = np.sqrt(way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2)
+        if size < FAINT:
+            continue
         for d in range(3):
             g = way[c, d] / size
             for m in range(2):
@@ -185,8 +193,9 @@ def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _pull(x, xp, w, edge, tri, step, way):
-    """Move the middles of edge and triangle against each other by `step`, without speed; momentum is kept."""
+def _pull(x, w, edge, tri, step, way):
+    """Move the middles of edge (2,) and triangle (3,) against each other by `step` [m]; velocities stay, and so
+    does the centre of mass."""
     total, size = 0.0, 0.0
     for m in range(2):
         total += 0.25 * w[edge[m]]
@@ -201,7 +210,6 @@ def _pull(x, xp, w, edge, tri, step, way):
         share = 0.5 * w[v] * far if m < 2 else -w[v] * far / 3.0
         for d in range(3):
             x[v, d] += share * way[d]
-            xp[v, d] += share * way[d]
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -223,8 +231,9 @@ def _put_edges(n, pair, near, normal, memory, e, sides, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def shorten(x, edge, beside, tri, t, way):
-    """How an edge has to move against triangle t for the contour to get shorter: the gradient of its length, from
-    each of the triangles `beside` (2,; -1: none) the edge."""
+    """How an edge (2,) has to move against triangle t for the contour to get shorter, into `way` (3,): the sum
+    over the triangles `beside` (2,; -1: none) the edge. R - (E.R)/(E.N) N is the steepest descent of the length
+    by this crossing's own point; as published, the part along the normal, which parts the two, counts twice."""
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
     normal, along, inward, out = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _normal(x, p, q, r, normal)

@@ -55,8 +55,8 @@ class Inspection:
 
     iou: as seen; iou_aligned: after the rigid motion that lays the prediction on what is seen. drift: (2,)
     [m] that motion of the prediction's centroid, drift_m its length, drift_rad its angle.
-    height_m: how high the stack stands above the table, away from fold lines (95th percentile; NaN where too
-    little is seen). extra_height_m: likewise above the prediction, where both are.
+    height_m: how high the stack stands above the table, away from the plan's fold lines (95th percentile; NaN
+    where too little is seen). extra_height_m: likewise above the prediction, where both are.
     piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
     outside positive, at edge_place (2,). missing_layer: largest share of a target's upper layers that is
     not there (0..1), NaN when nobody can see it. edge: where the edge that two arms moved came to lie on other

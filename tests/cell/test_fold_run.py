@@ -52,10 +52,9 @@ def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
 
 def test_the_camera_sees_how_high_the_stack_stands(seen: Any) -> None:
     steps = seen.result.as_json()["steps"]
-    if all(step["done"] for step in steps):
-        assert steps[-1]["observed_height_m"] == pytest.approx(seen.result.score["height_m"], abs=0.005)
-    else:
-        assert steps[-1]["observed_height_m"] is None
+    assert all(step["done"] for step in steps)
+    assert 0.004 < steps[0]["observed_height_m"] < steps[1]["observed_height_m"]
+    assert steps[-1]["observed_height_m"] == pytest.approx(seen.result.score["height_m"], abs=0.007)
 
 
 def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:

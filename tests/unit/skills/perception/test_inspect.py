@@ -8,6 +8,7 @@ from robots.errors import FailureKind
 from robots.ports import Side
 from skills.perception.alignment import align
 from skills.perception.diagnosis import beyond_limits
+from skills.perception.fold_heights import upper_height
 from skills.perception.inspect import inspect
 from skills.perception.inspection import InspectionSettings
 from skills.perception.predicted_view import draw_shape
@@ -82,6 +83,14 @@ def test_a_fold_as_predicted_is_accepted():
 @pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
 def test_how_high_the_stack_stands_is_seen(thickness):
     assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
+
+
+def test_a_height_that_too_little_is_seen_of_is_none():
+    judged = np.zeros((40, 40), bool)
+    judged[:10, :10] = True
+    assert np.isnan(upper_height(np.full((40, 40), 0.01, np.float32), judged))
+    judged[10, 0] = True
+    assert upper_height(np.full((40, 40), 0.01, np.float32), judged) == pytest.approx(0.01)
 
 
 def test_a_pile_at_the_crease_is_not_the_height_of_the_stack():
