@@ -58,6 +58,8 @@ def page(figures: Mapping[str, Any]) -> str:
         "first guess; all methods had the same budget, grasps, meshes and fold duration.",
         f"Garments: {', '.join(garments)}.",
     ]
+    if figures.get("remark"):
+        head.append(f"\n{figures['remark']}")
     if figures.get("quick"):
         head.append("\n**A quick run: it shows that the bench works, not how good the figures are.**")
     parts = ["\n".join(head), table_of_rows("What is asked", ASKED, figures), _steps(steps)]
