@@ -52,6 +52,17 @@ class Folded:
     residual: list[float]
     strain: list[float]
 
+    def add(self, other: Folded) -> None:
+        for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine.extend(others)
+
+    def row(self) -> dict[str, Any]:
+        """The worst of its folds, for a table."""
+        return {
+            "end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual),
+            "strain_percent": 100.0 * max(self.strain),
+        }  # fmt: skip
+
     def figures(self, name: str) -> dict[str, Any]:
         return {
             f"{name}_end_crossings": max(self.end),
@@ -134,12 +145,8 @@ def shipped(quick: bool) -> dict[str, Any]:
     rows, worst = [], Folded([], [], [], [])
     for name in list_garments()[: 2 if quick else None]:
         found = fold_all(*planned_folds(name))
-        for field in ("end", "most", "residual", "strain"):
-            getattr(worst, field).extend(getattr(found, field))
-        rows.append({
-            "garment": name, "end": max(found.end), "most": max(found.most),
-            "residual_mm": 1e3 * max(found.residual), "strain_percent": 100.0 * max(found.strain),
-        })  # fmt: skip
+        worst.add(found)
+        rows.append({"garment": name} | found.row())
     return worst.figures("shipped") | {"shipped": rows}
 
 
@@ -153,13 +160,9 @@ def variants(quick: bool) -> dict[str, Any]:
     rows, worst = [], Folded([], [], [], [])
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
         found = fold_all(mesh, material, folds)
-        for field in ("end", "most", "residual", "strain"):
-            getattr(worst, field).extend(getattr(found, field))
-        rows.append({
-            "garment": name, "friction": mu, "thickness_mm": 1e3 * thickness, "speed": speed,
-            "end": max(found.end), "most": max(found.most), "residual_mm": 1e3 * max(found.residual),
-            "strain_percent": 100.0 * max(found.strain),
-        })  # fmt: skip
+        worst.add(found)
+        case = {"garment": name, "friction": mu, "thickness_mm": 1e3 * thickness, "speed": speed}
+        rows.append(case | found.row())
     figures = worst.figures("variants")
     figures["variants_folds"] = len(worst.end)
     figures["variants_folds_that_end_with_crossings"] = sum(n > 0 for n in worst.end)

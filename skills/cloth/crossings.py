@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 
-__all__ = ["count_crossings", "find_crossings"]
+__all__ = ["count_crossings", "crosses", "find_crossings"]
 
 
 def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -55,7 +55,7 @@ def _scan(x, tri, edge, order, lo, hi):
             p, q, s = tri[t, 0], tri[t, 1], tri[t, 2]
             if i in (p, q, s) or j in (p, q, s):
                 continue
-            if _meets(x[i], x[j], x[p], x[q], x[s]):
+            if crosses(x, i, j, p, q, s):
                 found.append((i, j, t))
     out = np.empty((len(found), 3), np.int32)
     for k in range(len(found)):
@@ -63,20 +63,21 @@ def _scan(x, tri, edge, order, lo, hi):
     return out
 
 
-@njit(cache=True, nogil=True)
-def _meets(a, b, p, q, r):
-    """Segment a-b against triangle p, q, r (Moeller & Trumbore 1997)."""
-    d, u, v, w = b - a, q - p, r - p, a - p
-    h = np.array([d[1] * v[2] - d[2] * v[1], d[2] * v[0] - d[0] * v[2], d[0] * v[1] - d[1] * v[0]])
-    det = u[0] * h[0] + u[1] * h[1] + u[2] * h[2]
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def crosses(x, i, j, p, q, r):
+    """Whether edge i-j passes through triangle p, q, r (Moeller & Trumbore 1997)."""
+    dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+    ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
+    vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
+    wx, wy, wz = x[i, 0] - x[p, 0], x[i, 1] - x[p, 1], x[i, 2] - x[p, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    det = nx * dx + ny * dy + nz * dz
     if abs(det) < 1e-18:
         return False
-    s = (w[0] * h[0] + w[1] * h[1] + w[2] * h[2]) / det
-    if s < 0.0 or s > 1.0:
+    along = -(nx * wx + ny * wy + nz * wz) / det
+    if along < 0.0 or along > 1.0:
         return False
-    k = np.array([w[1] * u[2] - w[2] * u[1], w[2] * u[0] - w[0] * u[2], w[0] * u[1] - w[1] * u[0]])
-    t = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) / det
-    if t < 0.0 or s + t > 1.0:
-        return False
-    z = (v[0] * k[0] + v[1] * k[1] + v[2] * k[2]) / det
-    return 0.0 <= z <= 1.0
+    px, py, pz = wy * dz - wz * dy, wz * dx - wx * dz, wx * dy - wy * dx
+    a = -(vx * px + vy * py + vz * pz) / det
+    b = (ux * px + uy * py + uz * pz) / det
+    return a >= 0.0 and b >= 0.0 and a + b <= 1.0

@@ -25,7 +25,9 @@ from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 from skills.vocabulary import Material
 
-__all__ = ["GRAVITY", "Elastic", "build_elastic", "flexural_rigidity", "membrane_modulus", "stretch_excess"]
+__all__ = [
+    "GRAVITY", "Elastic", "build_elastic", "flexural_rigidity", "membrane_modulus", "shuffled", "stretch_excess",
+]  # fmt: skip
 
 GRAVITY = 9.81  # [m/s2]
 SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measured by the hang test
@@ -78,7 +80,7 @@ def build_elastic(
     compliance = np.maximum(1.0 / stiffness - SWEEP * sweep, FLOOR * sweep)
     weight, areas = _stencils(mesh)
     bend = areas / flexural_rigidity(material)
-    e, h = _shuffle(len(edge)), _shuffle(len(mesh.hinges))
+    e, h = shuffled(len(edge)), shuffled(len(mesh.hinges))
     return Elastic(
         edge[e].copy(), mesh.on_rim[e], length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(),
         weight[h], bend[h]
@@ -114,7 +116,7 @@ def _stiffness(
     return modulus * mesh.edge_area / length**2 * directional * np.where(outline, seam_factor, 1.0)
 
 
-def _shuffle(n: int) -> NDArray[np.int64]:
+def shuffled(n: int) -> NDArray[np.int64]:
     """A fixed order without direction: a sweep along the mesh's own order would pull the cloth one way."""
     return np.random.default_rng(7).permutation(n)
 

@@ -897,7 +897,7 @@ def _let_go(holds):
 def _fingerprint() -> str:
     """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
     digest = hashlib.sha256()
-    for name in ("contact.py", "elastic.py", "kernel.py", "patches.py", "untangle.py"):
+    for name in ("contact.py", "crossings.py", "elastic.py", "kernel.py", "patches.py", "untangle.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
     return digest.hexdigest()
 

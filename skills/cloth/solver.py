@@ -16,8 +16,9 @@ from skills.cloth import kernel
 from skills.cloth.contact import PHASE
 from skills.cloth.elastic import build_elastic, flexural_rigidity, membrane_modulus, stretch_excess
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.patches import Patches, build_patches
+from skills.cloth.patches import Patches
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.topology import topology_of
 from skills.cloth.untangle import Tangles, no_tangles
 from skills.vocabulary import Material
 
@@ -401,21 +402,11 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * PHASE * h * w[e.edge].sum(axis=1))
-    both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-    both = both[np.lexsort((both[:, 1], both[:, 0]))]
-    start = np.searchsorted(both[:, 0], np.arange(len(w) + 1)).astype(np.int32)
-    numbers = {(min(i, j), max(i, j)): k for k, (i, j) in enumerate(e.edge.tolist())}
-    tri_edge = np.array([
-        [numbers[min(t[k], t[k - 1]), max(t[k], t[k - 1])] for k in range(3)] for t in mesh.triangles.tolist()
-    ], np.int32)  # fmt: skip
-    edge_tri = np.full((len(e.edge), 2), -1, np.int32)
-    for t, edges in enumerate(tri_edge):
-        for k in edges:
-            edge_tri[k, int(edge_tri[k, 0] >= 0)] = t
+    topology = topology_of(mesh)
     return kernel.Body(
         w,
         e.edge,
-        edge_tri,
+        topology.edge_tri,
         e.rim,
         e.length,
         e.compliance,
@@ -424,11 +415,11 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
         e.weight,
         e.bend,
         mesh.triangles.copy(),
-        tri_edge,
-        start,
-        np.ascontiguousarray(both[:, 1], dtype=np.int32),
-        np.array([numbers[min(i, j), max(i, j)] for i, j in both.tolist()], np.int32),
-        build_patches(mesh, e.edge),
+        topology.tri_edge,
+        topology.ring_start,
+        topology.ring,
+        topology.ring_edge,
+        topology.patches,
     )
 
 

@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.cloth.crossings import crosses
 
 STEP = 0.1  # x thickness a look: how far each crossing moves its edge and triangle
 PATIENCE = 3  # looks at which a crossing is left to the contacts
@@ -282,23 +283,3 @@ def _normal(x, p, q, r, out):
     size = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2) + 1e-30
     for m in range(3):
         out[m] /= size
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def crosses(x, i, j, p, q, r):
-    """Whether edge i-j passes through triangle p, q, r (Moeller & Trumbore 1997)."""
-    dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-    ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
-    vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
-    wx, wy, wz = x[i, 0] - x[p, 0], x[i, 1] - x[p, 1], x[i, 2] - x[p, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    det = nx * dx + ny * dy + nz * dz
-    if abs(det) < 1e-18:
-        return False
-    along = -(nx * wx + ny * wy + nz * wz) / det
-    if along < 0.0 or along > 1.0:
-        return False
-    px, py, pz = wy * dz - wz * dy, wz * dx - wx * dz, wx * dy - wy * dx
-    a = -(vx * px + vy * py + vz * pz) / det
-    b = (ux * px + uy * py + uz * pz) / det
-    return a >= 0.0 and b >= 0.0 and a + b <= 1.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skills.cloth.crossings import count_crossings, find_crossings
+from skills.cloth.crossings import count_crossings, crosses, find_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.solver import ClothSimulation, SolverSettings
-from skills.cloth.untangle import FAINT, GLANCE, PATIENCE, crosses, shorten
+from skills.cloth.untangle import FAINT, GLANCE, PATIENCE, shorten
 from skills.vocabulary import Material
 
 MATERIAL = Material(

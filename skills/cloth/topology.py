@@ -1,0 +1,67 @@
+"""Who is whose neighbour in a mesh, and its patches: what the solver needs and hangs on the mesh alone.
+
+An optimiser simulates one mesh hundreds of times; all of this is made once for each mesh.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skills.cloth.elastic import shuffled
+from skills.cloth.mesh import ClothMesh
+from skills.cloth.patches import Patches, build_patches
+
+__all__ = ["Topology", "topology_of"]
+
+MESHES = 16  # of which it is kept
+
+
+class Topology(NamedTuple):
+    """Edges count in the order in which they are solved. tri_edge: (t, 3) edges of the triangles; edge_tri:
+    (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and the edges
+    to them, from ring_start[i] to ring_start[i + 1]."""
+
+    tri_edge: NDArray[np.int32]
+    edge_tri: NDArray[np.int32]
+    ring_start: NDArray[np.int32]
+    ring: NDArray[np.int32]
+    ring_edge: NDArray[np.int32]
+    patches: Patches
+
+
+def topology_of(mesh: ClothMesh) -> Topology:
+    """The mesh's own, with patches that nobody else has: a simulation writes into them."""
+    known = _build(mesh)
+    return known._replace(patches=Patches._make(a.copy() for a in known.patches))
+
+
+@lru_cache(maxsize=MESHES)
+def _build(mesh: ClothMesh) -> Topology:
+    n, edge = len(mesh.rest), mesh.edges[shuffled(len(mesh.edges))]
+    keys = np.sort(edge, axis=1) @ [n, 1]
+    order = np.argsort(keys)
+
+    def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
+        """Numbers of the edges between vertices."""
+        at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
+        return order[at].astype(np.int32)
+
+    tri = mesh.triangles
+    tri_edge = between(tri, tri[:, [2, 0, 1]])
+    by_edge = np.argsort(tri_edge.ravel(), kind="stable")
+    sides = np.bincount(tri_edge.ravel(), minlength=len(edge))  # one or two triangles beside an edge
+    first = np.cumsum(sides) - sides
+    beside = (by_edge // 3).astype(np.int32)
+    edge_tri = np.full((len(edge), 2), -1, np.int32)
+    edge_tri[:, 0] = beside[first]
+    edge_tri[sides == 2, 1] = beside[first[sides == 2] + 1]
+
+    both = np.concatenate([edge, edge[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
+    ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
+    return Topology(tri_edge, edge_tri, start, ring, between(both[:, 0], both[:, 1]), build_patches(mesh, edge))
