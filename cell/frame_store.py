@@ -1,0 +1,74 @@
+"""The pictures that a run decided by, each kept once in its folder under the hash of what is in it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from cell.whole_file import write_whole
+from robots.errors import StorageError
+from robots.ports import CameraFrame, Intrinsics, frozen
+
+__all__ = ["FrameStore"]
+
+
+class FrameStore:
+    """A folder of pictures. What is put is on disk when the call returns, bit for bit."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[int, tuple[CameraFrame, str]] = {}  # with the frame: an id may be given again
+
+    def put(self, frame: CameraFrame) -> str:
+        """Keep a picture; -> its name. Raises StorageError."""
+        known = self._known.get(id(frame))
+        if known is not None:
+            return known[1]
+        plain = _plain(frame)
+        digest = hashlib.sha256(plain.encode())
+        for pixels in (frame.rgb, frame.depth):
+            digest.update(np.ascontiguousarray(pixels).tobytes())
+        name = digest.hexdigest()
+        path = self._path(name)
+        if not path.exists():
+            stream = io.BytesIO()
+            np.savez_compressed(stream, plain=np.array(plain), rgb=frame.rgb, depth=frame.depth)
+            try:
+                self._folder.mkdir(exist_ok=True)
+            except OSError as e:
+                raise StorageError(f"{self._folder} cannot be made: {e.strerror}", "make room") from e
+            write_whole(path, stream.getvalue())
+        self._known[id(frame)] = frame, name
+        return name
+
+    def get(self, name: str) -> CameraFrame:
+        """The picture of this name. Raises StorageError where it is missing or damaged."""
+        path = self._path(name)
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                plain = json.loads(str(data["plain"]))
+                frame = CameraFrame(
+                    plain["stamp"],
+                    plain["sequence"],
+                    frozen(data["rgb"]),
+                    frozen(data["depth"]),
+                    Intrinsics(**plain["intrinsics"]),
+                )
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as e:
+            raise StorageError(f"the picture {path} is missing or damaged", str(e), path=str(path)) from e
+        self._known[id(frame)] = frame, name
+        return frame
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.npz"
+
+
+def _plain(frame: CameraFrame) -> str:
+    rest = {"stamp": frame.stamp, "sequence": frame.sequence, "intrinsics": asdict(frame.intrinsics)}
+    return json.dumps(rest, sort_keys=True)
