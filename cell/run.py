@@ -35,6 +35,7 @@ from cell.observers import RecorderObserver, Remark, Remarks
 from cell.paths import ledger_path
 from cell.progress import ProgressLines
 from cell.recorder import Recorder
+from cell.request_file import keep_request
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
 from cell.simulation import SimulationSettings
@@ -158,7 +159,7 @@ def _perform(
     bystanders: Sequence[Observer],
     listener: socket | None,
 ) -> _Ended:
-    write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
+    keep_request(run.directory, request)
     robot = load_robot(request.settings)
     supervision = _supervision(request, run, listener)
     recorder = _recorder(request, run)
