@@ -30,15 +30,11 @@ class FrameStore:
         known = self._known.get(id(frame))
         if known is not None:
             return known[1]
-        plain = _plain(frame)
-        digest = hashlib.sha256(plain.encode())
-        for pixels in (frame.rgb, frame.depth):
-            digest.update(np.ascontiguousarray(pixels).tobytes())
-        name = digest.hexdigest()
+        name = _name(frame)
         path = self._path(name)
         if not path.exists():
             stream = io.BytesIO()
-            np.savez_compressed(stream, plain=np.array(plain), rgb=frame.rgb, depth=frame.depth)
+            np.savez_compressed(stream, plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth)
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as e:
@@ -60,6 +56,8 @@ class FrameStore:
                     frozen(data["depth"]),
                     Intrinsics(**plain["intrinsics"]),
                 )
+            if _name(frame) != name:
+                raise ValueError("it is another picture than its name says")
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as e:
             raise StorageError(f"the picture {path} is missing or damaged", str(e), path=str(path)) from e
         self._known[id(frame)] = frame, name
@@ -67,6 +65,14 @@ class FrameStore:
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.npz"
+
+
+def _name(frame: CameraFrame) -> str:
+    """The hash of all that is in a picture."""
+    digest = hashlib.sha256(_plain(frame).encode())
+    for pixels in (frame.rgb, frame.depth):
+        digest.update(np.ascontiguousarray(pixels).tobytes())
+    return digest.hexdigest()
 
 
 def _plain(frame: CameraFrame) -> str:

@@ -38,9 +38,9 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
     write_whole(folder / REQUEST, json.dumps(kept, indent=1) + "\n")
 
 
-def load_request(folder: Path, logs: Path, **changes: Any) -> FoldRequest:
-    """The request of the run in `folder`, with `changes`. Raises ConfigurationError where there is none, or the
-    settings cannot be read any more."""
+def load_request(folder: Path, logs: Path, settings: Path | None = None, **changes: Any) -> FoldRequest:
+    """The request of the run in `folder`, with `changes`. settings: a file to be read in place of the kept one.
+    Raises ConfigurationError where there is no request, or the settings cannot be read any more."""
     path = folder / REQUEST
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
@@ -54,6 +54,6 @@ def load_request(folder: Path, logs: Path, **changes: Any) -> FoldRequest:
         ) from None
     if kept["garment"].startswith(f"{GARMENT}/"):
         kept["garment"] = str(folder / kept["garment"])
-    settings = folder / SETTINGS
+    settings = settings or folder / SETTINGS
     request = FoldRequest(settings=load_settings(settings), settings_path=settings, logs=logs, **kept)
     return replace(request, **changes)
