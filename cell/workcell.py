@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures import TimeoutError as NotYet
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -16,7 +15,7 @@ from cell.execution import ExecutionLimits, Sent, stopped
 from cell.recorder import Recorder
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
-from robots.ports import Ports
+from robots.ports import Ports, Stop
 from skills.garments.garment import Garment
 from skills.grasping.settings import GraspSettings
 from skills.motion.collision import CollisionChecker
@@ -69,6 +68,9 @@ class Workcell:
     """Keeps in the ledger what happens within an effect: name, figures."""
     sent: Sent = field(default_factory=Sent)
     """What the arms were last told."""
+    watched_stop: Stop | None = None
+    """The stop as it is asked while a skill computes, at the pace of the wall's clock; None: that of the ports.
+    What it says only ends the waiting: `ports.stop` is asked then, and by that it is decided."""
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
         """Run a skill on a worker while watching the stop, then charge its declared time to the clock.
@@ -76,15 +78,14 @@ class Workcell:
         Raises DriverError(STOPPED) when the stop is triggered meanwhile; the skill's result is then void.
         """
         future = self.workers.submit(work)
-        while True:
-            try:
-                result = future.result(timeout=_POLL_S)
-                break
-            except NotYet:
-                failure = stopped(self.ports)
-                if failure:
-                    future.cancel()
-                    raise DriverError(FailureKind.STOPPED, failure.what, failure.hint) from None
+        watched = self.watched_stop or self.ports.stop
+        while not wait([future], timeout=_POLL_S).done and not watched.state().stopped:
+            pass
+        failure = stopped(self.ports)
+        if failure:
+            future.cancel()
+            raise DriverError(FailureKind.STOPPED, failure.what, failure.hint)
+        result = future.result()
         if self.ports.simulated:
             cost = charge_s(result) if callable(charge_s) else charge_s
             self.ports.clock.sleep_until(self.ports.clock.now() + cost)

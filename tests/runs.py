@@ -75,6 +75,8 @@ class Onlooker:
     last_q: Array = field(default_factory=lambda: np.zeros(14))
     openings: list[float] = field(default_factory=list)
     under_way: Effect = Effect.NOTHING
+    ports: Ports | None = None
+    """The cell's own: what the onlooker asks of them is not the executive's."""
 
     def fold(self, request: FoldRequest, script: Callable[[Ports], object] = lambda ports: None) -> FoldResult:
         """`fold_once` with this onlooker beside it."""
@@ -82,6 +84,7 @@ class Onlooker:
             patch.setattr("cell.run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
 
             def begin(ports: Ports, commands: CommandQueue) -> None:
+                self.ports = ports
                 self._listen(patch, ports)
                 script(ports)
 
@@ -102,9 +105,10 @@ class Onlooker:
     def _watched(self, effect: Effect, perform: Callable[[Workcell, Context], Result]) -> Any:
         def watched(cell: Workcell, context: Context) -> Result:
             self.under_way = effect
-            n = self.count(effect) + 1
+            n, ports = self.count(effect) + 1, self.ports
+            assert ports is not None
             if effect in self.before:
-                self.before[effect](cell.ports, cell.commands, n)
+                self.before[effect](ports, cell.commands, n)
             try:
                 result = perform(cell, context)
             except Exception:
@@ -112,10 +116,10 @@ class Onlooker:
                 raise
             self.performed.append((effect, result.event))
             self.results.append(result)
-            self.last_q = cell.ports.arms.state().q
-            self.openings = [gripper.state().opening for gripper in cell.ports.grippers.values()]
+            self.last_q = ports.arms.state().q
+            self.openings = [gripper.state().opening for gripper in ports.grippers.values()]
             if effect in self.after:
-                self.after[effect](cell.ports, cell.commands, n)
+                self.after[effect](ports, cell.commands, n)
             return result
 
         return watched
