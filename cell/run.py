@@ -35,6 +35,8 @@ from cell.observers import RecorderObserver, Remark, Remarks
 from cell.paths import ledger_path
 from cell.progress import ProgressLines
 from cell.recorder import Recorder
+from cell.replaying.stenographer import Stenographer
+from cell.replaying.surroundings import keep_surroundings
 from cell.request_file import keep_request
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import Observer, RunEnd, Runner
@@ -160,9 +162,12 @@ def _perform(
     listener: socket | None,
 ) -> _Ended:
     keep_request(run.directory, request)
+    if request.record:
+        keep_surroundings(run.directory, request)
     robot = load_robot(request.settings)
     supervision = _supervision(request, run, listener)
     recorder = _recorder(request, run)
+    stenographer = Stenographer(run.directory if request.record else None)
     commands = supervision.commands if supervision else CommandQueue()
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
@@ -188,18 +193,22 @@ def _perform(
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
             used = (prelude(ports, commands) if prelude is not None else None) or ports
-            cell = assemble(request, robot, used, recorder, commands, workers, note, computing)
+            heard = stenographer.between(used, commands)
+            cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
+            cell = replace(cell, watched_stop=used.stop)
             witness = _witness(request, ports, recorder)
             if request.approve and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
-            end = Runner(cell, EFFECTS, run, commands, observers).run()
+            end = Runner(cell, EFFECTS, run, heard.commands, observers).run()
+            stenographer.end()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
                 supervision.board.finish(end.state, failure, run.directory)
             score = witness.score() if witness else None
     finally:
-        kept = recorder.close()
-    recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": list(kept.errors)}
+        kept, unkept = recorder.close(), stenographer.close()
+    errors = [*kept.errors, *([unkept] if unkept else [])]
+    recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
     result = _result(request, run, began, end, score, received, recording)
     frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
     return _Ended(end, result, remarks.list, frames, triangles)

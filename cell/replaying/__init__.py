@@ -1,0 +1,1 @@
+"""Runs that are decided again: what passed between executive and cell is kept, and answers it another time."""

@@ -1,0 +1,76 @@
+"""Files that a run decides by and that may change after it, kept in its folder: the user's library, calibrations.
+
+What comes with the program (the shipped library, garments, models) is not kept: whether another version of it
+would have decided the same is what somebody wants to know who has a run decided again.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from cell.config import CellSettings
+from cell.library import user_library_path
+from cell.request_file import SETTINGS, load_request
+from cell.requests import FoldRequest
+from cell.whole_file import write_whole
+from cell.yaml_file import read_yaml
+from robots.errors import StorageError
+
+__all__ = ["CALIBRATIONS", "keep_surroundings", "restored_request"]
+
+CALIBRATIONS = "calibrations"
+GROUPS = ("table", "camera", "grasp")
+"""Of the settings: each may name a calibration file."""
+
+
+def keep_surroundings(folder: Path, request: FoldRequest) -> None:
+    """Copy them into the run's folder, as they are when it begins. Raises StorageError."""
+    library = user_library_path(request.logs)
+    _copy(library, user_library_path(folder))
+    for group, source in _calibrations(request.settings).items():
+        _copy(source, folder / CALIBRATIONS / f"{group}.yaml")
+
+
+def restored_request(folder: Path, logs: Path) -> FoldRequest:
+    """The request of the run in `folder`, by the files as they were then, for a run in the empty folder `logs`.
+
+    Raises ConfigurationError where the run does not say what it was asked for, or settings, garment or calibration
+    are refused by now, and StorageError.
+    """
+    _copy(user_library_path(folder), user_library_path(logs))
+    settings = folder / SETTINGS
+    kept = {group: folder / CALIBRATIONS / f"{group}.yaml" for group in GROUPS}
+    kept = {group: path for group, path in kept.items() if path.is_file()}
+    if kept:
+        told = dict(read_yaml(settings, "cell settings file").data)
+        for group, path in kept.items():
+            told[group] = {**told.get(group, {}), "calibration": str(path.resolve())}
+        settings = logs / SETTINGS
+        write_whole(settings, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
+    return load_request(folder, logs, settings, quiet=True, record=False, witness=False, terminal=False)
+
+
+def _calibrations(settings: CellSettings) -> dict[str, Path]:
+    named = {
+        "table": settings.table_.calibration,
+        "camera": settings.camera.calibration,
+        "grasp": settings.grasp.calibration,
+    }
+    return {group: path for group, path in named.items() if path is not None}
+
+
+def _copy(source: Path, target: Path) -> None:
+    """What is not there is not copied."""
+    try:
+        content = source.read_bytes()
+    except FileNotFoundError:
+        return
+    except OSError as e:
+        raise StorageError(f"{source} cannot be read: {e.strerror}", "make it readable", path=str(source)) from e
+    try:
+        target.parent.mkdir(exist_ok=True)
+    except OSError as e:
+        raise StorageError(f"{target.parent} cannot be made: {e.strerror}", "make room", path=str(target)) from e
+    write_whole(target, content)
