@@ -410,8 +410,12 @@ def _report(commands: Commands) -> None:
 
 
 def _replay(commands: Commands) -> None:
-    parser = _add(commands, "replay", "replay", "open a run's recording in the Rerun viewer")
+    parser = _add(commands, "replay", "replay", "open a run's recording in the Rerun viewer, or decide it again")
     _run_name(parser)
+    parser.add_argument(
+        "--decide", dest="module", action="store_const", const="decide",
+        help="take the run's decisions again by what was read then, and compare (2: the first that differs)",
+    )  # fmt: skip
     parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
     _logs_option(parser)
     _json_option(parser)
