@@ -49,7 +49,7 @@ class Answers:
 
     transcript: Transcript
     cell_time: float = 0.0
-    """What the clock last said [s]."""
+    """How far the clock is known to have come [s]."""
     count: int = 0
     """Exchanges that were the same."""
     asked: dict[Channel, int] = field(default_factory=dict)
@@ -88,6 +88,8 @@ class Answers:
             raise Halt(trouble=e) from None
         if channel is Channel.NOW and isinstance(answer, float):
             self.cell_time = answer
+        elif channel is Channel.SLEEP:
+            self.cell_time = max(self.cell_time, *map(float, unpack(question)))
         self._next = self._read()
         if isinstance(answer, Raised):
             raise answer.error

@@ -32,9 +32,9 @@ from cell.replaying.surroundings import restored_request
 from cell.replaying.transcript import TRANSCRIPT, Transcript
 from cell.requests import FoldRequest
 from cell.runner import Observer, RunEnd, Runner
-from cell.states import State
+from cell.states import Event, State
 from cell.workcell import Workcell
-from robots.errors import ConfigurationError
+from robots.errors import ConfigurationError, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
@@ -62,12 +62,13 @@ class Deviation:
 class Verdict:
     """What came of deciding a run again. deviation: None where all that was compared is the same.
 
-    complete: whether that goes to the end of the run; cell_time_s: as far as it goes. effects, set_points,
-    pictures, exchanges: how many were compared and the same. wall_time_s: what deciding took.
+    cell_time_s: as far as that goes. broken_off: why it does not go to the end of the run, where there is no
+    deviation. effects, set_points, pictures, exchanges: how many were compared and the same. wall_time_s: what
+    deciding took.
     """
 
     deviation: Deviation | None
-    complete: bool
+    broken_off: str | None
     cell_time_s: float
     effects: int
     set_points: int
@@ -106,16 +107,21 @@ def decide_again(
         except Halt as halt:  # before anything was asked
             assert halt.trouble is not None
             raise halt.trouble from None
-    ended = where.end is not None and (answers.next is None or answers.next.channel is Channel.END)
-    complete = where.end is not None and answers.next is not None and answers.next.channel is Channel.END
-    line = first_difference(entries, again, whole=complete)
-    if line is None and where.halt is not None and where.halt.trouble is not None:
+    if where.unrecorded is not None:
+        raise where.unrecorded
+    to_the_end = where.end is not None and answers.next is not None and answers.next.channel is Channel.END
+    line = first_difference(entries, again, whole=to_the_end)
+    deviation = broken_off = None
+    if line is not None:
+        deviation = line[1]
+    elif where.halt is not None and where.halt.trouble is not None:
         raise where.halt.trouble
-    deviation = line[1] if line else None if ended else _left(where, answers)
-    compared = again[: line[0]] if line else again
+    elif not to_the_end:
+        deviation, broken_off = _how_it_left(where, answers, ledger_over=len(again) > len(entries))
+    compared = again if line is None else again[: line[0]]
     return Verdict(
         deviation=deviation,
-        complete=complete and deviation is None,
+        broken_off=broken_off,
         cell_time_s=deviation.cell_time_s if deviation else answers.cell_time,
         effects=sum(1 for e in compared if e.kind == "result"),
         set_points=answers.asked.get(Channel.SET_POINT, 0),
@@ -156,11 +162,16 @@ class _Where:
         self.state, self.effect = State.IDLE.value, ""
         self.end: RunEnd | None = None
         self.halt: Halt | None = None
+        self.unrecorded: StorageError | None = None
+        """There was no room for the lines that are to be compared."""
 
     def entered(self, t: float, step: Step) -> None:
         self.state, self.effect = step.target.value, step.effect.value
 
-    def performed(self, t: float, step: Step, result: Result) -> None: ...
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        if result.event is Event.UNRECORDED and failure is not None:
+            self.unrecorded = StorageError(failure.what, "make room for temporary files")
 
 
 def _taken_again(
@@ -203,18 +214,21 @@ def _workcell(
             raise
 
 
-def _left(where: _Where, answers: Answers) -> Deviation | None:
-    """How the executive has left the transcript; None where that was over."""
+def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[Deviation | None, str | None]:
+    """Where not all of a run was gone along: what was decided otherwise, or why there is no more to compare.
+
+    ledger_over: the run's own ledger has no line for what is decided here.
+    """
+    there = answers.next
+    if there is None:
+        return None, "the transcript breaks off here"
+    if ledger_over:  # it took no more lines then, and the run was ended for that
+        return None, "the ledger of the run breaks off here"
+    then, now = asked_in_words(there), f"the end of the run: {where.state}"
     if where.halt is not None:
         then, now = where.halt.then, where.halt.now
-    else:
-        there = answers.next
-        then = asked_in_words(there) if there else ""
-        now = f"the end of the run: {where.state}"
-    if not now:
-        return None
     place = f"exchange {answers.count + 1} of the transcript"
-    return Deviation(answers.cell_time, place, where.state, where.effect, then, now)
+    return Deviation(answers.cell_time, place, where.state, where.effect, then, now), None
 
 
 def _version(name: str) -> str:
@@ -238,21 +252,24 @@ def _repeated(value: Any) -> Any:
 
 
 def _lines(then: Entry | None, now: Entry | None) -> tuple[str, str]:
-    """Two lines in words, with the figures in which they differ."""
+    """Two lines in words, with the first figures in which they differ."""
     a, b = _figures(then), _figures(now)
-    differ = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)][:4]
+    differ = [key for key in a if key in b and a[key] != b[key]][:4]
     return _line(then, a, differ), _line(now, b, differ)
 
 
 def _line(entry: Entry | None, figures: Mapping[str, Any], differ: Sequence[str]) -> str:
     if entry is None:
         return "nothing: the run was over"
-    told = {"event": f"{entry.name} -> {entry.state}", "intent": f"{entry.name} begins"}
-    if entry.kind == "event" and "from" not in entry.payload:
-        told["event"] = entry.name
-    text = told.get(entry.kind, f"{entry.name} ends: {entry.payload.get('event')}")
-    details = [f"{key} {figures[key]}" for key in differ if key in figures]
-    return text + (f" ({', '.join(details)})" if details else "")
+    if entry.kind == "result":
+        text = f"{entry.name} ends: {entry.payload.get('event')}"
+    elif entry.kind == "intent":
+        text = f"{entry.name} begins"
+    else:
+        text = f"{entry.name} -> {entry.state}" if "from" in entry.payload else entry.name
+    if "what" in entry.payload:
+        text += f", {entry.payload.get('kind')}: {entry.payload['what']}"
+    return text + (f" ({', '.join(f'{key} {figures[key]}' for key in differ)})" if differ else "")
 
 
 def _figures(entry: Entry | None) -> dict[str, Any]:
@@ -260,7 +277,8 @@ def _figures(entry: Entry | None) -> dict[str, Any]:
     if entry is None:
         return {}
     flat = dict(_flat("", _repeated(entry.payload)))
-    return {"cell time": entry.cell_time, **{k: v for k, v in flat.items() if k not in {"event", "schema"}}}
+    told = {"schema", "event", "kind", "what", "hint"}
+    return {"cell time": entry.cell_time, **{k: v for k, v in flat.items() if k not in told}}
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:

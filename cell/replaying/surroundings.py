@@ -27,10 +27,13 @@ GROUPS = ("table", "camera", "grasp")
 
 def keep_surroundings(folder: Path, request: FoldRequest) -> None:
     """Copy them into the run's folder, as they are when it begins. Raises StorageError."""
-    library = user_library_path(request.logs)
-    _copy(library, user_library_path(folder))
+    _copy_library(request.logs, folder)
     for group, source in _calibrations(request.settings).items():
-        _copy(source, folder / CALIBRATIONS / f"{group}.yaml")
+        try:
+            (folder / CALIBRATIONS).mkdir(exist_ok=True)
+            write_whole(folder / CALIBRATIONS / f"{group}.yaml", source.read_bytes())
+        except OSError as e:
+            raise StorageError(f"{source} cannot be kept with the run: {e.strerror}", "check path and disk") from e
 
 
 def restored_request(folder: Path, logs: Path) -> FoldRequest:
@@ -39,7 +42,7 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
     Raises ConfigurationError where the run does not say what it was asked for, or settings, garment or calibration
     are refused by now, and StorageError.
     """
-    _copy(user_library_path(folder), user_library_path(logs))
+    _copy_library(folder, logs)
     settings = folder / SETTINGS
     kept = {group: folder / CALIBRATIONS / f"{group}.yaml" for group in GROUPS}
     kept = {group: path for group, path in kept.items() if path.is_file()}
@@ -61,16 +64,10 @@ def _calibrations(settings: CellSettings) -> dict[str, Path]:
     return {group: path for group, path in named.items() if path is not None}
 
 
-def _copy(source: Path, target: Path) -> None:
-    """What is not there is not copied."""
+def _copy_library(source: Path, target: Path) -> None:
+    """The user's library of one folder into another. One that cannot be read is none, for the run as well."""
     try:
-        content = source.read_bytes()
-    except FileNotFoundError:
+        content = user_library_path(source).read_bytes()
+    except OSError:
         return
-    except OSError as e:
-        raise StorageError(f"{source} cannot be read: {e.strerror}", "make it readable", path=str(source)) from e
-    try:
-        target.parent.mkdir(exist_ok=True)
-    except OSError as e:
-        raise StorageError(f"{target.parent} cannot be made: {e.strerror}", "make room", path=str(target)) from e
-    write_whole(target, content)
+    write_whole(user_library_path(target), content)

@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> int:
     figures: dict[str, Any] = {
         "run": record.id,
         "same": verdict.same,
-        "complete": verdict.complete,
         "deviation": verdict.deviation,
+        "broken_off": verdict.broken_off,
         "cell_time_s": verdict.cell_time_s,
         "effects": verdict.effects,
         "set_points": verdict.set_points,
@@ -57,8 +57,8 @@ def _summary(figures: dict[str, Any]) -> None:
     deviation = figures["deviation"]
     if deviation is None:
         print(f"\nthe same decisions: {compared}, in {figures['wall_time_s']:.0f} s")
-        if not figures["complete"]:
-            print(f"  the transcript breaks off at {figures['cell_time_s']:.2f} s: compared as far as it goes")
+        if figures["broken_off"]:
+            print(f"  as far as {figures['cell_time_s']:.2f} s: {figures['broken_off']}")
         return
     print(f"\nANOTHER DECISION at {deviation.cell_time_s:.2f} s, {_place(deviation.state, deviation.effect)}")
     print(f"  then   {deviation.then}")

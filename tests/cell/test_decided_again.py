@@ -1,0 +1,231 @@
+"""A run is decided again by what was read then: the same, or the first decision that differs, at its place."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from cell.cli import main
+from cell.context import Context
+from cell.frame_store import FrameStore
+from cell.journal import RunRecord
+from cell.replaying.deciding import Verdict, decide_again
+from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack
+from cell.replaying.transcript import FRAMES, TRANSCRIPT, Transcript, write_transcript
+from robots.errors import ConfigurationError, StorageError
+from robots.ports import frozen
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+@pytest.fixture
+def copied(seen: Any, tmp_path: Path) -> RunRecord:
+    """The run, in a folder that a test may damage."""
+    folder = tmp_path / seen.record.id
+    shutil.copytree(seen.folder, folder, ignore=shutil.ignore_patterns("run.rrd", "*.html", "*.png"))
+    return replace(seen.record, directory=folder)
+
+
+def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
+    """The transcript of a run, written anew."""
+    transcript = Transcript(run.directory / TRANSCRIPT)
+    write_transcript(transcript.path, transcript.constants, alter(list(transcript)))
+
+
+def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
+    """With another answer at a place."""
+    return [*exchanges[:at], replace(exchanges[at], answer=pack(value)), *exchanges[at + 1 :]]
+
+
+def places(exchanges: list[Exchange], channel: Channel) -> list[int]:
+    return [i for i, e in enumerate(exchanges) if e.channel is channel]
+
+
+def decided(seen: Any, run: RunRecord) -> Verdict:
+    return decide_again(run, seen.entries)
+
+
+# the same
+
+
+def test_the_whole_run_is_decided_the_same(seen: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two folds, with the optimiser's search, on as many threads as then; every set-point bit for bit."""
+    line = ["replay", seen.record.id, "--decide", "--json", "--logs", str(seen.request.logs)]
+    before = sorted(p.name for p in seen.request.logs.rglob("*"))
+    assert main(line) == 0
+    told = capsys.readouterr()
+    figures = json.loads(told.out.splitlines()[-1])
+    assert figures["same"] is True and figures["deviation"] is None and figures["broken_off"] is None
+    assert figures["effects"] == sum(1 for e in seen.entries if e.kind == "result")
+    assert figures["set_points"] == len(seen.onlooker.set_points)
+    assert figures["cell_time_s"] == seen.entries[-1].cell_time
+    assert figures["pictures"] == len(list((seen.folder / FRAMES).iterdir()))
+    assert figures["exchanges"] > figures["set_points"] > 1000
+    assert "folding" in told.err and "was" not in told.err.split("\n")[1], "progress, and no changed version"
+    assert sorted(p.name for p in seen.request.logs.rglob("*")) == before, "it has left something behind"
+
+
+def test_the_transcript_is_small(seen: Any) -> None:
+    assert (seen.folder / TRANSCRIPT).stat().st_size < 8e6
+
+
+def test_one_that_breaks_off_is_compared_as_far_as_it_goes(seen: Any, copied: RunRecord) -> None:
+    altered(copied, lambda exchanges: exchanges[:4000])
+    verdict = decided(seen, copied)
+    assert verdict.same and verdict.exchanges == 4000
+    assert verdict.broken_off == "the transcript breaks off here"
+    assert 0.0 < verdict.cell_time_s < seen.entries[-1].cell_time and verdict.effects > 0
+
+
+# another decision
+
+
+def test_an_altered_reading_is_told_where_it_changes_what_is_done(seen: Any, copied: RunRecord) -> None:
+    """The head is not where it was: no picture is taken."""
+    before_the_picture: list[int] = []
+
+    def turn(exchanges: list[Exchange]) -> list[Exchange]:
+        at = places(exchanges, Channel.CAPTURE)[0] - 1
+        before_the_picture.append(at)
+        return answered(exchanges, at, replace(unpack(exchanges[at].answer), head_pan=0.5))
+
+    altered(copied, turn)
+    verdict = decided(seen, copied)
+    there = verdict.deviation
+    assert there is not None and verdict.exchanges == before_the_picture[0] + 1
+    assert (there.state, there.effect) == ("photographing", "photograph_table")
+    assert (there.then, there.now) == ("a picture", "a look at the clock")
+    (photograph,) = [e for e in seen.entries if e.kind == "intent" and e.name == "photograph_table"]
+    assert there.cell_time_s == photograph.cell_time
+
+
+def test_an_altered_picture_is_told_where_it_is_seen(seen: Any, copied: RunRecord) -> None:
+    """The garment is gone from it."""
+
+    def erase(exchanges: list[Exchange]) -> list[Exchange]:
+        store = FrameStore(copied.directory / FRAMES)
+        empty, look = places(exchanges, Channel.CAPTURE)[:2]
+        table, garment = (store.get(unpack(exchanges[i].answer).name) for i in (empty, look))
+        rgb = np.array(table.rgb)
+        rgb[0, 0] ^= 1  # the very same picture would be a frozen camera
+        name = store.put(replace(garment, rgb=frozen(rgb), depth=table.depth))
+        return answered(exchanges, look, Picture(name))
+
+    altered(copied, erase)
+    there = decided(seen, copied).deviation
+    assert there is not None
+    (recognised, *_) = [i for i, e in enumerate(seen.entries) if (e.kind, e.name) == ("result", "recognise")]
+    assert there.place == f"line {recognised + 1} of the ledger"
+    assert (there.state, there.effect) == (seen.entries[recognised].state, "recognise")
+    assert there.cell_time_s == seen.entries[recognised].cell_time
+    assert there.then.startswith("recognise ends: done") and there.now.startswith("recognise ends: failed")
+    assert "no_garment" in there.now
+
+
+def test_a_straying_arm_is_told_at_the_tick_at_which_it_strays(seen: Any, copied: RunRecord) -> None:
+    """In the midst of the first motion: the arms would be told to hold."""
+    at: list[int] = []
+
+    def stray(exchanges: list[Exchange]) -> list[Exchange]:
+        set_points = places(exchanges, Channel.SET_POINT)
+        moving = [i for i in set_points if np.abs(unpack(exchanges[i].question)[1]).max() > 0.1]
+        at.append(next(i for i in places(exchanges, Channel.ARMS) if i > moving[20]))
+        state = unpack(exchanges[at[0]].answer)
+        return answered(exchanges, at[0], replace(state, q=frozen(state.q + 0.5)))
+
+    altered(copied, stray)
+    verdict = decided(seen, copied)
+    there = verdict.deviation
+    assert there is not None
+    assert (there.state, there.effect) == ("approaching", "approach")
+    assert 0 < verdict.exchanges - at[0] < 6, "not at that tick"
+    assert "tactile" in there.then and "a reading of the arms" in there.now
+
+
+def test_other_settings_are_told_where_they_decide(seen: Any, copied: RunRecord) -> None:
+    path = copied.directory / "cell.yaml"
+    settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+    settings["computing"]["perception_s"] += 0.25
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    there = decided(seen, copied).deviation
+    assert there is not None
+    assert (there.effect, there.then.split()[0], there.now.split()[0]) == ("recognise", "waiting", "waiting")
+    assert float(there.now.split()[2]) - float(there.then.split()[2]) == pytest.approx(0.25)
+
+
+def test_another_program_is_told_where_it_decides(
+    seen: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cell.effects.moving.HEAD_TURN_S", 1.0)
+    assert main(["replay", "last", "--decide", "--logs", str(seen.request.logs)]) == 2
+    text = capsys.readouterr().out
+    assert "ANOTHER DECISION at 1.00 s, state preparing, effect prepare" in text
+    assert "then   a set-point for the arms" in text and "now    a reading of the arms" in text
+
+
+def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: Any) -> None:
+    entries = list(seen.entries)
+    at = next(i for i, e in enumerate(entries) if (e.kind, e.name) == ("result", "recognise"))
+    payload = {**entries[at].payload, "confidence": 0.125}
+    entries[at] = replace(entries[at], payload=payload)
+    stopped = TooFar()
+    there = decide_again(seen.record, entries, (stopped,), begin=stopped.until("recognise")).deviation
+    assert there is not None and there.place == f"line {at + 1} of the ledger"
+    assert "confidence 0.125" in there.then and "confidence 0." in there.now
+
+
+class TooFar:
+    """Ends what is decided again where the rest does not matter."""
+
+    def __init__(self) -> None:
+        self._effect = ""
+
+    def until(self, effect: str) -> Any:
+        from cell.runner import Runner
+
+        self._effect = effect
+        return lambda runner: Runner.run(runner, Context())
+
+    def entered(self, t: float, step: Any) -> None: ...
+
+    def performed(self, t: float, step: Any, result: Any) -> None:
+        if step.effect.value == self._effect:
+            from cell.replaying.answering import Halt
+
+            raise Halt("more", "more")
+
+
+# what is missing
+
+
+def test_a_missing_picture_is_told_of(seen: Any, copied: RunRecord) -> None:
+    shutil.rmtree(copied.directory / FRAMES)
+    with pytest.raises(StorageError, match="missing or damaged"):
+        decided(seen, copied)
+
+
+def test_a_missing_transcript_is_told_of(seen: Any, copied: RunRecord) -> None:
+    (copied.directory / TRANSCRIPT).unlink()
+    with pytest.raises(StorageError, match="has no transcript"):
+        decided(seen, copied)
+
+
+def test_a_missing_request_is_told_of(seen: Any, copied: RunRecord) -> None:
+    (copied.directory / "request.json").unlink()
+    with pytest.raises(ConfigurationError, match="does not say what it was asked for"):
+        decided(seen, copied)
+
+
+def test_settings_that_are_refused_are_told_of(seen: Any, copied: RunRecord) -> None:
+    path = copied.directory / "cell.yaml"
+    path.write_text(path.read_text(encoding="utf-8") + "oven: hot\n", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="oven"):
+        decided(seen, copied)
