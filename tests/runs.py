@@ -15,13 +15,15 @@ from cell.commands import CommandQueue
 from cell.config import load_settings
 from cell.context import Context, Result
 from cell.effects import EFFECTS
+from cell.journal import Journal
+from cell.replaying.deciding import Verdict, decide_again
 from cell.requests import FoldRequest, FoldResult
 from cell.run import fold_once
 from cell.states import Effect, Event
 from cell.workcell import Workcell
 from robots.ports import Array, JointSetpoint, Ports
 
-__all__ = ["PLAIN", "Onlooker", "Sent", "fold_request"]
+__all__ = ["PLAIN", "Onlooker", "Sent", "decided_again", "fold_request"]
 
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
 """One simulation instead of an optimisation: enough where it does not matter how well the garment is folded."""
@@ -45,6 +47,13 @@ def fold_request(
         garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
         logs=folder / "logs", **options,
     )  # fmt: skip
+
+
+def decided_again(logs: Path, run: str = "last") -> Verdict:
+    """A recorded run's decisions, taken again by what was read then."""
+    with Journal.open(logs / "ledger.db", readonly=True) as journal:
+        record = journal.run(run)
+        return decide_again(record, journal.entries(record.id))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import pytest
 from cell.cli import main
 from cell.hil.performing import Performance
 from cell.hil.script import Script
+from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -47,7 +48,10 @@ def test_scripts_that_pass_and_one_that_does_not(tmp_path: Path, capsys: pytest.
     assert stopped["end"] == "stopped" and len(stopped["broken"]) == 2
     assert "the button" in stopped["broken"][0] and "never came to pass" in stopped["broken"][1]
     for script in figures["scripts"]:
-        assert (Path(script["run_dir"]) / "report.html").exists()
+        folder = Path(script["run_dir"])
+        assert (folder / "report.html").exists()
+        again = decided_again(folder.parent, folder.name)
+        assert again.same and again.broken_off is None, "what a script does to a run is met again"
     assert json.loads((Path(figures["directory"]) / "hil.json").read_text()) == {
         k: v for k, v in figures.items() if k != "directory"
     }

@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from cell.run import fold_once
-from tests.runs import fold_request
+from tests.runs import decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -57,10 +57,12 @@ class Operator(threading.Thread):
 
 def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     addresses: Queue[str] = Queue()
-    monkeypatch.setattr("cell.run._say", lambda text: addresses.put(text.split()[-1]))
+    pages = "operator's page: "
+    monkeypatch.setattr("cell.run._say", lambda text: addresses.put(text.split()[-1]) if pages in text else None)
     operator = Operator(addresses)
     operator.start()
-    result = fold_once(fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True))
+    request = fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True, record=True)
+    result = fold_once(request)
     operator.join(10.0)
     assert not operator.is_alive()
     assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
@@ -72,3 +74,6 @@ def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert "awaiting_approval" in states[:first] and states.index("folding") > first
     assert operator.boards[-1]["end"]["result"] == "not_folded"
     assert [r["title"] for r in operator.boards[-1]["remarks"]] == ["approve", "aborted while awaiting approval"]
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off is None, "with approval, pause, resume and abort where they were said"
+    assert again.wall_time_s < 0.5 * result.wall_time_s, "it waited for a person"

@@ -108,6 +108,20 @@ def test_nothing_looks_finished_that_is_not(killed: dict[str, Any]) -> None:
     assert "cell.yaml" in names
 
 
+def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
+    """All but the last moment before the kill: into the grasp."""
+    answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
+    figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
+    assert answer.returncode == 0 and figures["same"], figures
+    assert figures["broken_off"] == "the transcript breaks off here"
+    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+        (run,) = journal.runs()
+        entries = journal.entries(run.id)
+    done = sum(1 for e in entries if e.kind == "result")
+    assert done - 1 <= figures["effects"] <= done
+    assert entries[-1].cell_time - figures["cell_time_s"] < 2.0
+
+
 def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
     """The render process would else stay behind, one for every crash."""
     assert killed["helpers"]

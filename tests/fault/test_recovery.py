@@ -26,7 +26,7 @@ from robots.errors import Failure, FailureKind
 from robots.ports import Ports, Side
 from skills.trajectory.optimise import optimise_fold
 from skills.vocabulary import Outcome
-from tests.runs import PLAIN, Onlooker, fold_request
+from tests.runs import PLAIN, Onlooker, decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -61,7 +61,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
         journals[0]._connection.execute("PRAGMA query_only = ON")
 
     monkeypatch.setattr("cell.run.Journal.open", keep)
-    onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path)
+    onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path, record=True)
     result = onlooker.fold(request)
     monkeypatch.undo()
     assert (result.result, result.state, result.exit_code) == ("fault", "fault", 3)
@@ -73,6 +73,8 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
         assert journal.run("last").status == "interrupted"
         assert journal.last_intent(journal.run("last").id).begun.name == "fold"
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off == "the ledger of the run breaks off here"
 
 
 # seeing
@@ -170,7 +172,7 @@ def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
 
 
 def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
-    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel")
+    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
     onlooker.after[Effect.GRASP] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
     fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1)
     result = onlooker.fold(request, lambda ports: inject(ports, fault))
@@ -186,13 +188,15 @@ def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert result.failure["kind"] == "aborted", "the missed grasp was mended: it is not why the run ended"
     assert parked(onlooker), "aborted with cloth in the hands: it is let go and the arms are parked"
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off is None, "the recovery and the abort are decided again"
 
 
 # stop
 
 
 def test_a_stop_in_the_middle_of_a_fold(tmp_path: Path) -> None:
-    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel")
+    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
     stopped_at: list[float] = []
     began: list[float] = []
 
@@ -214,12 +218,15 @@ def test_a_stop_in_the_middle_of_a_fold(tmp_path: Path) -> None:
     (ended,) = [e for e in told(request) if e.name == "fold" and e.kind == "result"]
     assert ended.payload["kind"] == "stopped"
     assert told(request)[-1].cell_time - stopped_at[0] < 0.05
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off is None and again.set_points == len(onlooker.set_points)
 
 
 def test_a_stop_ends_a_long_optimisation_within_moments(tmp_path: Path) -> None:
     """Its threads must not go on computing what is void, and what they found so far is not kept."""
     onlooker = Onlooker()
-    request = fold_request(tmp_path, {"optimiser": {"simulations": 300, "method": "paper", "use_library": False}})
+    searching = {"optimiser": {"simulations": 300, "method": "paper", "use_library": False}}
+    request = fold_request(tmp_path, searching, record=True)
     pressed: list[float] = []
 
     def press(ports: Ports) -> None:
@@ -231,6 +238,8 @@ def test_a_stop_ends_a_long_optimisation_within_moments(tmp_path: Path) -> None:
     assert time.monotonic() - pressed[0] < 15.0
     assert (result.state, result.failure["kind"]) == ("stopped", "stopped")
     assert not (request.logs / "library.json").exists()
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off is None and again.wall_time_s < 15.0, "it searched for what is void"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
