@@ -429,6 +429,16 @@ def test_replay_without_a_recording(ledger: Path, capsys: pytest.CaptureFixture[
     assert "has no recording" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
+def test_a_run_that_cannot_be_decided_again(
+    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
+) -> None:
+    assert main(["replay", name, "--decide", "--json"]) == 64
+    told = capsys.readouterr()
+    assert says in told.err and "Traceback" not in told.err
+    assert says in last_json(told.out)["error"] and last_json(told.out)["hint"]
+
+
 @pytest.mark.parametrize("command", ["report", "replay"])
 def test_a_run_that_is_not_there(ledger: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     assert main([command, "nonsense"]) == 64
