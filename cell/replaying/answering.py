@@ -61,6 +61,7 @@ class Answers:
     def __post_init__(self) -> None:
         self._frames = FrameStore(self.transcript.path.parent / FRAMES)
         self._thread = threading.get_ident()
+        self._stop = StopState(0.0, False)
         self._left: Iterator[Exchange] = iter(self.transcript)
         self._next = self._read()
 
@@ -90,13 +91,15 @@ class Answers:
             self.cell_time = answer
         elif channel is Channel.SLEEP:
             self.cell_time = max(self.cell_time, *map(float, unpack(question)))
+        elif isinstance(answer, StopState):
+            self._stop = answer
         self._next = self._read()
         if isinstance(answer, Raised):
             raise answer.error
         return answer
 
     def stop_ahead(self) -> StopState:
-        """The stop as it is known while nothing else is asked: set, if the next that was asked of it said so."""
+        """The stop as it is known while nothing else is asked: set, if it was, or if the next question says so."""
         there = self._next
         if there is None or self.abandoned:
             return StopState(self.cell_time, True, "nobody waits for it any more")
@@ -105,7 +108,7 @@ class Answers:
                 state = unpack(there.answer)
                 if isinstance(state, StopState):
                     return state
-        return StopState(self.cell_time, False)
+        return self._stop
 
     @property
     def on_its_thread(self) -> bool:

@@ -209,9 +209,8 @@ def _workcell(
         try:
             cell = assemble(request, robot, answers.ports(), Recorder.silent(), commands, workers, tell, progress)
             yield replace(cell, watched_stop=answers.watched_stop()), commands
-        except BaseException:
+        finally:
             answers.abandoned = True  # what still computes ends soon
-            raise
 
 
 def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[Deviation | None, str | None]:
