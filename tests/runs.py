@@ -16,6 +16,7 @@ from cell.config import load_settings
 from cell.context import Context, Result
 from cell.effects import EFFECTS
 from cell.requests import FoldRequest, FoldResult
+from cell.resuming import Interrupted
 from cell.run import fold_once
 from cell.states import Effect, Event
 from cell.workcell import Workcell
@@ -76,7 +77,12 @@ class Onlooker:
     openings: list[float] = field(default_factory=list)
     under_way: Effect = Effect.NOTHING
 
-    def fold(self, request: FoldRequest, script: Callable[[Ports], object] = lambda ports: None) -> FoldResult:
+    def fold(
+        self,
+        request: FoldRequest,
+        script: Callable[[Ports], object] = lambda ports: None,
+        interrupted: Interrupted | None = None,
+    ) -> FoldResult:
         """`fold_once` with this onlooker beside it."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cell.run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
@@ -85,7 +91,7 @@ class Onlooker:
                 self._listen(patch, ports)
                 script(ports)
 
-            return fold_once(request, begin)
+            return fold_once(request, begin, interrupted=interrupted)
 
     def count(self, effect: Effect) -> int:
         return sum(1 for e, _ in self.performed if e is effect)
