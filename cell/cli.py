@@ -112,6 +112,7 @@ def build_parser() -> argparse.ArgumentParser:
         _runs,
         _report,
         _replay,
+        _resume,
         _bench,
         _doctor,
     ):
@@ -418,6 +419,17 @@ def _replay(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
     _logs_option(parser)
+    _json_option(parser)
+
+
+def _resume(commands: Commands) -> None:
+    parser = _add(
+        commands, "resume", "resume", "go on with a run that was killed, stopped or ended before it had folded"
+    )
+    _run_name(parser)
+    _logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
+    parser.add_argument("--approve", action="store_true", help="ask before each fold, though the run did not")
     _json_option(parser)
 
 

@@ -109,6 +109,8 @@ class Context:
     """The folds that count as made."""
     waited_s: float = 0.0
     """Cell time spent waiting for an operator."""
+    reentry: Event | None = None
+    """Where an interrupted run goes on, until it does."""
 
     @property
     def step(self) -> FoldStep:

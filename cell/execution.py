@@ -75,8 +75,11 @@ def stopped(ports: Ports) -> Failure | None:
     stop = ports.stop.state()
     if not stop.stopped:
         return None
-    return Failure(FailureKind.STOPPED, f"the stop was triggered: {stop.reason or 'no reason given'}",
-                   "clear the cause, reset the stop, start a new run")  # fmt: skip
+    return Failure(
+        FailureKind.STOPPED,
+        f"the stop was triggered: {stop.reason or 'no reason given'}",
+        "clear the cause, reset the stop; then go on (foldcell resume last) or start a new run",
+    )
 
 
 def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:

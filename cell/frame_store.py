@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import zipfile
 from dataclasses import asdict
@@ -11,11 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from cell.packing import packed
 from cell.whole_file import write_whole
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Intrinsics, frozen
 
-__all__ = ["FrameStore"]
+__all__ = ["FRAMES", "FrameStore"]
+
+FRAMES = "frames"
+"""The pictures' folder in a run's."""
 
 
 class FrameStore:
@@ -33,13 +36,11 @@ class FrameStore:
         name = _name(frame)
         path = self._path(name)
         if not path.exists():
-            stream = io.BytesIO()
-            np.savez_compressed(stream, plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth)
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as e:
                 raise StorageError(f"{self._folder} cannot be made: {e.strerror}", "make room") from e
-            write_whole(path, stream.getvalue())
+            write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
         self._known[id(frame)] = frame, name
         return name
 

@@ -67,7 +67,7 @@ def report(
         wall_time_s=result.wall_time_s,
         steps=tuple(steps),
         stage_times_s=result.stage_times_s,
-        timeline=tuple(TimelineItem(r.t, LEVELS[r.kind], r.title, r.text) for r in remarks),
+        timeline=tuple(_timeline(end, result, remarks)),
         score=tuple(_score(result.score)),
         pictures=tuple(_pictures(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
@@ -76,6 +76,13 @@ def report(
     )
     _write_strip(folder / "fold.png", steps)
     return write_report(folder / "report.html", record)
+
+
+def _timeline(end: RunEnd, result: FoldResult, remarks: Sequence[Remark]) -> Iterator[TimelineItem]:
+    if result.resumed_from:  # whose folds are shown with this run's own
+        yield TimelineItem(end.started, "operator", f"went on with {result.resumed_from}", "")
+    for r in remarks:
+        yield TimelineItem(r.t, LEVELS[r.kind], r.title, r.text)
 
 
 def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:

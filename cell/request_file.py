@@ -20,7 +20,7 @@ __all__ = ["SETTINGS", "keep_request", "load_request"]
 
 SETTINGS, REQUEST, GARMENT = "cell.yaml", "request.json", "garment"
 SCHEMA = 1
-KEPT = ("garment", "seed", "driver", "world", "approve", "realtime", "record", "witness")
+KEPT = ("garment", "seed", "driver", "world", "approve", "page", "realtime", "record", "witness")
 
 
 def keep_request(folder: Path, request: FoldRequest) -> None:

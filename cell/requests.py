@@ -61,6 +61,8 @@ class FoldResult:
     run_dir: str
     signal: int | None = None
     recording: Mapping[str, Any] = field(default_factory=dict)
+    resumed_from: str | None = None
+    """The run that this one went on with: `steps` has the folds of both, the times are its own."""
     unwritten: tuple[str, ...] = ()
     """What could not be kept of the run when it had ended, with the reason."""
 

@@ -39,9 +39,10 @@ from cell.replaying.stenographer import Stenographer
 from cell.replaying.surroundings import keep_surroundings
 from cell.request_file import keep_request
 from cell.requests import FoldRequest, FoldResult
+from cell.resuming import RESUMED_FROM, Interrupted, Keeper
 from cell.runner import Observer, RunEnd, Runner
-from cell.simulation import SimulationSettings
-from cell.states import State
+from cell.simulation import SimulationSettings, checkpoint, restore
+from cell.states import Event, State
 from cell.terminal import TerminalOperator, in_foreground
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
@@ -70,9 +71,13 @@ Prelude = Callable[[Ports, CommandQueue], Ports | None]
 
 
 def fold_once(
-    request: FoldRequest, prelude: Prelude | None = None, bystanders: Sequence[Observer] = ()
+    request: FoldRequest,
+    prelude: Prelude | None = None,
+    bystanders: Sequence[Observer] = (),
+    interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run. prelude, bystanders: of tests and HIL scripts; these observe the run as the view does.
+    """Perform one run, or go on with an interrupted one. prelude, bystanders: of tests and HIL scripts; these
+    observe the run as the view does.
 
     Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
     ends the run as a fault, the arms held.
@@ -94,7 +99,9 @@ def fold_once(
             versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
-            ended = _perform(request, run, began, prelude, bystanders, listener)
+            if interrupted:
+                run.event(0.0, State.IDLE.value, RESUMED_FROM, {"run": interrupted.run, "at": interrupted.first})
+            ended = _perform(request, run, began, prelude, bystanders, listener, interrupted)
         except BaseException:
             run.abandon()
             raise
@@ -160,10 +167,11 @@ def _perform(
     prelude: Prelude | None,
     bystanders: Sequence[Observer],
     listener: socket | None,
+    interrupted: Interrupted | None,
 ) -> _Ended:
     keep_request(run.directory, request)
     if request.record:
-        keep_surroundings(run.directory, request)
+        keep_surroundings(run.directory, request, interrupted.context if interrupted else None)
     robot = load_robot(request.settings)
     supervision = _supervision(request, run, listener)
     recorder = _recorder(request, run)
@@ -192,6 +200,8 @@ def _perform(
             stop_on_signals(ports) as received,
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
+            if interrupted and interrupted.world is not None:
+                restore(ports, interrupted.world)
             used = (prelude(ports, commands) if prelude is not None else None) or ports
             heard = stenographer.between(used, commands)
             cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
@@ -199,7 +209,11 @@ def _perform(
             witness = _witness(request, ports, recorder)
             if request.approve and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
-            end = Runner(cell, EFFECTS, run, heard.commands, observers).run()
+            keeper = _keeper(request, run, ports)
+            context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
+            if interrupted:
+                keeper.keep(context)
+            end = Runner(cell, EFFECTS, run, heard.commands, observers, keeper.keep).run(context, first)
             stenographer.end()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
@@ -207,11 +221,21 @@ def _perform(
             score = witness.score() if witness else None
     finally:
         kept, unkept = recorder.close(), stenographer.close()
+    if end.state is State.FOLDED:
+        keeper.forget()
     errors = [*kept.errors, *([unkept] if unkept else [])]
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
-    result = _result(request, run, began, end, score, received, recording)
+    result = replace(
+        _result(request, run, began, end, score, received, recording),
+        resumed_from=interrupted.run if interrupted else None,
+    )
     frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
     return _Ended(end, result, remarks.list, frames, triangles)
+
+
+def _keeper(request: FoldRequest, run: RunJournal, ports: Ports) -> Keeper:
+    simulated = request.driver == "sim"
+    return Keeper(run.directory, (lambda: checkpoint(ports)) if simulated else None)
 
 
 def _say(text: str) -> None:

@@ -54,7 +54,11 @@ class RunEnd:
 
 
 class Runner:
-    """One run of the machine over the effects of a cell."""
+    """One run of the machine over the effects of a cell.
+
+    keep: puts down what is believed after each effect, so that an interrupted run can be gone on with. What was
+    folded to its end is not: its last fold is judged again, should the ledger not know of the end.
+    """
 
     def __init__(
         self,
@@ -63,32 +67,33 @@ class Runner:
         journal: RunJournal,
         commands: CommandQueue,
         observers: tuple[Observer, ...] = (),
+        keep: Callable[[Context], None] = lambda context: None,
     ) -> None:
         self._cell = replace(workcell, note=self._note)
         self._effects = effects
         self._journal = journal
         self._commands = commands
         self._observers = observers
+        self._keep = keep
         self._machine = Executive()
         self._state = State.IDLE
         self._context = Context()
         self._times: dict[str, float] = {}
 
-    def run(self, context: Context | None = None) -> RunEnd:
-        """From START to a declared end. Returns however it ended."""
+    def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
+        """From START, or whatever event comes first, to a declared end. Returns however it ended."""
         clock = self._cell.ports.clock
         started = clock.now()
         self._context, self._times = context or Context(), {}
         try:
-            state = self._walk()
+            state = self._walk(first)
         except StorageError as error:
             state = self._unrecorded(error)
         return RunEnd(state, self._context, started, clock.now(), self._times)
 
-    def _walk(self) -> State:
+    def _walk(self, event: Event) -> State:
         """Through the table to its end. Raises StorageError when the ledger takes no more lines."""
         clock = self._cell.ports.clock
-        event = Event.START
         while True:
             step = self._machine.handle(event)
             entered = clock.now()
@@ -156,6 +161,8 @@ class Runner:
                             {"traceback": traceback.format_exc()})  # fmt: skip
             result = Result(Event.CRASH, context.with_failure(crash))
         result = self._divert(step, result)
+        if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
+            self._put_down(result.context)  # before the result: what is believed is never older than the ledger
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event not in {Event.DONE} and result.context.failure:
@@ -163,6 +170,15 @@ class Runner:
                 record |= {"kind": f.kind.value, "what": f.what, "hint": f.hint, "values": dict(f.values)}
             self._journal.result(intent, clock.now(), record)
         return result
+
+    def _put_down(self, context: Context) -> None:
+        try:
+            self._keep(context)
+        except StorageError:
+            raise
+        except Exception as e:  # what cannot be gone on with is as bad as what cannot be told
+            bug = "this is a bug: keep the run folder and report it"
+            raise StorageError(f"what is believed cannot be kept: {type(e).__name__}: {e}", bug) from e
 
     def _divert(self, step: Step, result: Result) -> Result:
         """A failure that is a stop or an abort leaves by its own row; an end has nowhere left to go."""

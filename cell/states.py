@@ -11,10 +11,11 @@ nothing moves any more.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
-__all__ = ["HANDS_ON_CLOTH", "TERMINAL", "TRANSITIONS", "Effect", "Event", "Row", "State"]
+__all__ = ["HANDS_ON_CLOTH", "REENTRIES", "TERMINAL", "TRANSITIONS", "Effect", "Event", "Row", "State"]
 
 
 class State(StrEnum):
@@ -22,6 +23,7 @@ class State(StrEnum):
 
     IDLE = "idle"
     PREPARING = "preparing"  # enable, calibrate grippers, park
+    RESUMING = "resuming"  # an interrupted run: enable, let go, park, go on where the hands are off the cloth
     PHOTOGRAPHING = "photographing"  # the empty table, as reference
     AWAITING_GARMENT = "awaiting_garment"
     LOOKING = "looking"
@@ -53,13 +55,18 @@ class State(StrEnum):
 
 class Event(StrEnum):
     START = "start"
+    REENTER = "reenter"  # instead of START: go on with a run that was interrupted
     DONE = "done"
     FAILED = "failed"
     # choices
     APPROVAL_NEEDED = "approval_needed"
     NEXT_FOLD = "next_fold"
     ALL_FOLDED = "all_folded"
-    # recoveries (recovery.py)
+    # where an interrupted run is entered again (REENTRIES)
+    START_OVER = "start_over"
+    LAY = "lay"
+    LOOK_AFTER = "look_after"
+    # recoveries (recovery.py), and also where an interrupted run is entered again
     LOOK_AGAIN = "look_again"
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
@@ -83,6 +90,7 @@ class Effect(StrEnum):
 
     NOTHING = "nothing"
     PREPARE = "prepare"
+    REENTER = "reenter"
     PHOTOGRAPH_TABLE = "photograph_table"
     AWAIT_GARMENT = "await_garment"
     LOOK = "look"
@@ -135,6 +143,12 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
     Row(S.AWAITING_APPROVAL, E.APPROVE, S.APPROACHING, Do.APPROACH),
     Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
+    # go on with an interrupted run
+    Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
+    Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.RESUMING, E.LAY, S.AWAITING_GARMENT, Do.AWAIT_GARMENT),
+    Row(S.RESUMING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
+    Row(S.RESUMING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
     # fold
     Row(S.APPROACHING, E.DONE, S.GRASPING, Do.GRASP),
     Row(S.GRASPING, E.DONE, S.LIFTING, Do.LIFT),
@@ -147,6 +161,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.INSPECTING, E.ALL_FOLDED, S.FOLDED, Do.NOTHING),
     # what fails while the hands are off the cloth
     Row(S.PREPARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.RESUMING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.PHOTOGRAPHING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.AWAITING_GARMENT, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
@@ -180,3 +195,22 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.MAKING_SAFE, E.DONE, S.FAULT, Do.NOTHING),
     Row(S.MAKING_SAFE, E.FAILED, S.FAULT, Do.HOLD),
 )
+
+REENTRIES: Mapping[State, Event] = {
+    # nothing lies on the table yet
+    S.PREPARING: E.START_OVER,
+    S.PHOTOGRAPHING: E.START_OVER,
+    S.AWAITING_GARMENT: E.LAY,
+    # the garment lies as it did, or was let go on the way: look where it is
+    **dict.fromkeys(
+        (
+            S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
+            S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
+        ),
+        E.LOOK_AGAIN,
+    ),
+    # it was carried to where it belongs: look what came of the fold
+    **dict.fromkeys((S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING), E.LOOK_AFTER),
+}  # fmt: skip
+"""Where a run that was interrupted in a state is entered again, never in the middle of a motion. What is missing
+(clearing, asking, paused, making safe, the ends) says nothing of the garment: the state before it counts."""

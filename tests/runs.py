@@ -18,6 +18,7 @@ from cell.effects import EFFECTS
 from cell.journal import Journal
 from cell.replaying.deciding import Verdict, decide_again
 from cell.requests import FoldRequest, FoldResult
+from cell.resuming import Interrupted
 from cell.run import fold_once
 from cell.states import Effect, Event
 from cell.workcell import Workcell
@@ -87,7 +88,12 @@ class Onlooker:
     ports: Ports | None = None
     """The cell's own: what the onlooker asks of them is not the executive's."""
 
-    def fold(self, request: FoldRequest, script: Callable[[Ports], object] = lambda ports: None) -> FoldResult:
+    def fold(
+        self,
+        request: FoldRequest,
+        script: Callable[[Ports], object] = lambda ports: None,
+        interrupted: Interrupted | None = None,
+    ) -> FoldResult:
         """`fold_once` with this onlooker beside it."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cell.run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
@@ -97,7 +103,7 @@ class Onlooker:
                 self._listen(patch, ports)
                 script(ports)
 
-            return fold_once(request, begin)
+            return fold_once(request, begin, interrupted=interrupted)
 
     def count(self, effect: Effect) -> int:
         return sum(1 for e, _ in self.performed if e is effect)

@@ -20,6 +20,7 @@ def _nothing(cell: Workcell, context: Context) -> Result:
 EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.NOTHING: _nothing,
     Effect.PREPARE: moving.prepare,
+    Effect.REENTER: moving.reenter,
     Effect.PHOTOGRAPH_TABLE: seeing.photograph_table,
     Effect.AWAIT_GARMENT: seeing.await_garment,
     Effect.LOOK: seeing.look,

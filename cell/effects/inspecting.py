@@ -15,7 +15,7 @@ from robots.ports import Array, frozen
 from skills.perception.diagnosis import beyond_limits
 from skills.perception.inspect import Inspection, inspect
 from skills.planning.plan import rigid_motion, translate_plan
-from skills.vocabulary import Outcome, PredictedShape
+from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
 __all__ = ["find_folded", "inspect_fold", "next_step"]
 
@@ -31,7 +31,7 @@ HINTS = {
 def inspect_fold(cell: Workcell, context: Context) -> Result:
     """Accept the fold, or name what went wrong with it."""
     assert context.predicted is not None
-    outcome = _compare(cell, context, context.predicted)
+    outcome = _compare(cell, context, context.predicted, context.step)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
@@ -67,7 +67,7 @@ def find_folded(cell: Workcell, context: Context) -> Result:
     """Between two folds: the garment is where the believed shape lies best over what is seen."""
     assert context.mesh is not None and context.vertices is not None
     believed = PredictedShape(context.vertices, context.mesh.triangles, context.mesh.rest)
-    outcome = _compare(cell, context, believed)
+    outcome = _compare(cell, context, believed, None)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
@@ -76,7 +76,7 @@ def find_folded(cell: Workcell, context: Context) -> Result:
         failure = Failure(
             FailureKind.NOT_FLAT,
             f"the garment does not lie as the last fold left it (overlap {seen.iou_aligned:.2f})",
-            "lay it back as it was, or start again",
+            "lay it back as it was and go on (foldcell resume last), or lay it flat and start again",
             figures(seen),
         )
         return Result(Event.FAILED, context.with_failure(failure), figures(seen))
@@ -99,7 +99,10 @@ def figures(seen: Inspection) -> dict[str, float]:
     }
 
 
-def _compare(cell: Workcell, context: Context, shape: PredictedShape) -> Outcome[Inspection]:
+def _compare(
+    cell: Workcell, context: Context, shape: PredictedShape, made: FoldStep | None
+) -> Outcome[Inspection]:
+    """What is seen against a shape. made: the fold that has just been made, None where none has."""
     assert context.frame is not None
     frame = context.frame
     flat_top = context.perception.top if context.perception else None
@@ -107,7 +110,7 @@ def _compare(cell: Workcell, context: Context, shape: PredictedShape) -> Outcome
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, context.calibration(cell.calibration), cell.table, context.reference, shape,
-            context.step, cell.inspection, context.previous, flat_top,
+            made, cell.inspection, context.previous, flat_top,
         ),
     )  # fmt: skip
 

@@ -28,6 +28,7 @@ __all__ = [
     "move",
     "pausable",
     "prepare",
+    "reenter",
     "retreat",
     "unhindered",
     "waited",
@@ -79,6 +80,28 @@ def prepare(cell: Workcell, context: Context) -> Result:
         failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _park(cell, control)
         context = waited(context, control)
     return _ended(context, failure)
+
+
+def reenter(cell: Workcell, context: Context) -> Result:
+    """Make an interrupted run's cell ready again: motors on, whatever the hands may hold let go, head turned back,
+    arms parked. Grippers that lost their calibration are calibrated, which also opens them."""
+    reentry, ports = context.reentry, cell.ports
+    assert reentry is not None
+    failure = stopped(ports)
+    if failure is None:
+        ports.arms.enable()
+        ports.head.command_pan(cell.calibration.head_pan)
+        for gripper in ports.grippers.values():
+            if not gripper.state().calibrated:
+                gripper.calibrate()
+        _open(cell)
+        control = pausable(cell)
+        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _park(cell, control)
+        context = waited(context, control)
+    if failure is not None:
+        return Result(Event.FAILED, context.with_failure(failure))
+    context = replace(context, reentry=None, held={}, zeros={})
+    return Result(reentry, context, {"folds_done": len(context.done)})
 
 
 def approach(cell: Workcell, context: Context) -> Result:

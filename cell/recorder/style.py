@@ -31,6 +31,7 @@ _WAITING, _TROUBLE, _GOOD, _BAD = (142, 142, 147), (255, 105, 97), (48, 209, 88)
 STATE_COLOURS: dict[State, tuple[int, int, int]] = {
     State.IDLE: _WAITING,
     State.PREPARING: _MOVING,
+    State.RESUMING: _MOVING,
     State.PHOTOGRAPHING: _SEEING,
     State.AWAITING_GARMENT: _WAITING,
     State.LOOKING: _SEEING,

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from cell.commands import CommandQueue
-from cell.frame_store import FrameStore
+from cell.frame_store import FRAMES, FrameStore
 from cell.replaying.exchange import Channel, Exchange, Picture, Raised, pack, unpack
 from cell.replaying.stenographer import wanted_names
-from cell.replaying.transcript import FRAMES, Transcript
+from cell.replaying.transcript import Transcript
 from cell.states import Event
 from robots.errors import CellError, StorageError
 from robots.ports import (

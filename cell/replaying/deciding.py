@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 from importlib import metadata
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from cell.assembly import assemble, load_robot
 from cell.commands import CommandQueue
-from cell.context import Result
+from cell.context import Context, Result
 from cell.effects import EFFECTS
 from cell.executive import Step
 from cell.journal import Entry, Journal, RunRecord
@@ -28,9 +28,10 @@ from cell.paths import ledger_path
 from cell.recorder import Recorder
 from cell.replaying.answering import Answers, Halt, asked_in_words
 from cell.replaying.exchange import Channel
-from cell.replaying.surroundings import restored_request
+from cell.replaying.surroundings import first_belief, restored_request
 from cell.replaying.transcript import TRANSCRIPT, Transcript
 from cell.requests import FoldRequest
+from cell.resuming import RESUMED_FROM
 from cell.runner import Observer, RunEnd, Runner
 from cell.states import Event, State
 from cell.workcell import Workcell
@@ -87,10 +88,9 @@ def decide_again(
     observers: tuple[Observer, ...] = (),
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
-    begin: Callable[[Runner], RunEnd] = Runner.run,
 ) -> Verdict:
-    """Take the decisions of a run that has ended again. entries: its lines in the ledger; begin: how the runner is
-    started. tell, progress: as `cell.assembly.assemble` has them.
+    """Take the decisions of a run that has ended again, from where it began. entries: its lines in the ledger.
+    tell, progress: as `cell.assembly.assemble` has them.
 
     Raises ConfigurationError where the run cannot be set up as it was, StorageError where its transcript or a
     picture is missing or damaged.
@@ -103,7 +103,7 @@ def decide_again(
         request = restored_request(run.directory, Path(scratch))
         try:
             answers = Answers(transcript)
-            again, where = _taken_again(request, answers, observers, tell, progress, begin)
+            again, where = _taken_again(request, _Beginning.of(run, entries), answers, observers, tell, progress)
         except Halt as halt:  # before anything was asked
             assert halt.trouble is not None
             raise halt.trouble from None
@@ -174,21 +174,45 @@ class _Where:
             self.unrecorded = StorageError(failure.what, "make room for temporary files")
 
 
+@dataclass(frozen=True, eq=False)
+class _Beginning:
+    """How a run began. lines: in its ledger before the machine's first; context, first: what the runner had."""
+
+    lines: tuple[Entry, ...]
+    context: Context
+    first: Event
+
+    @classmethod
+    def of(cls, run: RunRecord, entries: Sequence[Entry]) -> Self:
+        """Raises StorageError, ConfigurationError where what it began with cannot be read."""
+        lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
+        belief = first_belief(run.directory)
+        if lines and belief is None:
+            raise StorageError(
+                f"the run {run.id} goes on with another one, and what it began with is missing",
+                "have the other one decided again, or a new one",
+            )
+        return cls(lines, Context(), Event.START) if belief is None else cls(lines, belief, Event.REENTER)
+
+
 def _taken_again(
     request: FoldRequest,
+    beginning: _Beginning,
     answers: Answers,
     observers: tuple[Observer, ...],
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
-    begin: Callable[[Runner], RunEnd],
 ) -> tuple[list[Entry], _Where]:
     """The decisions as they are taken now: the lines of a ledger of their own, and how far it went."""
     where = _Where()
     with Journal.open(ledger_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
         try:
+            for line in beginning.lines:
+                run.event(line.cell_time, line.state, line.name, line.payload)
             with _workcell(request, answers, tell, progress) as (cell, commands):
-                where.end = begin(Runner(cell, EFFECTS, run, commands, (where, *observers)))
+                runner = Runner(cell, EFFECTS, run, commands, (where, *observers))
+                where.end = runner.run(beginning.context, beginning.first)
         except Halt as halt:
             where.halt = halt
         finally:

@@ -1,4 +1,5 @@
-"""Files that a run decides by and that may change after it, kept in its folder: the user's library, calibrations.
+"""What a run decides by and what may change after it, kept in its folder: the user's library, calibrations, and
+what a run that goes on with another one believed at its beginning.
 
 What comes with the program (the shipped library, garments, models) is not kept: whether another version of it
 would have decided the same is what somebody wants to know who has a run decided again.
@@ -10,7 +11,10 @@ from pathlib import Path
 
 import yaml
 
+from cell.belief import read_belief, write_belief
 from cell.config import CellSettings
+from cell.context import Context
+from cell.frame_store import FRAMES, FrameStore
 from cell.library import user_library_path
 from cell.request_file import SETTINGS, load_request
 from cell.requests import FoldRequest
@@ -18,15 +22,18 @@ from cell.whole_file import write_whole
 from cell.yaml_file import read_yaml
 from robots.errors import StorageError
 
-__all__ = ["CALIBRATIONS", "keep_surroundings", "restored_request"]
+__all__ = ["BEGAN_WITH", "CALIBRATIONS", "first_belief", "keep_surroundings", "restored_request"]
 
-CALIBRATIONS = "calibrations"
+CALIBRATIONS, BEGAN_WITH = "calibrations", "began_with"
 GROUPS = ("table", "camera", "grasp")
 """Of the settings: each may name a calibration file."""
 
 
-def keep_surroundings(folder: Path, request: FoldRequest) -> None:
-    """Copy them into the run's folder, as they are when it begins. Raises StorageError."""
+def keep_surroundings(folder: Path, request: FoldRequest, belief: Context | None = None) -> None:
+    """Put them into the run's folder, as they are when it begins. belief: of a run that goes on with another one.
+    Raises StorageError."""
+    if belief is not None:
+        write_belief(folder / BEGAN_WITH, belief, FrameStore(folder / FRAMES))
     _copy_library(request.logs, folder)
     for group, source in _calibrations(request.settings).items():
         try:
@@ -53,6 +60,16 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
         settings = logs / SETTINGS
         write_whole(settings, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
     return load_request(folder, logs, settings, quiet=True, record=False, witness=False, terminal=False)
+
+
+def first_belief(folder: Path) -> Context | None:
+    """What the run in `folder` believed at its beginning; None: nothing, it began from START.
+
+    Raises StorageError where it is damaged, ConfigurationError where another version wrote it.
+    """
+    if not (folder / BEGAN_WITH).is_dir():
+        return None
+    return read_belief(folder / BEGAN_WITH, FrameStore(folder / FRAMES))
 
 
 def _calibrations(settings: CellSettings) -> dict[str, Path]:

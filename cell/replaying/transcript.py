@@ -22,14 +22,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from cell.frame_store import FrameStore
+from cell.frame_store import FRAMES, FrameStore
 from cell.replaying.exchange import ENUMS, RECORDS, Channel, Exchange, Picture, pack
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Ports, Side
 
-__all__ = ["FRAMES", "TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter", "write_transcript"]
+__all__ = ["TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter", "write_transcript"]
 
-TRANSCRIPT, FRAMES = "run.transcript", "frames"
+TRANSCRIPT = "run.transcript"
 SCHEMA = "foldcell transcript 1"
 EVERY_S = 0.2
 """How much of a run is written at a time [s]."""

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.garments import list_garments, load_garment
+from cell.packing import packed
 from cell.simulation import contact
 from cell.simulation.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera import Renderer, SimulatedCamera
@@ -400,9 +401,7 @@ class World:
         }  # fmt: skip
         cloth = self.garment.checkpoint() or {}
         out = {f"robot.{name}": a for name, a in arrays.items()} | {f"cloth.{n}": a for n, a in cloth.items()}
-        stream = io.BytesIO()
-        np.savez_compressed(stream, plain=np.array(json.dumps(plain)), **out)
-        return stream.getvalue()
+        return packed(plain=np.array(json.dumps(plain)), **out)
 
     def restore(self, saved: bytes) -> None:
         """Go on from a checkpoint of a world with the same settings and seed."""

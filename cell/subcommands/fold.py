@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
+from typing import TYPE_CHECKING
 
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.paths import logs_directory, prepare_logs
 from cell.subcommands.output import print_json
 
-__all__ = ["run"]
+if TYPE_CHECKING:
+    from cell.requests import FoldResult
+
+__all__ = ["run", "tell"]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -38,16 +42,19 @@ def run(options: argparse.Namespace) -> int:
             quiet=options.json,
         )
     )
-    figures = result.as_json()
-    if options.json:
-        print_json(figures)
+    return tell(result, options.json)
+
+
+def tell(result: FoldResult, json: bool) -> int:
+    """How a run ended, in a few lines or as JSON; -> the exit code."""
+    if json:
+        print_json(result.as_json())
     else:
-        _summary(figures)
+        _summary(result.as_json())
     return int(result.exit_code)
 
 
 def _summary(figures: dict) -> None:
-    """How it ended, in a few lines."""
     unwritten = figures.get("unwritten") or ()
     fault = "FAULT" if unwritten else "FAULT (see the report)"
     words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}
@@ -55,6 +62,8 @@ def _summary(figures: dict) -> None:
     if figures.get("state") == "stopped":
         words[result] = "STOPPED (the arms hold; the hands keep what they hold)"
     print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
+    if figures.get("resumed_from"):
+        print(f"  went on with {figures['resumed_from']}")
     failure = figures.get("failure")
     if failure:
         print(f"  {failure['what']}" + (f" ({failure['hint']})" if failure.get("hint") else ""))
@@ -80,6 +89,8 @@ def _summary(figures: dict) -> None:
     )
     for what in unwritten:
         print(f"  not kept   {what}")
+    if figures.get("state") == "stopped" and not unwritten:
+        print("  go on      foldcell resume last   (it lets go, parks, and looks where the garment lies)")
     folder = figures.get("run_dir")
     if folder:
         if not unwritten:

@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the ledger's disk full)")
+        print(f"  foldcell resume {record.id} goes on with it")
     print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
     return 0
 

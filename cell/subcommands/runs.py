@@ -37,6 +37,8 @@ def run(options: argparse.Namespace) -> int:
         for r in rows
     ]
     print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
+    if rows[-1]["status"] == "interrupted":
+        print(f"go on with the last one: foldcell resume {rows[-1]['run']}")
     return 0
 
 

@@ -14,12 +14,12 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.context import Context
-from cell.frame_store import FrameStore
+from cell.frame_store import FRAMES, FrameStore
 from cell.journal import RunRecord
+from cell.replaying.answering import Halt
 from cell.replaying.deciding import Verdict, decide_again
 from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack
-from cell.replaying.transcript import FRAMES, TRANSCRIPT, Transcript, write_transcript
+from cell.replaying.transcript import TRANSCRIPT, Transcript, write_transcript
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import frozen
 
@@ -176,31 +176,22 @@ def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: 
     at = next(i for i, e in enumerate(entries) if (e.kind, e.name) == ("result", "recognise"))
     payload = {**entries[at].payload, "confidence": 0.125}
     entries[at] = replace(entries[at], payload=payload)
-    stopped = TooFar()
-    there = decide_again(seen.record, entries, (stopped,), begin=stopped.until("recognise")).deviation
+    there = decide_again(seen.record, entries, (Enough("recognise"),)).deviation
     assert there is not None and there.place == f"line {at + 1} of the ledger"
     assert "confidence 0.125" in there.then and "confidence 0." in there.now
 
 
-class TooFar:
-    """Ends what is decided again where the rest does not matter."""
+class Enough:
+    """Ends what is decided again after an effect: the rest does not matter."""
 
-    def __init__(self) -> None:
-        self._effect = ""
-
-    def until(self, effect: str) -> Any:
-        from cell.runner import Runner
-
+    def __init__(self, effect: str) -> None:
         self._effect = effect
-        return lambda runner: Runner.run(runner, Context())
 
     def entered(self, t: float, step: Any) -> None: ...
 
     def performed(self, t: float, step: Any, result: Any) -> None:
         if step.effect.value == self._effect:
-            from cell.replaying.answering import Halt
-
-            raise Halt("more", "more")
+            raise Halt("enough", "enough")
 
 
 # what is missing

@@ -1,4 +1,5 @@
-"""`kill -9` in the middle of a run: the ledger tells what was under way, and the cell is free for the next run."""
+"""`kill -9` in the middle of a run: the ledger tells what was under way, the cell is free for the next run, and
+whoever goes on with it folds the garment."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 LONGEST_S = 240.0
 
 
-def foldcell(*line: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "cell.cli", *line], capture_output=True, text=True, timeout=60)
+def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cell.cli", *line]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 
 def under_way(logs: Path) -> str | None:
@@ -141,3 +143,22 @@ def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
     assert result.state == "not_folded"
     with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
         assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]
+
+
+def test_the_run_can_be_gone_on_with(killed: dict[str, Any]) -> None:
+    """In another process, from what is on disk: it lets go, parks, looks again, and folds the garment."""
+    logs = killed["logs"]
+    folder = min(p for p in logs.iterdir() if p.is_dir())
+    answer = foldcell("resume", folder.name, "--json", "--logs", str(logs), timeout=LONGEST_S)
+    assert answer.returncode == 0, answer.stderr
+    result = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
+    assert (result["result"], result["resumed_from"]) == ("folded", folder.name)
+    assert [step["done"] for step in result["steps"]] == [True, True]
+    assert result["score"]["passed"], result["score"]
+    with Journal.open(logs / "ledger.db", readonly=True) as journal:
+        entries = journal.entries(Path(result["run_dir"]).name)
+    states = [e.state for e in entries if e.kind == "event"]
+    assert states[:3] == ["idle", "resuming", "looking"], "no picture of a table that is not empty any more"
+    assert not (folder.parent / Path(result["run_dir"]).name / "world.npz").exists()
+    again = foldcell("resume", folder.name, "--logs", str(logs))
+    assert again.returncode == 64 and "was gone on with as" in again.stderr

@@ -17,10 +17,11 @@ import pytest
 import robots.ports
 from cell.commands import CommandQueue
 from cell.execution import ExecutionLimits, PathControl, stream, wait
+from cell.frame_store import FRAMES
 from cell.replaying.answering import Answers, Halt
 from cell.replaying.exchange import Channel, pack, unpack
 from cell.replaying.stenographer import Stenographer
-from cell.replaying.transcript import FRAMES, TRANSCRIPT, CellConstants, Transcript, write_transcript
+from cell.replaying.transcript import TRANSCRIPT, CellConstants, Transcript, write_transcript
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import DriverError, FailureKind, StorageError

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cell.executive import Executive, complete_table
 from cell.recovery import RECOVERIES, choose_recovery
-from cell.states import HANDS_ON_CLOTH, TERMINAL, Effect, Event, State
+from cell.states import HANDS_ON_CLOTH, REENTRIES, TERMINAL, Effect, Event, State
 from robots.errors import FailureKind, InternalError
 
 ROWS = complete_table()
@@ -83,6 +83,27 @@ def test_resume_enters_the_interrupted_state_anew() -> None:
     assert machine.state is State.PAUSED
     resumed = machine.handle(Event.RESUME)
     assert (resumed.target, resumed.effect) == (entered.target, entered.effect)
+
+
+def test_an_interrupted_run_is_entered_again_only_where_it_looks_first() -> None:
+    """Never with hands on the cloth, and no further than the picture that tells how the garment lies."""
+    to = {r.event: (r.target, r.effect) for r in ROWS if r.state is State.RESUMING}
+    assert set(REENTRIES.values()) == to.keys() - {
+        Event.STOP, Event.CRASH, Event.ABORT, Event.PAUSE, Event.UNRECORDED, Event.FAILED
+    }  # fmt: skip
+    for event in REENTRIES.values():
+        target, effect = to[event]
+        assert target not in HANDS_ON_CLOTH
+        assert effect in {Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK}
+    assert {r.state for r in ROWS if r.target is State.RESUMING} == {State.IDLE}
+
+
+def test_every_state_that_tells_where_the_garment_is_has_a_reentry() -> None:
+    tells_nothing = {
+        State.RESUMING, State.CLEARING, State.RECOVERING, State.ASKING, State.PAUSED, State.GIVING_UP,
+        State.MAKING_SAFE,
+    }  # fmt: skip
+    assert set(REENTRIES) == set(WORKING) - tells_nothing
 
 
 @settings(max_examples=200, deadline=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
 from cell.executive import Step
 from cell.journal import Journal, RunJournal
 from cell.runner import EffectFunction, RunEnd, Runner
-from cell.states import Effect, Event, State
-from robots.errors import DriverError, Failure, FailureKind
+from cell.states import REENTRIES, Effect, Event, State
+from robots.errors import DriverError, Failure, FailureKind, StorageError
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -44,6 +45,7 @@ class Rig:
             Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
         }
         self.observers: tuple[Any, ...] = ()
+        self.keep: Callable[[Context], None] = lambda context: None
         self.workcell = fake_workcell(self.cell)
 
     def attended(self, **changes: bool) -> None:
@@ -56,9 +58,11 @@ class Rig:
         """The operator thinks for PATIENCE before each answer; waiting takes as long on the wall."""
         self.answers[question] = list(answers)
 
-    def run(self) -> RunEnd:
+    def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
         effects = {effect: self._effect(effect) for effect in Effect}
-        return Runner(self.workcell, effects, self.ledger, self.workcell.commands, self.observers).run()
+        commands = self.workcell.commands
+        runner = Runner(self.workcell, effects, self.ledger, commands, self.observers, self.keep)
+        return runner.run(context, first)
 
     def _effect(self, effect: Effect) -> EffectFunction:
         def perform(cell: Any, context: Context) -> Result:
@@ -475,3 +479,52 @@ def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) 
     assert end.state is State.STOPPED and end.context.failure is not None
     assert end.context.failure.what == "the stop was triggered: the button"
     assert "start a new run" in end.context.failure.hint
+
+
+def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:
+    """Killed between the two, a run knows at least as much as its ledger."""
+    kept: list[tuple[str, bool]] = []
+
+    def keep(context: Context) -> None:
+        last = rig.journal.last_intent(rig.ledger.id)
+        kept.append((last.begun.name, last.result is None))
+
+    rig.keep = keep
+    rig.run()
+    assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], "the last fold is judged again"
+
+
+def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
+    """A fold that the operator lets pass moves the plan on."""
+    indices: list[int] = []
+    rig.attended()
+    drift = Failure(K.STUCK_ON_FINGER, "it clings")
+    rig.special[Effect.INSPECT] = lambda c, x: Result(Event.FAILED, x.with_failure(drift))
+    rig.special[Effect.CHOOSE_RECOVERY] = lambda c, x: Result(Event.CARRY_ON, x)
+    rig.special[Effect.NEXT_STEP] = lambda c, x: Result(Event.NEXT_FOLD, replace(x, index=x.index + 1))
+    rig.special[Effect.CHOOSE_TRAJECTORY] = lambda c, x: Result(Event.ABORT if x.index else Event.DONE, x)
+    rig.keep = lambda context: indices.append(context.index)
+    rig.run()
+    assert indices.count(0) == len(STRAIGHT) + 1 and 1 in indices
+
+
+@pytest.mark.parametrize("error", [StorageError("the disk is full"), TypeError("cannot pickle")])
+def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
+    def keep(context: Context) -> None:
+        if rig.performed[-1] is Effect.LIFT:
+            raise error
+
+    rig.keep = keep
+    end = rig.run()
+    assert end.state is State.FAULT and rig.performed[-2:] == [Effect.LIFT, Effect.HOLD]
+    assert end.context.failure.kind is K.UNRECORDED
+
+
+@pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
+def test_a_run_is_entered_again_where_it_is_told(rig: Rig, event: Event) -> None:
+    rig.special[Effect.REENTER] = lambda c, x: Result(event, x)
+    rig.run(Context(), Event.REENTER)
+    first = {Event.START_OVER: Effect.PHOTOGRAPH_TABLE, Event.LAY: Effect.AWAIT_GARMENT}.get(event, Effect.LOOK)
+    assert rig.performed[:2] == [Effect.REENTER, first] and Effect.PREPARE not in rig.performed
+    states = [state for _, state in rig.transitions()][:2]
+    assert (states == ["resuming", "looking_after"]) == (event is Event.LOOK_AFTER)

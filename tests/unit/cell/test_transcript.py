@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.frame_store import FrameStore
+from cell.frame_store import FRAMES, FrameStore
 from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack
 from cell.replaying.transcript import (
-    FRAMES,
     TRANSCRIPT,
     CellConstants,
     Transcript,

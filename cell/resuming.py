@@ -1,0 +1,126 @@
+"""Going on with a run that was interrupted: what it believed, its simulated world, and where it is entered again.
+
+While a run goes its belief is put down after each effect, and the simulated world beside it (`Keeper`). What was
+under way is read from the ledger (`interrupted_run`). The executive that goes on gets its belief and nothing of
+the world: it lets go, parks, and has to look again.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cell.belief import read_belief, write_belief
+from cell.context import Context
+from cell.frame_store import FRAMES, FrameStore
+from cell.journal import Journal, RunRecord
+from cell.request_file import load_request
+from cell.requests import FoldRequest
+from cell.states import REENTRIES, Event, State
+from cell.whole_file import write_whole
+from robots.errors import ConfigurationError, StorageError
+
+__all__ = ["RESUMED_FROM", "Interrupted", "Keeper", "interrupted_run", "reentry"]
+
+BELIEF, WORLD = "belief", "world.npz"
+RESUMED_FROM = "resumed_from"
+"""The ledger's first event of a run that goes on with another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interrupted:
+    """A run to be gone on with. context: what it believed; world: the simulated one as it stood, else None."""
+
+    run: str
+    request: FoldRequest
+    context: Context
+    first: Event
+    world: bytes | None
+
+
+class Keeper:
+    """Puts down what a run is gone on with from. world: gives the simulated one as it stands, None on hardware."""
+
+    def __init__(self, folder: Path, world: Callable[[], bytes] | None) -> None:
+        self._folder, self._world = folder, world
+        self._frames = FrameStore(folder / FRAMES)
+
+    def keep(self, context: Context) -> None:
+        """On disk when the call returns. Raises StorageError."""
+        if self._world is not None:
+            write_whole(self._folder / WORLD, self._world())
+        write_belief(self._folder / BELIEF, context, self._frames)
+
+    def forget(self) -> None:
+        """There is nothing to go on with any more. What cannot be removed stays."""
+        (self._folder / WORLD).unlink(missing_ok=True)
+        shutil.rmtree(self._folder / BELIEF, ignore_errors=True)
+
+
+def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
+    """The run `name` as it can be gone on with; changes: of its request. Raises ConfigurationError for a run that
+    cannot be, StorageError for one whose files are damaged."""
+    record = journal.run(name)
+    _check(journal, record)
+    request = load_request(record.directory, logs, **changes)
+    if not (record.directory / BELIEF).is_dir():
+        raise ConfigurationError(
+            f"the run {record.id} ended before it had done anything", "start a new one: foldcell fold"
+        )
+    context = read_belief(record.directory / BELIEF, FrameStore(record.directory / FRAMES))
+    states = [State(entry.state) for entry in journal.entries(record.id)]
+    first = reentry(states, context)
+    fresh = Context() if first is Event.START_OVER else context
+    world = _world(record.directory / WORLD) if record.driver == "sim" else None
+    return Interrupted(record.id, request, _entered(fresh, first), first, world)
+
+
+def reentry(states: Sequence[State], context: Context) -> Event:
+    """Where a run that passed through `states` and believes `context` is entered again."""
+    known = [REENTRIES[state] for state in states if state in REENTRIES]
+    event = known[-1] if known else context.reentry or Event.START_OVER  # itself gone on with, but no further
+    if event is Event.LOOK_AFTER and context.predicted is None:  # judged already, the next fold not begun
+        return Event.LOOK_AGAIN
+    return event
+
+
+def _entered(context: Context, event: Event) -> Context:
+    """The belief of who goes on: nothing is held, waited for or failed any more."""
+    return replace(context, reentry=event, failure=None, waited_s=0.0, held={}, zeros={})
+
+
+def _check(journal: Journal, record: RunRecord) -> None:
+    if record.status == "running":
+        raise ConfigurationError(f"the run {record.id} is still going (process {record.pid})", "stop it first")
+    if record.status == "folded":
+        raise ConfigurationError(f"the run {record.id} has folded its garment", "there is nothing to go on with")
+    later = [r for r in journal.runs() if r.started > record.started]
+    for other in later:
+        if _resumed_from(journal, other) == record.id:
+            raise ConfigurationError(
+                f"the run {record.id} was gone on with as {other.id}", f"foldcell resume {other.id}"
+            )
+    if record.driver != "sim" and later:
+        raise ConfigurationError(
+            f"the cell has done other runs since {record.id} (the last is {later[-1].id})",
+            "lay the garment flat and start a new one",
+        )
+
+
+def _resumed_from(journal: Journal, record: RunRecord) -> str | None:
+    entries = journal.entries(record.id, "event")
+    if entries and entries[0].name == RESUMED_FROM:
+        return str(entries[0].payload["run"])
+    return None
+
+
+def _world(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as e:
+        raise StorageError(
+            f"the simulated world {path} cannot be read: {e.strerror}", "start a new run", path=str(path)
+        ) from None

@@ -1,0 +1,105 @@
+"""A run that was stopped with cloth in the hands, and one that died between two effects: each is gone on with."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.commands import CommandQueue
+from cell.journal import Journal
+from cell.packing import packed
+from cell.requests import FoldRequest, FoldResult
+from cell.resuming import Interrupted, interrupted_run
+from cell.states import Effect, Event
+from robots.baxter.model import load_model
+from robots.ports import Ports
+from tests.runs import Onlooker, fold_request
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+class Died(BaseException):
+    """As good as a kill: nothing in the run may catch it."""
+
+
+def last_run(request: FoldRequest) -> Interrupted:
+    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+        return interrupted_run(journal, "last", request.logs)
+
+
+def after_the_restart(request: FoldRequest) -> tuple[FoldResult, Onlooker]:
+    """The last run of the ledger, gone on with, and who looked on."""
+    onlooker, interrupted = Onlooker(), last_run(request)
+    return onlooker.fold(interrupted.request, interrupted=interrupted), onlooker
+
+
+def die(ports: Ports, commands: CommandQueue, n: int) -> None:
+    raise Died
+
+
+def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
+    """Nothing re-arms by itself; told to go on it lets go, parks, finds the half-folded towel and folds it."""
+    request = fold_request(tmp_path, witness=True)
+    stopping = Onlooker()
+
+    def stop(ports: Ports, effect: Effect, t: float) -> None:
+        if effect is Effect.FOLD and stopping.count(Effect.FOLD) == 1:
+            ports.stop.trigger("a test")
+
+    stopping.at_set_point = stop
+    first = stopping.fold(request)
+    assert (first.state, [s["done"] for s in first.steps]) == ("stopped", [True, False])
+    last = stopping.set_points[-1]
+    result, resumed = after_the_restart(request)
+    begun = resumed.set_points[0]
+    assert begun.effect is Effect.REENTER, "the first that moves is who lets go and parks"
+    assert np.abs(begun.q - last.q).max() < 0.05, "from where the arms stand"
+    assert resumed.performed[0][0] is Effect.REENTER and resumed.count(Effect.PHOTOGRAPH_TABLE) == 0
+    assert [e for e, _ in resumed.performed][1:3] == [Effect.LOOK, Effect.RECOGNISE]
+    assert resumed.count(Effect.FOLD) == 1, "the first fold is made already"
+    assert (result.result, [s["done"] for s in result.steps]) == ("folded", [True, True])
+    assert result.score is not None and result.score["passed"], result.score
+    assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
+
+
+def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
+    """The fold was made and nobody had looked at it: that comes first, and it is not made again."""
+    request = fold_request(tmp_path)
+
+    with pytest.raises(Died):
+        Onlooker(before={Effect.RETREAT: die}).fold(request)
+    result, resumed = after_the_restart(request)
+    assert [e for e, _ in resumed.performed][:3] == [Effect.REENTER, Effect.LOOK, Effect.INSPECT]
+    assert (result.result, resumed.count(Effect.FOLD)) == ("folded", 1)
+
+
+SHIFT = 0.03  # [m]
+
+
+def moved(world: bytes, shift: float) -> bytes:
+    """The world with its garment so far to the left."""
+    with np.load(io.BytesIO(world)) as data:
+        arrays = dict(data)
+    for name in ("x", "xp", "ref", "last"):
+        arrays[f"cloth.state.{name}"][:, 1] += shift
+    return packed(**arrays)
+
+
+def test_the_executive_that_goes_on_knows_only_what_it_sees(tmp_path: Path) -> None:
+    """The garment is moved while nobody runs: it is folded where it lies now."""
+    request = fold_request(tmp_path)
+
+    with pytest.raises(Died):
+        Onlooker(before={Effect.APPROACH: die}).fold(request)
+    interrupted = last_run(request)
+    believed = interrupted.context.perception
+    elsewhere = replace(interrupted, world=moved(interrupted.world, SHIFT))
+    onlooker = Onlooker(before={Effect.APPROACH: lambda ports, commands, n: commands.put(Event.ABORT)})
+    onlooker.fold(interrupted.request, interrupted=elsewhere)
+    seen = next(r.context.perception for r in reversed(onlooker.results) if r.context.perception)
+    way = seen.state.contour.mean(axis=0) - believed.state.contour.mean(axis=0)
+    assert np.allclose(way, (0.0, SHIFT), atol=0.004)
