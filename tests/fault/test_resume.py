@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from cell.requests import FoldRequest, FoldResult
 from cell.resuming import Interrupted, interrupted_run
 from cell.states import Effect, Event
 from robots.baxter.model import load_model
+from robots.errors import StorageError
 from robots.ports import Ports
-from tests.runs import Onlooker, fold_request
+from tests.runs import Onlooker, decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -68,13 +70,21 @@ def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
 
 def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
     """The fold was made and nobody had looked at it: that comes first, and it is not made again."""
-    request = fold_request(tmp_path)
+    request = fold_request(tmp_path, record=True)
 
     with pytest.raises(Died):
         Onlooker(before={Effect.RETREAT: die}).fold(request)
+    before = decided_again(request.logs)
+    assert before.same and before.broken_off == "the transcript breaks off here"
     result, resumed = after_the_restart(request)
     assert [e for e, _ in resumed.performed][:3] == [Effect.REENTER, Effect.LOOK, Effect.INSPECT]
     assert (result.result, resumed.count(Effect.FOLD)) == ("folded", 1)
+    after = decided_again(request.logs)
+    assert after.same and after.broken_off is None, "from what it believed when it went on"
+    assert after.set_points == len(resumed.set_points)
+    shutil.rmtree(Path(result.run_dir) / "began_with")
+    with pytest.raises(StorageError, match="what it began with is missing"):
+        decided_again(request.logs)
 
 
 SHIFT = 0.03  # [m]
