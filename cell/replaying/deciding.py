@@ -35,7 +35,7 @@ from cell.resuming import RESUMED_FROM
 from cell.runner import Observer, RunEnd, Runner
 from cell.states import Event, State
 from cell.workcell import Workcell
-from robots.errors import ConfigurationError, StorageError
+from robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
@@ -117,7 +117,8 @@ def decide_again(
     elif where.halt is not None and where.halt.trouble is not None:
         raise where.halt.trouble
     elif not to_the_end:
-        deviation, broken_off = _how_it_left(where, answers, ledger_over=len(again) > len(entries))
+        ledger_over = _was_cut_off(run) and len(again) > len(entries)
+        deviation, broken_off = _how_it_left(where, answers, ledger_over)
     compared = again if line is None else again[: line[0]]
     return Verdict(
         deviation=deviation,
@@ -252,6 +253,12 @@ def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[De
         then, now = where.halt.then, where.halt.now
     place = f"exchange {answers.count + 1} of the transcript"
     return Deviation(answers.cell_time, place, where.state, where.effect, then, now), None
+
+
+def _was_cut_off(run: RunRecord) -> bool:
+    """Whether the ledger of a run took no more lines before it had ended, as far as it could tell."""
+    failure = run.summary.get("failure") or {}
+    return run.status == "interrupted" or failure.get("kind") == FailureKind.UNRECORDED
 
 
 def _version(name: str) -> str:

@@ -114,13 +114,16 @@ class TranscriptWriter:
                     self.fail(f"{type(e).__name__}: {e}")
 
     def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, bytes, bytes | CameraFrame]]) -> None:
+        """As far as it can be kept: what comes before a picture that cannot is written all the same."""
         written = []
-        for channel, question, answer in exchanges:
-            if isinstance(answer, CameraFrame):
-                answer = pack(Picture(self._frames.put(answer)))
-            written.append(Exchange(channel, question, answer))
-        if written:
-            _write_all(file, _chunk(written))
+        try:
+            for channel, question, answer in exchanges:
+                if isinstance(answer, CameraFrame):
+                    answer = pack(Picture(self._frames.put(answer)))
+                written.append(Exchange(channel, question, answer))
+        finally:
+            if written:
+                _write_all(file, _chunk(written))
 
 
 class Transcript:

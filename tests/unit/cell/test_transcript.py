@@ -139,7 +139,6 @@ def test_what_cannot_be_kept_ends_the_transcript_and_not_the_run(tmp_path: Path)
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(5):
         writer.note(e.channel, e.question, e.answer)
-    time.sleep(0.5)
     writer.note(Channel.CAPTURE, pack(()), picture())
     for e in sleeps(5):
         writer.note(e.channel, e.question, e.answer)
