@@ -6,12 +6,15 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cell.commands import CommandQueue
 from cell.garments import load_garment
+from cell.replaying.stenographer import Stenographer
 from cell.simulation import (
     Fault,
     FaultKind,
@@ -122,12 +125,13 @@ def corner(bench: Bench) -> Array:
 
 
 def reachable(root: object) -> Iterator[object]:
-    """Everything that attributes, items and bound methods lead to."""
+    """Everything that attributes, items and bound methods lead to; paths and threads lead to all of Python."""
+    plain = (str, int, float, bool, type, type(None), Path, threading.Thread)
     seen: set[int] = set()
     waiting = [root]
     while waiting:
         value = waiting.pop()
-        if id(value) in seen or isinstance(value, (str, int, float, bool, type, type(None))):
+        if id(value) in seen or isinstance(value, plain):
             continue
         seen.add(id(value))
         yield value
@@ -141,12 +145,16 @@ def reachable(root: object) -> Iterator[object]:
             waiting += [getattr(value, "__self__", None), getattr(value, "__closure__", None)]
 
 
-def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any) -> None:
-    bench = opened()
-    bench.ports.attendant.lay_garment()
+@pytest.mark.parametrize("taken_down", [False, True])
+def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: bool, tmp_path: Path) -> None:
+    """Nor of those that a recorded run has, which take down what is asked."""
+    bench, stenographer = opened(), Stenographer(tmp_path if taken_down else None)
+    heard = stenographer.between(bench.ports, CommandQueue()).ports
+    heard.attendant.lay_garment()
     garment = truth(bench.ports).garment
     assert garment is not None
-    found = list(reachable(bench.ports))
+    found = list(reachable(heard))
+    assert stenographer.close() is None
     assert len(found) > 30  # the walk did walk
     for value in found:
         assert not isinstance(value, World)
