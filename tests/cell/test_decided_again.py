@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +15,19 @@ import pytest
 import yaml
 
 from cell.cli import main
+from cell.commands import CommandQueue
+from cell.executive import Step
 from cell.frame_store import FRAMES, FrameStore
 from cell.journal import RunRecord
 from cell.replaying.answering import Halt
 from cell.replaying.deciding import Verdict, decide_again
 from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack
 from cell.replaying.transcript import TRANSCRIPT, Transcript, write_transcript
+from cell.run import fold_once
+from cell.states import Effect, Event
 from robots.errors import ConfigurationError, StorageError
-from robots.ports import frozen
+from robots.ports import Clock, Ports, frozen
+from tests.runs import decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -83,6 +89,49 @@ def test_one_that_breaks_off_is_compared_as_far_as_it_goes(seen: Any, copied: Ru
     assert verdict.same and verdict.exchanges == 4000
     assert verdict.broken_off == "the transcript breaks off here"
     assert 0.0 < verdict.cell_time_s < seen.entries[-1].cell_time and verdict.effects > 0
+
+
+class WallClock:
+    """Never says the same twice, as that of a real cell."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def now(self) -> float:
+        return self._clock.now() + time.perf_counter() % 1e-3
+
+    def sleep_until(self, t: float) -> None:
+        self._clock.sleep_until(t)
+
+
+class GivesUp:
+    """Ends a run before its first trajectory is chosen."""
+
+    def __init__(self) -> None:
+        self.commands = CommandQueue()
+
+    def begin(self, ports: Ports, commands: CommandQueue) -> Ports:
+        self.commands = commands
+        return replace(ports, simulated=False, clock=WallClock(ports.clock))
+
+    def entered(self, t: float, step: Step) -> None:
+        if step.effect is Effect.CHOOSE_TRAJECTORY:
+            self.commands.put(Event.ABORT)
+
+    def performed(self, t: float, step: Step, result: Any) -> None: ...
+
+
+def test_a_run_that_no_seed_can_repeat_is_decided_the_same(tmp_path: Path) -> None:
+    """Not simulated, by a clock that goes as it likes: what was read is all that it depends on."""
+    request, operator = fold_request(tmp_path, record=True), GivesUp()
+    result = fold_once(request, operator.begin, (operator,))
+    assert result.failure is not None and result.failure["kind"] == "aborted"
+    transcript = Transcript(Path(result.run_dir) / TRANSCRIPT)
+    assert not transcript.constants.simulated
+    times = [unpack(e.answer) for e in transcript if e.channel is Channel.NOW]
+    assert len({t % 1e-3 for t in times}) > 30
+    verdict = decided_again(request.logs)
+    assert verdict.same and verdict.broken_off is None and verdict.set_points > 100
 
 
 # another decision
