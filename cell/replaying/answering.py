@@ -279,9 +279,9 @@ def _in_words(channel: Channel, arguments: tuple[Any, ...]) -> str:
 
 def _difference(then: tuple[Array, Array], now: tuple[Array, Array]) -> str:
     for name, unit, a, b in zip(("position", "speed"), ("rad", "rad/s"), then, now, strict=True):
-        if a.shape != b.shape or not a.shape:
+        if np.shape(a) != np.shape(b) or not np.size(a):
             continue
-        off = np.abs(b - a)
+        off = np.abs(np.subtract(b, a)).ravel()
         joint = int(np.nanargmax(off)) if not np.isnan(off).all() else 0
         if not off[joint] <= 0.0:
             return f"; joint {joint}'s {name} differs most, by {off[joint]:.3g} {unit}"
