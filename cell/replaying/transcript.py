@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import struct
 import threading
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -112,6 +114,8 @@ class TranscriptWriter:
                     self.fail(f"{e.strerror}: {file.name}")
                 except Exception as e:  # a bug of ours ends the transcript, never the run
                     self.fail(f"{type(e).__name__}: {e}")
+            with suppress(OSError):
+                os.fsync(file.fileno())
 
     def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, bytes, bytes | CameraFrame]]) -> None:
         """As far as it can be kept: what comes before a picture that cannot is written all the same."""
