@@ -435,7 +435,7 @@ def _resume(commands: Commands) -> None:
 
 def _bench(commands: Commands) -> None:
     parser = _add(commands, "bench", "bench", "measure a part of the program beside its peers")
-    names = ["cloth", "execution", "motion", "optimise", "perception"]
+    names = ["cell", "cloth", "execution", "motion", "optimise", "perception"]
     parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
     parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
     parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")

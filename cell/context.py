@@ -97,6 +97,8 @@ class Context:
     """The tactile cells' zero of each hand in use, taken above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """What each hand was confirmed to hold."""
+    carried: bool = False
+    """Whether the garment was carried through the fold at hand, and nobody has judged yet what came of it."""
     inspection: Inspection | None = None
     failure: Failure | None = None
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)

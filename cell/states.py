@@ -62,11 +62,11 @@ class Event(StrEnum):
     APPROVAL_NEEDED = "approval_needed"
     NEXT_FOLD = "next_fold"
     ALL_FOLDED = "all_folded"
-    # where an interrupted run is entered again (REENTRIES)
+    # where an interrupted run is entered again (REENTRIES); all but LAY also after a failure
     START_OVER = "start_over"
     LAY = "lay"
     LOOK_AFTER = "look_after"
-    # recoveries (recovery.py), and also where an interrupted run is entered again
+    # recoveries (recovery.py)
     LOOK_AGAIN = "look_again"
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
@@ -181,12 +181,15 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     # recoveries
+    Row(S.RECOVERING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
     Row(S.RECOVERING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
+    Row(S.RECOVERING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
     Row(S.RECOVERING, E.OPTIMISE_AGAIN, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
     Row(S.RECOVERING, E.GRASP_AGAIN, S.PLANNING_MOTION, Do.PLAN_MOTION),
     Row(S.RECOVERING, E.CARRY_ON, S.INSPECTING, Do.NEXT_STEP),
     Row(S.RECOVERING, E.ASK, S.ASKING, Do.ASK_OPERATOR),
     Row(S.RECOVERING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),
+    Row(S.ASKING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
     Row(S.ASKING, E.RETRY, S.LOOKING, Do.LOOK),
     Row(S.ASKING, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
     # ends

@@ -132,9 +132,9 @@ class _Camera:
         self._cell = cell
 
     def capture(self) -> CameraFrame:
-        k = Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0)
-        rgb = np.zeros((48, 64, 3), np.uint8)
-        return CameraFrame(self._cell.now, 0, rgb, np.ones((48, 64), np.float32), k)
+        k = Intrinsics(640, 480, 600.0, 600.0, 320.0, 240.0)
+        rgb = np.full((480, 640, 3), 128, np.uint8)
+        return CameraFrame(self._cell.now, 0, rgb, np.ones((480, 640), np.float32), k)
 
 
 class _Stop:

@@ -42,14 +42,28 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     }
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
         return Result(recovery.event, context, record)
-    note = f"{kind.value} -> {recovery.event.value}" + (
+    event = _where_to_look(cell, context) if recovery.event is Event.LOOK_AGAIN else recovery.event
+    record["recovery"] = event.value
+    note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
     )
     adjustments = context.adjustments
     if recovery.adjust is not Adjustment.NONE:
         adjustments = (*adjustments, recovery.adjust)
     recoveries = (*context.recoveries, (context.index, note))
-    return Result(recovery.event, replace(context, adjustments=adjustments, recoveries=recoveries), record)
+    return Result(event, replace(context, adjustments=adjustments, recoveries=recoveries), record)
+
+
+def _where_to_look(cell: Workcell, context: Context) -> Event:
+    """To look again is to look at what one wanted to see: the empty table, the garment, or what came of a fold."""
+    if _table_unseen(cell, context):
+        return Event.START_OVER
+    return Event.LOOK_AFTER if context.carried else Event.LOOK_AGAIN
+
+
+def _table_unseen(cell: Workcell, context: Context) -> bool:
+    """Whether the empty table is still to be photographed: the garment is laid after that."""
+    return cell.settings.camera.reference != "none" and context.reference is None
 
 
 def ask_approval(cell: Workcell, context: Context) -> Result:
@@ -57,7 +71,10 @@ def ask_approval(cell: Workcell, context: Context) -> Result:
 
 
 def ask_operator(cell: Workcell, context: Context) -> Result:
-    return _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
+    said = _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
+    if said.event is Event.RETRY and _table_unseen(cell, context):
+        return replace(said, event=Event.START_OVER)
+    return said
 
 
 def pause(cell: Workcell, context: Context) -> Result:

@@ -14,7 +14,7 @@ from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, t
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
-from robots.errors import Failure
+from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side, arm_slice
 from skills.grasping.close import close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
@@ -110,6 +110,7 @@ def fold(cell: Workcell, context: Context) -> Result:
 
 def release_garment(cell: Workcell, context: Context) -> Result:
     """Open just wide enough above the stack."""
+    context = replace(context, carried=True)
     state = cell.ports.arms.state()
     states = {s: start_release(cell.grasp, RELEASE_OPENING, read_hand(cell, s, state)) for s in context.held}
 
@@ -252,11 +253,18 @@ def _slip_watch(cell: Workcell, context: Context) -> Watch:
 
 
 def _photographer(cell: Workcell, moments: Array, pictures: list[CameraFrame]) -> Watch:
-    """Takes a picture at each moment: for the record only, nothing looks at them during the fold."""
+    """Takes a picture at each moment, for the record only: a camera that fails does not end the fold."""
+    due = list(moments)
 
     def look(tick: Tick) -> Failure | None:
-        if len(pictures) < len(moments) and tick.t >= moments[len(pictures)]:
-            frame = cell.ports.camera.capture()
+        if due and tick.t >= due[0]:
+            due.pop(0)
+            try:
+                frame = cell.ports.camera.capture()
+            except DriverError as e:
+                if e.kind is FailureKind.STOPPED:
+                    raise
+                return None
             pictures.append(frame)
             cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
         return None

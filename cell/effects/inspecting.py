@@ -58,7 +58,7 @@ def next_step(cell: Workcell, context: Context) -> Result:
         return Result(Event.ALL_FOLDED, context)
     fresh = replace(
         context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
-        inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(),
+        inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(), carried=False,
     )  # fmt: skip
     return Result(Event.NEXT_FOLD, fresh)
 

@@ -11,17 +11,18 @@ from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.overlay import draw_on_camera
-from skills.perception.perceive import perceive
+from skills.perception.perceive import camera_fault, perceive
 from skills.perception.refine import refine_calibration
 from skills.vocabulary import Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
 HEAD_TOLERANCE = 0.01  # [rad]: a turned head moves the picture by 10 mm on the table
+PICTURE_AGE = 0.5  # [s]: what is older shows another moment; a camera that hangs gives its last picture for ever
 
 
 def capture(cell: Workcell) -> Outcome[CameraFrame]:
-    """A picture, if the head stands where the camera was calibrated."""
+    """A fresh picture, if the head stands where the camera was calibrated."""
     pan = cell.ports.arms.state().head_pan
     if abs(pan - cell.calibration.head_pan) > HEAD_TOLERANCE:
         return Outcome(
@@ -34,6 +35,16 @@ def capture(cell: Workcell) -> Outcome[CameraFrame]:
         )
     frame = cell.ports.camera.capture()
     cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+    age = cell.ports.clock.now() - frame.stamp
+    if age > PICTURE_AGE:
+        return Outcome(
+            failure=Failure(
+                FailureKind.CAMERA_FAULT,
+                f"the camera gives a picture of {age:.1f} s ago",
+                "check the camera's cable and driver, then look again",
+                {"age_s": age},
+            )
+        )
     return Outcome(frame)
 
 
@@ -45,6 +56,9 @@ def photograph_table(cell: Workcell, context: Context) -> Result:
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     frame = shot.unwrap()
+    unusable = camera_fault(frame, cell.calibration, settings=cell.perception)
+    if unusable:
+        return Result(Event.FAILED, context.with_failure(unusable))
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
     context = replace(context, reference=frame, refined=refined.value)
     if refined.failure:  # the table does not show well enough: the calibration stands as it is

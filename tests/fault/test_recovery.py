@@ -114,6 +114,32 @@ def test_a_camera_that_comes_back_is_believed_again(tmp_path: Path) -> None:
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN]
 
 
+def test_a_camera_that_fails_during_a_fold_costs_neither_the_fold_nor_the_judgement_of_it(tmp_path: Path) -> None:
+    """The pictures on the way are for the record. Afterwards the folded garment is looked at, not taken for a
+    smaller one that lies flat."""
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker.after[Effect.LIFT] = lambda ports, commands, n: inject(
+        ports, Fault(FaultKind.CAMERA_SILENT, duration=6.0)
+    )
+    onlooker.after[Effect.INSPECT] = abort
+    onlooker.fold(request)
+    assert onlooker.events(Effect.FOLD) == [Event.DONE]
+    assert onlooker.events(Effect.CHOOSE_RECOVERY)[0] is Event.LOOK_AFTER
+    assert onlooker.events(Effect.INSPECT) == [Event.NEXT_FOLD]
+
+
+def test_a_camera_that_fails_before_the_garment_is_laid_photographs_the_empty_table_later(tmp_path: Path) -> None:
+    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker.after[Effect.PREPARE] = lambda ports, commands, n: inject(
+        ports, Fault(FaultKind.CAMERA_BLACK, duration=0.8)
+    )
+    onlooker.after[Effect.PLAN_FOLDS] = abort
+    onlooker.fold(request)
+    assert onlooker.events(Effect.PHOTOGRAPH_TABLE) == [Event.FAILED, Event.DONE]
+    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.START_OVER]
+    assert onlooker.events(Effect.RECOGNISE) == [Event.DONE]
+
+
 # planning
 
 

@@ -19,6 +19,10 @@ from tests.workcells import fake_workcell
 K = FailureKind
 
 
+SEEN = Context(reference=FakeCell().ports().camera.capture())
+"""The empty table was photographed."""
+
+
 def failed(kind: FailureKind, times: int = 1, context: Context | None = None) -> Context:
     context = context or Context()
     for _ in range(times):
@@ -37,7 +41,7 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))
 def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
-    context, tried = Context(), []
+    context, tried = SEEN, []
     while True:
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
         context = result.context
@@ -121,13 +125,38 @@ def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
         cell = FakeCell()
         workcell = fake_workcell(cell)
         cell.at(0.3, lambda queue=workcell.commands, answer=answer: queue.put(answer))
-        result = ask(workcell, Context())
+        result = ask(workcell, SEEN)
         assert result.event is answer
         assert result.record == {"command": answer.value}
         assert result.context.waited_s == pytest.approx(cell.now) and cell.now >= 0.3
         assert cell.commands == [], "it moved while it asked"
         failure = result.context.failure
         assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
+
+
+def test_before_the_table_was_seen_another_try_photographs_it() -> None:
+    """The garment is laid after that: to look for it would find none."""
+    assert choose_next(fake_workcell(FakeCell()), failed(K.CAMERA_FAULT)).event is Event.START_OVER
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
+    said = ask_operator(workcell, Context())
+    assert said.event is Event.START_OVER and said.record == {"command": "retry"}
+
+
+def test_where_no_picture_of_the_table_is_taken_another_try_looks_for_the_garment(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text("camera: {reference: none}\n")
+    workcell = fake_workcell(FakeCell(), settings=load_settings(tmp_path / "cell.yaml"))
+    assert choose_next(workcell, failed(K.CAMERA_FAULT)).event is Event.LOOK_AGAIN
+
+
+@pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
+def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind) -> None:
+    """Else a folded garment would be taken for a smaller one that lies flat."""
+    carried = failed(kind, context=replace(SEEN, carried=True))
+    result = choose_next(fake_workcell(FakeCell()), carried)
+    assert result.event is Event.LOOK_AFTER and result.record["recovery"] == "look_after"
+    assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
 
 
 def test_what_was_not_asked_for_is_no_answer() -> None:

@@ -75,6 +75,33 @@ def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
     assert failed.context.attempts == {(0, "camera_fault"): 1}
 
 
+class Camera:
+    def __init__(self, frame: CameraFrame) -> None:
+        self.capture = lambda: frame
+
+
+@pytest.mark.parametrize("effect", [look, photograph_table])
+def test_a_camera_that_hangs_is_noticed(effect) -> None:
+    """It gives the picture that it had: of a table without arms, or with them in the way."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.0))
+    old = workcell.ports.camera.capture()
+    workcell.ports.clock.sleep_until(2.0)
+    result = effect(replace(workcell, ports=replace(workcell.ports, camera=Camera(old))), Context())
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "2.0 s ago" in result.context.failure.what and result.context.frame is None
+
+
+def test_a_black_picture_is_no_reference() -> None:
+    workcell, _ = seeing()
+    frame = workcell.ports.camera.capture()
+    black = replace(frame, rgb=np.zeros_like(frame.rgb))
+    result = photograph_table(replace(workcell, ports=replace(workcell.ports, camera=Camera(black))), Context())
+    assert result.event is Event.FAILED and "black" in result.context.failure.what
+    assert result.context.reference is None
+
+
 def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
     workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))

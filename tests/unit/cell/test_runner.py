@@ -28,6 +28,10 @@ STRAIGHT = [
 ]  # fmt: skip
 
 
+def photographed(cell: Any, context: Context) -> Result:
+    return Result(Event.DONE, replace(context, reference=cell.ports.camera.capture()))
+
+
 class Rig:
     """A runner over effects that do nothing but take a second of cell time, except those that a test replaces."""
 
@@ -42,6 +46,7 @@ class Rig:
             Effect.ASK_OPERATOR: ask_operator,
             Effect.WAIT: pause,
             Effect.CHOOSE_RECOVERY: choose_next,
+            Effect.PHOTOGRAPH_TABLE: photographed,
             Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
         }
         self.observers: tuple[Any, ...] = ()

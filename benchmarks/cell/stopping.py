@@ -1,0 +1,110 @@
+"""How soon the arms are at rest when the stop is triggered while they move, and how far they go until then.
+
+The executive is not asked: it stays within the very tick in which the stop comes, as if it hung. The peer is
+what the brake alone would take, without lag: the longest of the joints' speeds over their decelerations.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.config import load_settings
+from cell.requests import FoldRequest
+from cell.run import fold_once
+from cell.simulation.noise import load_noise
+from robots.baxter.model import load_model
+from robots.ports import Array, Ports, Side, arm_slice
+from skills.motion.ik import tool_pose
+
+__all__ = ["measure"]
+
+GARMENT = "small_towel"
+MOVING, AT_REST = 0.15, 0.02
+"""Joint speeds [rad/s] above which a stop is of interest, and below which the arms count as at rest."""
+TICK_S = 0.005
+LONGEST_S = 3.0
+
+
+@dataclass(frozen=True)
+class _Stop:
+    """took [s] until rest; way (2,) [m] of the tools; brake [s] that the brake alone would have taken."""
+
+    took: float
+    way: Array
+    brake: float
+
+
+class _StoppingClock:
+    """The cell's clock; after the moment `due`, at the first tick in which the arms move, it triggers the stop."""
+
+    def __init__(self, ports: Ports, due: float) -> None:
+        self._ports, self._due = ports, due
+        self.stop: _Stop | None = None
+
+    def now(self) -> float:
+        return self._ports.clock.now()
+
+    def sleep_until(self, t: float) -> None:
+        self._ports.clock.sleep_until(t)
+        if self.stop is None and self.now() > self._due:
+            speed = np.abs(self._ports.arms.state().qd)
+            if speed.max() > MOVING:
+                self._ports.stop.trigger("a benchmark")
+                self.stop = self._watch(float((speed / _deceleration()).max()))
+
+    def _watch(self, brake: float) -> _Stop:
+        began, tools = self.now(), _tools(self._ports)
+        last = began
+        while self.now() < began + LONGEST_S:
+            self._ports.clock.sleep_until(self.now() + TICK_S)
+            if np.abs(self._ports.arms.state().qd).max() > AT_REST:
+                last = self.now()
+        return _Stop(last - began, np.linalg.norm(_tools(self._ports) - tools, axis=1), brake)
+
+
+def measure(tell: Callable[[str], None], stops: int) -> dict[str, Any]:
+    """Stops at moments spread evenly over a run's motions."""
+    made = [_stopped_at(due) for due in np.linspace(7.0, 30.0, stops)]
+    found = [stop for stop in made if stop is not None]
+    took = np.array([stop.took for stop in found])
+    brake = np.array([stop.brake for stop in found])
+    tell(f"{len(found)} stops: at rest after {1e3 * took.max():.0f} ms at most")
+    return {
+        "stops": len(found),
+        "stop_to_rest_ms_median": 1e3 * float(np.median(took)),
+        "stop_to_rest_ms_max": 1e3 * float(took.max()),
+        "stop_way_mm_max": 1e3 * float(max(stop.way.max() for stop in found)),
+        "brake_alone_ms_max": 1e3 * float(brake.max()),
+        "stop_over_brake_alone": float(np.median(took / brake)),
+    }
+
+
+def _stopped_at(due: float) -> _Stop | None:
+    clocks: list[_StoppingClock] = []
+
+    def prelude(ports: Ports, _: Any) -> Ports:
+        clocks.append(_StoppingClock(ports, due))
+        return replace(ports, clock=clocks[0])
+
+    with tempfile.TemporaryDirectory() as folder:
+        settings, logs = load_settings(), Path(folder)
+        request = FoldRequest(GARMENT, 1, "sim", settings, None, logs, quiet=True, record=False, witness=False)
+        fold_once(request, prelude)
+    return clocks[0].stop
+
+
+def _deceleration() -> Array:
+    """(14,) [rad/s^2] of the simulated driver's brake: the wrists' is twice the shoulders' and elbows'."""
+    return load_noise().robot.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
+
+
+def _tools(ports: Ports) -> Array:
+    """(2, 3) [m] base frame."""
+    model, q = load_model(), ports.arms.state().q
+    return np.array([tool_pose(model.chains[side], q[arm_slice(side)])[:3, 3] for side in Side])
