@@ -78,7 +78,7 @@ def stopped(ports: Ports) -> Failure | None:
     return Failure(
         FailureKind.STOPPED,
         f"the stop was triggered: {stop.reason or 'no reason given'}",
-        "clear the cause, reset the stop; then go on (foldcell resume last) or start a new run",
+        "clear the cause and reset the stop before anything is begun again",
     )
 
 
