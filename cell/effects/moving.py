@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import PathControl, fresh_state, hold, stopped, stream, wait
+from cell.execution import PathControl, come_to_rest, fresh_state, hold, stopped, stream, wait
 from cell.hands import command_grip, each_hand, telemetry
 from cell.states import Event
 from cell.workcell import Workcell
@@ -207,9 +207,10 @@ def _park(cell: Workcell, control: PathControl) -> Failure | None:
 
 
 def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:
+    restless = come_to_rest(cell.ports, cell.execution, cell.sent)
     state = fresh_state(cell.ports, cell.execution)
-    if state.failure:
-        return Outcome(failure=state.failure)
+    if restless or state.failure:
+        return Outcome(failure=restless or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
     away = plan_withdrawal(cell.robot, cell.checker, q, sides, limits=cell.limits, rng=rng)
