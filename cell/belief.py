@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.context import Context
+from cell.context import Context, StepNote
 from cell.frame_store import FrameStore
+from cell.resumable import CONTEXT
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
@@ -30,7 +31,6 @@ from robots.ports import CameraFrame, frozen
 __all__ = ["read_belief", "write_belief"]
 
 SCHEMA = 1
-CONTEXT = "context"
 LARGE = 2**16
 """Arrays of so many bytes have files of their own: most stay the same from effect to effect."""
 _OURS = ("cell.", "robots.", "skills.")
@@ -57,7 +57,7 @@ def write_belief(folder: Path, context: Context, frames: FrameStore) -> None:
     except (pickle.PicklingError, TypeError, AttributeError) as e:
         raise InternalError(f"a value of the context cannot be put down: {e}") from e
     body = stream.getvalue()
-    head = {"foldcell": metadata.version("foldcell"), "schema": SCHEMA, "sha256": _hash(body)}
+    head = {"foldcell": metadata.version("foldcell"), "schema": _schema(), "sha256": _hash(body)}
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
@@ -71,9 +71,9 @@ def read_belief(folder: Path, frames: FrameStore) -> Context:
         version, schema, digest = head["foldcell"], head["schema"], head["sha256"]
     except (OSError, ValueError, KeyError, TypeError) as e:
         raise _damaged(path, e) from None
-    if (version, schema) != (metadata.version("foldcell"), SCHEMA):
+    if (version, schema) != (metadata.version("foldcell"), _schema()):
         raise ConfigurationError(
-            f"{path} was written by foldcell {version}, this is {metadata.version('foldcell')}",
+            f"{path} was written by another foldcell (that was {version}, this is {metadata.version('foldcell')})",
             "go on with the version that began the run, or start a new one",
         )
     if digest != _hash(body):
@@ -87,6 +87,12 @@ def read_belief(folder: Path, frames: FrameStore) -> Context:
     if not isinstance(context, Context):
         raise _damaged(path, "it holds something else")
     return context
+
+
+def _schema() -> str:
+    """Of what a context is made of: a checkout can change without its version."""
+    fields = [f.name for kind in (Context, StepNote) for f in dataclasses.fields(kind)]
+    return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
 
 
 def _hash(body: bytes) -> str:

@@ -112,7 +112,7 @@ class Context:
     waited_s: float = 0.0
     """Cell time spent waiting for an operator."""
     reentry: Event | None = None
-    """Where an interrupted run goes on, until it does."""
+    """Where this run was entered, if it goes on with an interrupted one."""
 
     @property
     def step(self) -> FoldStep:

@@ -27,6 +27,7 @@ __all__ = [
     "Sent",
     "Tick",
     "Watch",
+    "come_to_rest",
     "faded",
     "followed",
     "fresh_state",
@@ -78,7 +79,7 @@ def stopped(ports: Ports) -> Failure | None:
     return Failure(
         FailureKind.STOPPED,
         f"the stop was triggered: {stop.reason or 'no reason given'}",
-        "clear the cause, reset the stop; then go on (foldcell resume last) or start a new run",
+        "clear the cause and reset the stop before anything is begun again",
     )
 
 
@@ -127,6 +128,19 @@ def hold(ports: Ports) -> None:
     if read.ok:
         q = read.unwrap().q
         ports.arms.command(q, np.zeros_like(q))
+
+
+def come_to_rest(ports: Ports, limits: ExecutionLimits, sent: Sent) -> Failure | None:
+    """Let arms that are off their last set-point come back to it before anything is planned from where they stand:
+    a sudden drop takes a moment. Those that do not within settle_s are left to the checks of the next motion."""
+    deadline = ports.clock.now() + limits.settle_s
+    while sent.q is not None and ports.clock.now() < deadline:
+        read = fresh_state(ports, limits)
+        failure = stopped(ports) or read.failure
+        if failure or np.abs(read.unwrap().q - sent.q).max() <= limits.settled:
+            return failure
+        ports.clock.sleep_until(ports.clock.now() + TICK_S)
+    return None
 
 
 def wait(ports: Ports, seconds: float, watch: Watch | None = None, sent: Sent | None = None) -> Failure | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -26,13 +26,12 @@ class FrameStore:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: dict[int, tuple[CameraFrame, str]] = {}  # with the frame: an id may be given again
+        self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # a frame equals only itself
 
     def put(self, frame: CameraFrame) -> str:
         """Keep a picture; -> its name. Raises StorageError."""
-        known = self._known.get(id(frame))
-        if known is not None:
-            return known[1]
+        if frame in self._known:
+            return self._known[frame]
         name = _name(frame)
         path = self._path(name)
         if not path.exists():
@@ -41,7 +40,7 @@ class FrameStore:
             except OSError as e:
                 raise StorageError(f"{self._folder} cannot be made: {e.strerror}", "make room") from e
             write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
-        self._known[id(frame)] = frame, name
+        self._known[frame] = name
         return name
 
     def get(self, name: str) -> CameraFrame:
@@ -58,10 +57,10 @@ class FrameStore:
                     Intrinsics(**plain["intrinsics"]),
                 )
             if _name(frame) != name:
-                raise ValueError("it is another picture than its name says")
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as e:
+                raise ValueError("its hash is another")
+        except Exception as e:  # whatever a damaged archive can raise
             raise StorageError(f"the picture {path} is missing or damaged", str(e), path=str(path)) from e
-        self._known[id(frame)] = frame, name
+        self._known[frame] = name
         return frame
 
     def _path(self, name: str) -> Path:

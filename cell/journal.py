@@ -181,8 +181,8 @@ class Journal:
     # reading
 
     def runs(self) -> list[RunRecord]:
-        """All runs, oldest first, each with what is true of it now."""
-        rows = self._read("SELECT * FROM runs ORDER BY started, id", ())
+        """All runs in the order in which they began, each with what is true of it now."""
+        rows = self._read("SELECT * FROM runs ORDER BY rowid", ())
         return [self._record(row) for row in rows]
 
     def run(self, name: str) -> RunRecord:
@@ -209,6 +209,15 @@ class Journal:
         """The lines of a run in order, all or of one kind."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
         return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
+
+    def named(self, name: str) -> list[tuple[str, Entry]]:
+        """The lines of this name of all runs, each with its run, in the order in which the runs began."""
+        rows = self._read(
+            "SELECT events.* FROM events JOIN runs ON events.run = runs.id WHERE name = ?"
+            " ORDER BY runs.rowid, sequence",
+            (name,),
+        )
+        return [(row["run"], _entry(row)) for row in rows]
 
     def last_intent(self, run: str) -> Intent | None:
         """The effect that was begun last; its result is None when the run ended in the middle of it."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,28 +17,27 @@ from typing import Any
 from cell.belief import read_belief, write_belief
 from cell.context import Context
 from cell.frame_store import FRAMES, FrameStore
-from cell.journal import Journal, RunRecord
+from cell.journal import Journal
 from cell.request_file import load_request
 from cell.requests import FoldRequest
+from cell.resumable import BELIEF, check_resumable
 from cell.states import REENTRIES, Event, State
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, StorageError
 
-__all__ = ["RESUMED_FROM", "Interrupted", "Keeper", "interrupted_run", "reentry"]
+__all__ = ["Interrupted", "Keeper", "interrupted_run", "reentry"]
 
-BELIEF, WORLD = "belief", "world.npz"
-RESUMED_FROM = "resumed_from"
-"""The ledger's first event of a run that goes on with another one."""
+WORLD = "world.npz"
 
 
 @dataclass(frozen=True, eq=False)
 class Interrupted:
-    """A run to be gone on with. context: what it believed; world: the simulated one as it stood, else None."""
+    """A run to be gone on with. context: what it believed, and where it is entered again; world: the simulated one
+    as it stood, else None."""
 
     run: str
     request: FoldRequest
     context: Context
-    first: Event
     world: bytes | None
 
 
@@ -56,7 +56,8 @@ class Keeper:
 
     def forget(self) -> None:
         """There is nothing to go on with any more. What cannot be removed stays."""
-        (self._folder / WORLD).unlink(missing_ok=True)
+        with suppress(OSError):
+            (self._folder / WORLD).unlink(missing_ok=True)
         shutil.rmtree(self._folder / BELIEF, ignore_errors=True)
 
 
@@ -64,18 +65,19 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
     """The run `name` as it can be gone on with; changes: of its request. Raises ConfigurationError for a run that
     cannot be, StorageError for one whose files are damaged."""
     record = journal.run(name)
-    _check(journal, record)
+    check_resumable(journal, record.id)
     request = load_request(record.directory, logs, **changes)
-    if not (record.directory / BELIEF).is_dir():
+    asked = request.settings.fingerprint(), request.seed, request.driver
+    if asked != (record.settings_hash, record.seed, record.driver):
         raise ConfigurationError(
-            f"the run {record.id} ended before it had done anything", "start a new one: foldcell fold"
+            f"settings or request of the run {record.id} are not those that the ledger knows",
+            f"put {record.directory / 'cell.yaml'} back as it was, or start a new run",
         )
     context = read_belief(record.directory / BELIEF, FrameStore(record.directory / FRAMES))
-    states = [State(entry.state) for entry in journal.entries(record.id)]
-    first = reentry(states, context)
-    fresh = Context() if first is Event.START_OVER else context
+    event = reentry([State(entry.state) for entry in journal.entries(record.id)], context)
+    fresh = Context() if event is Event.START_OVER else context
     world = _world(record.directory / WORLD) if record.driver == "sim" else None
-    return Interrupted(record.id, request, _entered(fresh, first), first, world)
+    return Interrupted(record.id, request, _entered(fresh, event), world)
 
 
 def reentry(states: Sequence[State], context: Context) -> Event:
@@ -90,31 +92,6 @@ def reentry(states: Sequence[State], context: Context) -> Event:
 def _entered(context: Context, event: Event) -> Context:
     """The belief of who goes on: nothing is held, waited for or failed any more."""
     return replace(context, reentry=event, failure=None, waited_s=0.0, held={}, zeros={})
-
-
-def _check(journal: Journal, record: RunRecord) -> None:
-    if record.status == "running":
-        raise ConfigurationError(f"the run {record.id} is still going (process {record.pid})", "stop it first")
-    if record.status == "folded":
-        raise ConfigurationError(f"the run {record.id} has folded its garment", "there is nothing to go on with")
-    later = [r for r in journal.runs() if r.started > record.started]
-    for other in later:
-        if _resumed_from(journal, other) == record.id:
-            raise ConfigurationError(
-                f"the run {record.id} was gone on with as {other.id}", f"foldcell resume {other.id}"
-            )
-    if record.driver != "sim" and later:
-        raise ConfigurationError(
-            f"the cell has done other runs since {record.id} (the last is {later[-1].id})",
-            "lay the garment flat and start a new one",
-        )
-
-
-def _resumed_from(journal: Journal, record: RunRecord) -> str | None:
-    entries = journal.entries(record.id, "event")
-    if entries and entries[0].name == RESUMED_FROM:
-        return str(entries[0].payload["run"])
-    return None
 
 
 def _world(path: Path) -> bytes:

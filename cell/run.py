@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -39,7 +39,8 @@ from cell.replaying.stenographer import Stenographer
 from cell.replaying.surroundings import keep_surroundings
 from cell.request_file import keep_request
 from cell.requests import FoldRequest, FoldResult
-from cell.resuming import RESUMED_FROM, Interrupted, Keeper
+from cell.resumable import RESUMED_FROM, check_resumable
+from cell.resuming import Interrupted, Keeper
 from cell.runner import Observer, RunEnd, Runner
 from cell.simulation import SimulationSettings, checkpoint, restore
 from cell.states import Event, State
@@ -91,6 +92,8 @@ def fold_once(
         Journal.open(ledger_path(request.logs)) as journal,
         _listener(request) as listener,
     ):
+        if interrupted:  # nobody else can go on with it from here on
+            check_resumable(journal, interrupted.run)
         run = journal.begin_run(
             garment=request.garment,
             seed=request.seed,
@@ -99,13 +102,13 @@ def fold_once(
             versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
-            if interrupted:
-                run.event(0.0, State.IDLE.value, RESUMED_FROM, {"run": interrupted.run, "at": interrupted.first})
             ended = _perform(request, run, began, prelude, bystanders, listener, interrupted)
         except BaseException:
             run.abandon()
             raise
         result = _ended_in_ledger(run, ended.result)
+        if result.result == "folded":
+            Keeper(run.directory, None).forget()
     return _with_files(run.directory, request, replace(ended, result=result))
 
 
@@ -195,13 +198,11 @@ def _perform(
     try:
         with (
             compiling_told(lines.note),
-            opened_cell(request.driver, _simulated(request), request.seed) as ports,
+            _opened(request, interrupted) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
-            if interrupted and interrupted.world is not None:
-                restore(ports, interrupted.world)
             used = (prelude(ports, commands) if prelude is not None else None) or ports
             heard = stenographer.between(used, commands)
             cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
@@ -211,8 +212,9 @@ def _perform(
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
             keeper = _keeper(request, run, ports)
             context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
-            if interrupted:
+            if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
                 keeper.keep(context)
+                run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
             end = Runner(cell, EFFECTS, run, heard.commands, observers, keeper.keep).run(context, first)
             stenographer.end()
             if supervision:
@@ -221,8 +223,6 @@ def _perform(
             score = witness.score() if witness else None
     finally:
         kept, unkept = recorder.close(), stenographer.close()
-    if end.state is State.FOLDED:
-        keeper.forget()
     errors = [*kept.errors, *([unkept] if unkept else [])]
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
     result = replace(
@@ -236,6 +236,15 @@ def _perform(
 def _keeper(request: FoldRequest, run: RunJournal, ports: Ports) -> Keeper:
     simulated = request.driver == "sim"
     return Keeper(run.directory, (lambda: checkpoint(ports)) if simulated else None)
+
+
+@contextmanager
+def _opened(request: FoldRequest, interrupted: Interrupted | None) -> Iterator[Ports]:
+    """The cell; a simulated one that is gone on with stands where it stood, before anybody can stop it."""
+    with opened_cell(request.driver, _simulated(request), request.seed) as ports:
+        if interrupted and interrupted.world is not None:
+            restore(ports, interrupted.world)
+        yield ports
 
 
 def _say(text: str) -> None:

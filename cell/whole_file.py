@@ -26,8 +26,18 @@ def write_whole(
                 os.fsync(file.fileno())
                 os.chmod(file.name, 0o644)
                 os.replace(file.name, path)
+                _sync(path.absolute().parent)
             except BaseException:
                 os.unlink(file.name)
                 raise
     except OSError as e:
         raise StorageError(f"{path} cannot be written: {e.strerror}", hint, path=str(path)) from e
+
+
+def _sync(folder: Path) -> None:
+    """Put the name on disk too: else power that fails may leave the old file."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

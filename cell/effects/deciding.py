@@ -42,7 +42,9 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     }
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
         return Result(recovery.event, context, record)
-    event = _where_to_look(cell, context) if recovery.event is Event.LOOK_AGAIN else recovery.event
+    event: Event = recovery.event
+    if event is Event.LOOK_AGAIN or (context.carried and event is Event.GRASP_AGAIN):
+        event = _where_to_look(cell, context)
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import PathControl, fresh_state, hold, stopped, stream, wait
+from cell.execution import PathControl, come_to_rest, fresh_state, hold, stopped, stream, wait
 from cell.hands import command_grip, each_hand, telemetry
 from cell.states import Event
 from cell.workcell import Workcell
@@ -36,6 +36,8 @@ __all__ = [
 
 HEAD_TURN_S = 1.5
 OPENING_S = 0.8
+LET_GO = 0.010
+"""What the pads hold has fallen out of them when they are so far apart [m]."""
 PREGRASP_OPENING = PadGeometry().stroke
 """The pads' opening in a descent [m]."""
 
@@ -85,7 +87,7 @@ def prepare(cell: Workcell, context: Context) -> Result:
 def reenter(cell: Workcell, context: Context) -> Result:
     """Make an interrupted run's cell ready again: motors on, whatever the hands may hold let go, head turned back,
     arms parked. Grippers that lost their calibration are calibrated, which also opens them."""
-    reentry, ports = context.reentry, cell.ports
+    ports, reentry = cell.ports, context.reentry
     assert reentry is not None
     failure = stopped(ports)
     if failure is None:
@@ -94,13 +96,11 @@ def reenter(cell: Workcell, context: Context) -> Result:
         for gripper in ports.grippers.values():
             if not gripper.state().calibrated:
                 gripper.calibrate()
-        _open(cell)
         control = pausable(cell)
-        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _park(cell, control)
+        failure = _let_go_and_park(cell, control, HEAD_TURN_S)
         context = waited(context, control)
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure))
-    context = replace(context, reentry=None, held={}, zeros={})
     return Result(reentry, context, {"folds_done": len(context.done)})
 
 
@@ -170,9 +170,24 @@ def waited(context: Context, control: PathControl) -> Context:
     return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
 
 
-def _let_go_and_park(cell: Workcell, control: PathControl) -> Failure | None:
+def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
     _open(cell)
-    return wait(cell.ports, OPENING_S, telemetry(cell), cell.sent) or _park(cell, control)
+    failure = wait(cell.ports, opening_s, telemetry(cell), cell.sent)
+    return failure or _still_closed(cell) or _park(cell, control)
+
+
+def _still_closed(cell: Workcell) -> Failure | None:
+    """A hand that did not open may hold the garment, and would take it along."""
+    for side, gripper in cell.ports.grippers.items():
+        opening = gripper.state().opening
+        if opening < LET_GO:
+            return Failure(
+                FailureKind.GRIPPER_FAULT,
+                f"the {side.value} gripper does not open ({opening * 1e3:.0f} mm): it may hold the garment",
+                "free the garment by hand, then see to the gripper",
+                {"opening_m": opening},
+            )
+    return None
 
 
 def _park(cell: Workcell, control: PathControl) -> Failure | None:
@@ -192,9 +207,10 @@ def _park(cell: Workcell, control: PathControl) -> Failure | None:
 
 
 def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:
+    restless = come_to_rest(cell.ports, cell.execution, cell.sent)
     state = fresh_state(cell.ports, cell.execution)
-    if state.failure:
-        return Outcome(failure=state.failure)
+    if restless or state.failure:
+        return Outcome(failure=restless or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
     away = plan_withdrawal(cell.robot, cell.checker, q, sides, limits=cell.limits, rng=rng)

@@ -84,7 +84,8 @@ def recognise(cell: Workcell, context: Context) -> Result:
     assert context.frame is not None
     if context.index > 0:
         return find_folded(cell, context)
-    frame, expected = context.frame, cell.expected
+    frame = context.frame
+    expected = cell.expected or context.garment  # what was recognised once is not taken for another one later
     seen = cell.compute(
         cell.settings.computing.perception_s,
         lambda: perceive(

@@ -31,7 +31,7 @@ from cell.replaying.exchange import Channel
 from cell.replaying.surroundings import first_belief, restored_request
 from cell.replaying.transcript import TRANSCRIPT, Transcript
 from cell.requests import FoldRequest
-from cell.resuming import RESUMED_FROM
+from cell.resumable import RESUMED_FROM
 from cell.runner import Observer, RunEnd, Runner
 from cell.states import Event, State
 from cell.workcell import Workcell

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.paths import logs_directory, prepare_logs
+from cell.resumable import has_belief
 from cell.subcommands.output import print_json
 
 if TYPE_CHECKING:
@@ -89,9 +91,9 @@ def _summary(figures: dict) -> None:
     )
     for what in unwritten:
         print(f"  not kept   {what}")
-    if figures.get("state") == "stopped" and not unwritten:
-        print("  go on      foldcell resume last   (it lets go, parks, and looks where the garment lies)")
     folder = figures.get("run_dir")
+    if folder and figures.get("state") == "stopped" and has_belief(Path(folder)):
+        print(f"  go on      foldcell resume {Path(folder).name}   (it lets go, parks, and looks)")
     if folder:
         if not unwritten:
             print(f"  report     {folder}/report.html")

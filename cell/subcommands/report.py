@@ -7,6 +7,7 @@ from typing import Any
 
 from cell.journal import Entry, Journal, RunRecord
 from cell.paths import ledger_path, logs_directory
+from cell.resumable import resumable
 from cell.subcommands.output import print_json
 from cell.subcommands.runs import run_figures
 
@@ -19,6 +20,7 @@ def run(options: argparse.Namespace) -> int:
         record = journal.run(options.name)
         figures = run_figures(journal, record)
         entries = journal.entries(record.id)
+        figures["resumable"] = resumable(journal, record.id)
     page = record.directory / "report.html"
     figures |= {
         "summary": record.summary,
@@ -33,7 +35,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the ledger's disk full)")
-        print(f"  foldcell resume {record.id} goes on with it")
+    if figures["resumable"]:
+        print(f"go on   foldcell resume {record.id}")
     print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
     return 0
 

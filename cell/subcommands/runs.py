@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.journal import Journal, RunRecord
 from cell.paths import ledger_path, logs_directory
+from cell.resumable import has_belief
 from cell.subcommands.output import print_json, print_table
 
 __all__ = ["run", "run_figures"]
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
         for r in rows
     ]
     print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
-    if rows[-1]["status"] == "interrupted":
+    if rows[-1]["status"] == "interrupted" and has_belief(Path(rows[-1]["run_dir"])):
         print(f"go on with the last one: foldcell resume {rows[-1]['run']}")
     return 0
 

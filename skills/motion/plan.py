@@ -45,6 +45,8 @@ APPROACH_HEIGHT = 0.08
 OVERTRAVEL = 0.015
 """How far below the planned grasp a descent may go on before it has to have met something [m]."""
 RETREAT_HEIGHT = 0.10
+RETREAT_SHARES = (1.0, 0.7, 0.5, 0.35)
+"""Of a height that cannot be reached, tried in turn: 35 mm clear every stack."""
 RETREAT_SPEED = 0.25
 """Of the tools on their straight way up [m/s]."""
 DESCENT_STEP = 0.002
@@ -362,15 +364,18 @@ def plan_withdrawal(
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[Withdrawal]:
-    """Hands straight up by `height` [m] as they are, then both arms to the parked pose. Also the way to safety."""
+    """Hands straight up by `height` [m] as they are, then both arms to the parked pose. Also the way to safety:
+    where the arms cannot go so high, they go as high as they can, but no less than clears a stack."""
     limits = limits or model.planning
-    retreat = _straight_up(model, checker, q_now, sides, height, limits)
-    if retreat.failure:
-        return Outcome(failure=retreat.failure)
-    park = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
-    if park.failure:
-        return Outcome(failure=park.failure)
-    return Outcome(Withdrawal(retreat.unwrap(), park.unwrap()))
+    why: Failure | None = None
+    for share in RETREAT_SHARES:
+        retreat = _straight_up(model, checker, q_now, sides, share * height, limits)
+        if retreat.ok:
+            way = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
+            if way.ok:
+                return Outcome(Withdrawal(retreat.unwrap(), way.unwrap()))
+        why = why or retreat.failure or way.failure
+    return Outcome(failure=why)
 
 
 def plan_lift(

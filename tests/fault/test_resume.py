@@ -105,7 +105,10 @@ def test_the_executive_that_goes_on_knows_only_what_it_sees(tmp_path: Path) -> N
 
     with pytest.raises(Died):
         Onlooker(before={Effect.APPROACH: die}).fold(request)
-    interrupted = last_run(request)
+    stopped = Onlooker()
+    result = stopped.fold(request, lambda ports: ports.stop.trigger("at once"), last_run(request))
+    assert (result.state, stopped.set_points) == ("stopped", []), "nothing takes a stop away"
+    interrupted = last_run(request)  # the one that was stopped: it can be gone on with in turn
     believed = interrupted.context.perception
     elsewhere = replace(interrupted, world=moved(interrupted.world, SHIFT))
     onlooker = Onlooker(before={Effect.APPROACH: lambda ports, commands, n: commands.put(Event.ABORT)})

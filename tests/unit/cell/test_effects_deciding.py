@@ -159,6 +159,14 @@ def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind)
     assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
 
 
+def test_no_fold_is_made_twice() -> None:
+    """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
+    strayed = failed(K.TRACKING_ERROR, context=replace(SEEN, carried=True))
+    assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
+    before = failed(K.TRACKING_ERROR, context=SEEN)
+    assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
+
+
 def test_what_was_not_asked_for_is_no_answer() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)

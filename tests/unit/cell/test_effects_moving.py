@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,9 +11,11 @@ import pytest
 
 import cell.effects.moving as moving
 from cell.context import Context
-from cell.effects.moving import hold_still, make_safe, prepare
+from cell.effects.moving import clear, hold_still, make_safe, prepare, reenter
 from cell.states import Event
+from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import GripperState, Side
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -78,4 +81,68 @@ def test_holding_tells_a_stopped_robot_nothing() -> None:
     workcell = fake_workcell(cell, robot=SimpleNamespace(q_park=np.zeros(14)))
     workcell.ports.stop.trigger("button")
     assert hold_still(workcell, FIRST).event is Event.DONE
+    assert cell.commands == []
+
+
+INTERRUPTED = Context(reentry=Event.LOOK_AGAIN)
+
+
+class Hand:
+    """The left gripper, which lost its calibration or does not move."""
+
+    max_opening = 0.0416
+
+    def __init__(self, cell: FakeCell, calibrated: bool = True, stuck: bool = False) -> None:
+        self._cell, self._calibrated, self._stuck = cell, calibrated, stuck
+        self.calibrations = 0
+
+    def calibrate(self) -> None:
+        self.calibrations += 1
+        self._calibrated = True
+
+    def command(self, opening: float, force: float) -> None:
+        assert self._calibrated, "a gripper that is not calibrated refuses"
+        if not self._stuck:
+            self._cell.openings[Side.LEFT] = opening
+
+    def state(self) -> GripperState:
+        return GripperState(
+            self._cell.now, Side.LEFT, self._cell.openings[Side.LEFT], 0.0, False, self._calibrated
+        )
+
+
+def with_left(cell: FakeCell, hand: Hand) -> Workcell:
+    ports = cell.ports()
+    grippers = {**ports.grippers, Side.LEFT: hand}
+    return fake_workcell(cell, ports=replace(ports, grippers=grippers))
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool) -> None:
+    """Calibrating closes a hand before it opens: only what lost its calibration is calibrated."""
+    cell = FakeCell()
+    cell.openings = dict.fromkeys(Side, 0.0)
+    hand = Hand(cell, calibrated)
+    result = reenter(with_left(cell, hand), INTERRUPTED)
+    assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated else 1)
+    assert min(cell.openings.values()) > 0.04
+    assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the ledger"
+
+
+@pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
+def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: Context) -> None:
+    cell = FakeCell(q=np.full(14, 0.5))
+    cell.openings = dict.fromkeys(Side, 0.002)
+    result = effect(with_left(cell, Hand(cell, stuck=True)), context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper does not open (2 mm)" in result.context.failure.what
+    assert (cell.q == 0.5).all(), "the arms stay where they are"
+
+
+def test_a_stopped_cell_is_not_entered() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell.ports.stop.trigger("button")
+    result = reenter(workcell, INTERRUPTED)
+    assert (result.event, result.context.failure.kind) == (Event.FAILED, K.STOPPED)
     assert cell.commands == []

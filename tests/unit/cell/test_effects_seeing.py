@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -10,11 +11,13 @@ import pytest
 
 from cell.config import load_settings
 from cell.context import Context
-from cell.effects.seeing import look, photograph_table
+from cell.effects.seeing import look, photograph_table, recognise
+from cell.garments import load_garment
 from cell.states import Event
 from cell.workcell import Workcell
-from robots.errors import FailureKind
+from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
+from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -102,6 +105,23 @@ def test_a_black_picture_is_no_reference() -> None:
     assert result.context.reference is None
 
 
+def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a run with `auto`: a towel that was let go half folded looks like a smaller one that lies flat."""
+    expected: list[str | None] = []
+
+    def perceiving(*given: Any) -> Outcome[Any]:
+        expected.append(given[5])
+        return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, "it is smaller"))
+
+    monkeypatch.setattr("cell.effects.seeing.perceive", perceiving)
+    with ThreadPoolExecutor(1) as workers:
+        workcell, _ = seeing(workers=workers)
+        first = look(workcell, Context()).context
+        recognise(workcell, first)
+        recognise(workcell, replace(first, garment=load_garment("medium_towel")))
+    assert expected == [None, "medium_towel"]
+
+
 def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
     workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))
@@ -110,8 +130,6 @@ def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
 
 
 def test_a_table_that_does_not_show_leaves_the_calibration_as_it_is() -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         result = photograph_table(workcell, Context())

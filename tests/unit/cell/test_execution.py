@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.commands import CommandQueue
-from cell.execution import TICK_S, ExecutionLimits, PathControl, hold, stream, wait
+from cell.execution import TICK_S, ExecutionLimits, PathControl, Sent, come_to_rest, hold, stream, wait
 from cell.states import Event
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
@@ -249,3 +249,46 @@ def test_a_driver_that_alters_set_points_is_found_out() -> None:
     failure = stream(ports, ramp(), LIMITS).failure
     assert failure is not None and failure.kind is FailureKind.LIMIT_EXCEEDED
     assert failure.values["clipped"] and np.abs(cell.q).max() < 0.31
+
+
+# arms that are off their set-point
+
+
+def displaced(lasts: float) -> FakeCell:
+    """All joints 3 degrees off where they were sent, for so long."""
+    cell = FakeCell(q=np.full(14, np.deg2rad(3.0)))
+    cell.at(lasts, lambda: cell.q.fill(0.0))
+    return cell
+
+
+def test_arms_that_dropped_are_given_the_time_to_come_back() -> None:
+    """What is planned from the depth of a drop begins with a jump once the arms are back."""
+    cell = displaced(0.4)
+    assert come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14))) is None
+    assert cell.now == pytest.approx(0.4, abs=2 * TICK_S)
+    assert cell.commands == [], "they are sent there already"
+
+
+def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
+    cell = displaced(1e9)
+    assert come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14))) is None
+    assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: c.ports().stop.trigger("button"), FailureKind.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
+    ],
+)
+def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
+    cell = displaced(1e9)
+    cell.at(0.3, lambda: spoil(cell))
+    failure = come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14)))
+    assert failure is not None and failure.kind is kind and cell.now < 0.5
+
+
+def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
+    cell = displaced(1e9)
+    assert come_to_rest(cell.ports(), LIMITS, Sent()) is None and cell.now == 0.0

@@ -38,6 +38,31 @@ def test_equal_pictures_are_kept_once_and_others_apart(tmp_path: Path) -> None:
     assert len(list((tmp_path / "frames").iterdir())) == 3
 
 
+def test_no_byte_of_a_picture_may_change(tmp_path: Path) -> None:
+    """Wherever the file is damaged: the picture that was kept, or an error that says so."""
+    store = FrameStore(tmp_path)
+    frame = picture(1)
+    name = store.put(frame)
+    path = tmp_path / f"{name}.npz"
+    content = path.read_bytes()
+    told = 0
+    for at in range(0, len(content), 61):
+        path.write_bytes(content[:at] + bytes([content[at] ^ 0xFF]) + content[at + 1 :])
+        try:
+            assert FrameStore(tmp_path).get(name).rgb.tobytes() == frame.rgb.tobytes()
+        except StorageError:
+            told += 1
+    assert told > 0.9 * len(range(0, len(content), 61))
+
+
+def test_another_picture_under_its_name_is_told(tmp_path: Path) -> None:
+    store = FrameStore(tmp_path)
+    one, other = store.put(picture(1)), store.put(picture(2))
+    (tmp_path / f"{one}.npz").write_bytes((tmp_path / f"{other}.npz").read_bytes())
+    with pytest.raises(StorageError, match="missing or damaged"):
+        FrameStore(tmp_path).get(one)
+
+
 def test_what_is_missing_or_cut_off_is_told(tmp_path: Path) -> None:
     store = FrameStore(tmp_path)
     name = store.put(picture(1))

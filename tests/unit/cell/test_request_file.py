@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.calibration_file import table_text
 from cell.garments import load_garment, shipped_garment_path
 from cell.request_file import keep_request, load_request
 from cell.requests import FoldRequest
@@ -50,6 +51,18 @@ def test_a_folder_that_does_not_tell_is_refused(tmp_path: Path, damage: str | No
     path = folder / "request.json"
     path.unlink() if damage is None else path.write_text(damage, encoding="utf-8")
     with pytest.raises(ConfigurationError, match="does not say what it was asked for"):
+        load_request(folder, request.logs)
+
+
+def test_a_calibration_that_has_changed_since_is_refused(tmp_path: Path) -> None:
+    """What was seen and planned with the old one is void."""
+    table = tmp_path / "table.yaml"
+    table.write_text(table_text(-0.11), encoding="utf-8")
+    request = fold_request(tmp_path, {"table": {"calibration": str(table)}})
+    folder = kept(tmp_path, request)
+    assert load_request(folder, request.logs).settings.table.height == request.settings.table.height
+    table.write_text(table_text(-0.10), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"the calibration has changed since .*table\.yaml"):
         load_request(folder, request.logs)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ import pytest
 from cell.context import Context
 from cell.journal import Journal, RunJournal
 from cell.request_file import keep_request
-from cell.resuming import RESUMED_FROM, Keeper, interrupted_run, reentry
+from cell.resumable import RESUMED_FROM, check_resumable
+from cell.resuming import Keeper, interrupted_run, reentry
 from cell.states import Event, State
 from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
 from skills.vocabulary import PredictedShape
@@ -47,7 +49,7 @@ PLANNED = Context(predicted=SHAPE)
         ([*SEEN, *FOLD[:4], S.STOPPED], PLANNED, E.LOOK_AGAIN),
         ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # cut off once more
         ([S.IDLE, S.RESUMING], Context(reentry=E.LAY), E.LAY),
-        ([S.IDLE, S.RESUMING, S.LOOKING], Context(), E.LOOK_AGAIN),
+        ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
     ],
 )
 def test_where_a_run_is_entered_again(way: list[State], context: Context, event: Event) -> None:
@@ -64,8 +66,12 @@ class Logs:
 
     def begin(self, driver: str = "sim") -> RunJournal:
         self.clock += 10.0
-        run = self.journal.begin_run(garment="small_towel", seed=4, driver=driver, wall_clock=lambda: self.clock)
-        keep_request(run.directory, self.request)
+        request = replace(self.request, driver=driver)
+        run = self.journal.begin_run(
+            garment="small_towel", seed=4, driver=driver, settings_hash=request.settings.fingerprint(),
+            wall_clock=lambda: self.clock,
+        )  # fmt: skip
+        keep_request(run.directory, request)
         return run
 
     def cut_off(self, context: Context = PLANNED, driver: str = "sim") -> str:
@@ -93,7 +99,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     )
     name = logs.cut_off(replace(failed, index=1, waited_s=7.0))
     found = logs.resume("last", quiet=True)
-    assert (found.run, found.first, found.world) == (name, E.LOOK_AGAIN, b"the world")
+    assert (found.run, found.world) == (name, b"the world")
     assert (found.request.seed, found.request.garment, found.request.quiet) == (4, "small_towel", True)
     assert found.context.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
@@ -122,26 +128,67 @@ def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
 def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
     run = logs.begin()
     run.abandon()
-    with pytest.raises(ConfigurationError, match="before it had done anything") as e:
+    with pytest.raises(ConfigurationError, match="kept nothing to go on with") as e:
         logs.resume(run.id)
     assert "foldcell fold" in e.value.hint
 
 
+def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
+    run = logs.begin()
+    (run.directory / "belief").mkdir()
+    run.abandon()
+    with pytest.raises(ConfigurationError, match="kept nothing to go on with"):
+        logs.resume(run.id)
+
+
+def test_a_calibration_is_begun_again(logs: Logs) -> None:
+    run = logs.journal.begin_run(garment="calibrate-table", seed=1, driver="sim")
+    run.abandon()
+    with pytest.raises(ConfigurationError, match="is a calibration"):
+        logs.resume(run.id)
+
+
+def test_a_folder_that_is_gone_is_told(logs: Logs) -> None:
+    name = logs.cut_off()
+    shutil.rmtree(logs.request.logs / name)
+    with pytest.raises(ConfigurationError, match="is gone"):
+        logs.resume(name)
+
+
+@pytest.mark.parametrize("file", ["cell.yaml", "request.json"])
+def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> None:
+    name = logs.cut_off()
+    path = logs.request.logs / name / file
+    text = path.read_text(encoding="utf-8")
+    changed = text.replace('"seed": 4', '"seed": 5') if file == "request.json" else text.replace("15.0", "55.0")
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="are not those that the ledger knows"):
+        logs.resume(name)
+
+
 def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
-    """Its garment lies where the later run left it."""
+    """Its garment lies where the later run left it, whatever the clock on the wall said then."""
     first = logs.cut_off()
+    logs.clock -= 3600.0
     later = logs.begin()
     later.event(0.0, S.IDLE, RESUMED_FROM, {"run": first})
+    Keeper(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
     later.abandon()
     with pytest.raises(ConfigurationError, match=f"gone on with as {later.id}") as e:
         logs.resume(first)
     assert e.value.hint == f"foldcell resume {later.id}"
+    assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "it can be gone on with in turn"
 
 
 @pytest.mark.parametrize(("driver", "refused"), [("sim", False), ("emulator", True)])
 def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str, refused: bool) -> None:
     """Each simulated run has a world of its own; there is one real table."""
     first = logs.cut_off(driver=driver)
+    logs.clock -= 3600.0  # no order of clocks counts
+    elsewhere = logs.begin("ros")
+    elsewhere.abandon()
+    check_resumable(logs.journal, first)
     other = logs.begin(driver)
     other.abandon()
     if refused:
@@ -164,3 +211,5 @@ def test_what_has_folded_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
     keeper.forget()
     keeper.forget()
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "world.npz").mkdir()  # what cannot be removed stays, and ends nothing
+    keeper.forget()

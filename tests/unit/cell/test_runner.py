@@ -483,7 +483,7 @@ def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) 
     end = rig.run()
     assert end.state is State.STOPPED and end.context.failure is not None
     assert end.context.failure.what == "the stop was triggered: the button"
-    assert "start a new run" in end.context.failure.hint
+    assert "reset the stop before" in end.context.failure.hint
 
 
 def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:

@@ -372,6 +372,19 @@ def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
     assert away.park.q[-1] == pytest.approx(MODEL.q_park)
 
 
+def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
+    """Hands that missed a grasp high over the far edge: the way to safety is not given up for some centimetres."""
+    step, paths = towel_fold("large", 2)
+    q, sides = planned(checker, step, paths).unwrap().grasp.q_above, tuple(Side)
+    while plan_lift(MODEL, checker, q, sides, 0.10).ok:
+        q = plan_lift(MODEL, checker, q, sides, 0.03).unwrap().q[-1]
+    assert plan_lift(MODEL, checker, q, sides, 0.04).ok
+    away = plan_withdrawal(MODEL, checker, q).unwrap()
+    rise = [MODEL.tool_pose(s, away.retreat.q[k])[2, 3] for s in sides for k in (0, -1)]
+    assert 0.03 < rise[1] - rise[0] < 0.08 and 0.03 < rise[3] - rise[2] < 0.08
+    assert away.park.q[-1] == pytest.approx(MODEL.q_park)
+
+
 def test_detours_are_found_when_straight_on_is_blocked(checker):
     """Hands that have to pass each other: left far right near, and the other way round."""
     step, paths = towel_fold("small", 2)
