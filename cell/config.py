@@ -252,9 +252,19 @@ class CellSettings(_Group):
         return Table(self.table_.height, self.table_.x, self.table_.y)
 
     @property
+    def calibrations(self) -> dict[str, Path]:
+        """The calibration files that are named, by group."""
+        named = {
+            "table": self.table_.calibration,
+            "camera": self.camera.calibration,
+            "grasp": self.grasp.calibration,
+        }
+        return {group: path for group, path in named.items() if path is not None}
+
+    @property
     def calibrated(self) -> bool:
         """Whether any calibration file is named."""
-        return any(group.calibration is not None for group in (self.table_, self.camera, self.grasp))
+        return bool(self.calibrations)
 
     def as_yaml(self) -> str:
         """The exact settings as a `cell.yaml`, to be kept with a run."""

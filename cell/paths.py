@@ -72,7 +72,7 @@ def free_bytes(path: Path) -> int:
 
 def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
     """Make the folder and prove that it can be written. Raises StorageError; leaves nothing behind then."""
-    hint = "choose another folder with --logs DIR or FOLDCELL_LOGS"
+    hint = "make room or make it writable, or choose another folder with --logs DIR or FOLDCELL_LOGS"
     made = _missing_folders(logs)
     try:
         logs.mkdir(parents=True, exist_ok=True)

@@ -6,9 +6,9 @@ settings name; a garment given as a file is copied beside them.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
     """Write the request into a run's folder. Raises StorageError."""
     write_whole(folder / SETTINGS, request.settings.as_yaml())
     kept: dict[str, Any] = {"schema": SCHEMA} | {name: getattr(request, name) for name in KEPT}
-    kept["calibrations"] = _calibrations(request.settings)
+    kept["calibrations"] = _hashes(request.settings)
     if request.garment != "auto" and request.garment not in list_garments():
         source = garment_path(request.garment)
         kept["garment"] = f"{GARMENT}/{source.name}"  # its stem is the garment's name
@@ -64,7 +64,7 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
         kept["garment"] = str(folder / kept["garment"])
     path = restored or folder / SETTINGS
     settings = load_settings(path)
-    now = {} if restored else _calibrations(settings)
+    now = {} if restored else _hashes(settings)
     changed = [name for name in now if now[name] != calibrations.get(name)]
     if changed:
         raise ConfigurationError(
@@ -75,7 +75,9 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
     return replace(request, **changes)
 
 
-def _calibrations(settings: CellSettings) -> dict[str, str]:
-    """The calibration files that the settings name, with the hash of each."""
-    named = (settings.table_.calibration, settings.camera.calibration, settings.grasp.calibration)
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in named if path is not None}
+def _hashes(settings: CellSettings) -> dict[str, str]:
+    """The calibration files that the settings name, with the hash of each. Raises StorageError."""
+    try:
+        return {str(path): sha256(path.read_bytes()).hexdigest() for path in settings.calibrations.values()}
+    except OSError as e:
+        raise StorageError(f"the calibration {e.filename} cannot be read: {e.strerror}", "check the path") from e

@@ -91,7 +91,8 @@ def reentry(states: Sequence[State], context: Context) -> Event:
 
 def _entered(context: Context, event: Event) -> Context:
     """The belief of who goes on: nothing is held, waited for or failed any more."""
-    return replace(context, reentry=event, failure=None, waited_s=0.0, held={}, zeros={})
+    carried = event is Event.LOOK_AFTER  # also where the release was begun, and not ended
+    return replace(context, reentry=event, carried=carried, failure=None, waited_s=0.0, held={}, zeros={})
 
 
 def _world(path: Path) -> bytes:

@@ -74,9 +74,11 @@ def ask_approval(cell: Workcell, context: Context) -> Result:
 
 def ask_operator(cell: Workcell, context: Context) -> Result:
     said = _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
-    if said.event is Event.RETRY and _table_unseen(cell, context):
-        return replace(said, event=Event.START_OVER)
-    return said
+    if said.event is not Event.RETRY:
+        return said
+    event = Event.START_OVER if _table_unseen(cell, context) else Event.RETRY
+    # whoever says so has laid the garment as it was before the fold
+    return replace(said, event=event, context=replace(said.context, carried=False))
 
 
 def pause(cell: Workcell, context: Context) -> Result:

@@ -12,7 +12,6 @@ from pathlib import Path
 import yaml
 
 from cell.belief import read_belief, write_belief
-from cell.config import CellSettings
 from cell.context import Context
 from cell.frame_store import FRAMES, FrameStore
 from cell.library import user_library_path
@@ -35,7 +34,7 @@ def keep_surroundings(folder: Path, request: FoldRequest, belief: Context | None
     if belief is not None:
         write_belief(folder / BEGAN_WITH, belief, FrameStore(folder / FRAMES))
     _copy_library(request.logs, folder)
-    for group, source in _calibrations(request.settings).items():
+    for group, source in request.settings.calibrations.items():
         try:
             (folder / CALIBRATIONS).mkdir(exist_ok=True)
             write_whole(folder / CALIBRATIONS / f"{group}.yaml", source.read_bytes())
@@ -70,15 +69,6 @@ def first_belief(folder: Path) -> Context | None:
     if not (folder / BEGAN_WITH).is_dir():
         return None
     return read_belief(folder / BEGAN_WITH, FrameStore(folder / FRAMES))
-
-
-def _calibrations(settings: CellSettings) -> dict[str, Path]:
-    named = {
-        "table": settings.table_.calibration,
-        "camera": settings.camera.calibration,
-        "grasp": settings.grasp.calibration,
-    }
-    return {group: path for group, path in named.items() if path is not None}
 
 
 def _copy_library(source: Path, target: Path) -> None:

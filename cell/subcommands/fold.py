@@ -92,7 +92,7 @@ def _summary(figures: dict) -> None:
     for what in unwritten:
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")
-    if folder and figures.get("state") == "stopped" and has_belief(Path(folder)):
+    if folder and figures.get("state") in {"stopped", "fault"} and has_belief(Path(folder)):
         print(f"  go on      foldcell resume {Path(folder).name}   (it lets go, parks, and looks)")
     if folder:
         if not unwritten:

@@ -167,6 +167,16 @@ def test_no_fold_is_made_twice() -> None:
     assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
 
 
+def test_who_says_retry_has_laid_the_garment_back() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
+    said = ask_operator(workcell, replace(SEEN, carried=True))
+    assert said.event is Event.RETRY
+    blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
+    assert blind.event is Event.LOOK_AGAIN
+
+
 def test_what_was_not_asked_for_is_no_answer() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)

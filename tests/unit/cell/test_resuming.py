@@ -74,9 +74,9 @@ class Logs:
         keep_request(run.directory, request)
         return run
 
-    def cut_off(self, context: Context = PLANNED, driver: str = "sim") -> str:
+    def cut_off(self, context: Context = PLANNED, driver: str = "sim", through: int = 4) -> str:
         run = self.begin(driver)
-        for state in SEEN + FOLD[:4]:
+        for state in SEEN + FOLD[:through]:
             run.event(1.0, state, "done")
         Keeper(run.directory, (lambda: b"the world") if driver == "sim" else None).keep(context)
         run.abandon()
@@ -104,6 +104,13 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     assert found.context.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
     assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
+
+
+@pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
+def test_a_fold_whose_release_was_begun_is_what_is_looked_at(logs: Logs, through: int, carried: bool) -> None:
+    """Also where the camera fails at the first look: what was believed is from before the release."""
+    logs.cut_off(through=through)
+    assert logs.resume("last").context.carried is carried
 
 
 def test_hardware_has_no_world(logs: Logs) -> None:
