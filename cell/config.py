@@ -36,6 +36,7 @@ __all__ = [
     "MotionConfig",
     "OptimiserConfig",
     "PerceptionConfig",
+    "PressingConfig",
     "RecorderConfig",
     "RecoveryConfig",
     "TableConfig",
@@ -180,6 +181,16 @@ class InspectionConfig(_Group):
         )
 
 
+class PressingConfig(_Group):
+    """Pressing the crease of a good fold that stands high (skills.planning.pressing)."""
+
+    tries: int = _count(0, 5, "how often one fold is pressed, at most; 0: never")
+    above_flat: float = _number(
+        0.001, 0.1, "m", "height over the flat stack, as the camera sees it, from which a fold is pressed"
+    )
+    force: float = _number(1.0, 60.0, "N", "rise of a tip's force at which a hand presses no further")
+
+
 class RecoveryConfig(_Group):
     """How long the cell tries by itself; what it tries stands in cell/recovery.py."""
 
@@ -232,6 +243,7 @@ class CellSettings(_Group):
     motion: MotionConfig
     grasp: GraspConfig
     inspection: InspectionConfig
+    pressing: PressingConfig
     recovery: RecoveryConfig
     optimiser: OptimiserConfig
     computing: ComputingConfig

@@ -43,6 +43,8 @@ class StepNote:
     height_m: float
     """How high the camera saw the stack stand, away from the fold lines (NaN: not seen)."""
     grasps: int
+    pressed: tuple[float, ...]
+    """How high it was seen to stand each time before it was pressed [m]."""
     predicted: PredictedShape
     observed: Array
     trajectory: GraspTrajectory
@@ -99,6 +101,8 @@ class Context:
     """What each hand was confirmed to hold."""
     carried: bool = False
     """Whether the garment was carried through the fold at hand, and nobody has judged yet what came of it."""
+    pressed: tuple[float, ...] = ()
+    """How high the camera saw this fold stand each time before it was pressed [m]."""
     inspection: Inspection | None = None
     failure: Failure | None = None
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)

@@ -14,6 +14,7 @@ __all__ = ["ProgressLines"]
 
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r) or end the run (q)",
+    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it so (s) or end the run (q)",
     State.ASKING: "try again (r), skip this fold (s) or end the run (q)",
     State.PAUSED: "resume (c) or end the run (q)",
 }

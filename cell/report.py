@@ -90,6 +90,8 @@ class StepRecord:
     observed: tuple[Array, ...] = ()
     height_m: float | None = None
     """How high the camera saw the stack stand."""
+    pressed_from_m: tuple[float, ...] = ()
+    """How high it stood each time before it was pressed."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,6 +137,7 @@ def _step(
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,),
         height_m=note.height_m if np.isfinite(note.height_m) else None,
+        pressed_from_m=note.pressed,
     )
 
 

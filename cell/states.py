@@ -40,6 +40,8 @@ class State(StrEnum):
     RETREATING = "retreating"
     LOOKING_AFTER = "looking_after"
     INSPECTING = "inspecting"
+    AWAITING_PRESSING = "awaiting_pressing"  # the operator's approval of it
+    PRESSING = "pressing"  # a fold that stands high is dabbed flat, and looked at again
     CLEARING = "clearing"  # after a failure: let go, rise, park
     RECOVERING = "recovering"  # choose what to try next
     ASKING = "asking"  # the operator decides
@@ -60,6 +62,7 @@ class Event(StrEnum):
     FAILED = "failed"
     # choices
     APPROVAL_NEEDED = "approval_needed"
+    PRESS = "press"
     NEXT_FOLD = "next_fold"
     ALL_FOLDED = "all_folded"
     # where an interrupted run is entered again (REENTRIES); all but LAY also after a failure
@@ -106,6 +109,7 @@ class Effect(StrEnum):
     RELEASE = "release"
     RETREAT = "retreat"
     INSPECT = "inspect"
+    PRESS = "press"
     NEXT_STEP = "next_step"
     CLEAR = "clear"
     CHOOSE_RECOVERY = "choose_recovery"
@@ -126,7 +130,9 @@ S, E, Do = State, Event, Effect
 
 TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 
-HANDS_ON_CLOTH = frozenset({S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING})
+HANDS_ON_CLOTH = frozenset(
+    {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
+)
 """States whose failure leaves the hands near the garment: they are cleared before anything else."""
 
 TRANSITIONS: tuple[Row, ...] = (
@@ -157,6 +163,12 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.RELEASING, E.DONE, S.RETREATING, Do.RETREAT),
     Row(S.RETREATING, E.DONE, S.LOOKING_AFTER, Do.LOOK),
     Row(S.LOOKING_AFTER, E.DONE, S.INSPECTING, Do.INSPECT),
+    Row(S.INSPECTING, E.PRESS, S.PRESSING, Do.PRESS),
+    Row(S.INSPECTING, E.APPROVAL_NEEDED, S.AWAITING_PRESSING, Do.ASK_APPROVAL),
+    Row(S.AWAITING_PRESSING, E.APPROVE, S.PRESSING, Do.PRESS),
+    Row(S.AWAITING_PRESSING, E.RETRY, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.AWAITING_PRESSING, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
+    Row(S.PRESSING, E.DONE, S.RETREATING, Do.RETREAT),
     Row(S.INSPECTING, E.NEXT_FOLD, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
     Row(S.INSPECTING, E.ALL_FOLDED, S.FOLDED, Do.NOTHING),
     # what fails while the hands are off the cloth
@@ -178,6 +190,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.FOLDING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.RELEASING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.RETREATING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.PRESSING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     # recoveries
@@ -213,7 +226,9 @@ REENTRIES: Mapping[State, Event] = {
         E.LOOK_AGAIN,
     ),
     # it was carried to where it belongs: look what came of the fold
-    **dict.fromkeys((S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING), E.LOOK_AFTER),
+    **dict.fromkeys(
+        (S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING, S.AWAITING_PRESSING, S.PRESSING), E.LOOK_AFTER
+    ),
 }  # fmt: skip
 """Where a run that was interrupted in a state is entered again, never in the middle of a motion. What is missing
 (clearing, asking, paused, making safe, the ends) says nothing of the garment: the state before it counts."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cell.context import Context, Result
-from cell.effects import deciding, gripping, inspecting, moving, planning, seeing
+from cell.effects import deciding, gripping, inspecting, moving, planning, pressing, seeing
 from cell.runner import EffectFunction
 from cell.states import Effect, Event
 from cell.workcell import Workcell
@@ -36,6 +36,7 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.RELEASE: gripping.release_garment,
     Effect.RETREAT: moving.retreat,
     Effect.INSPECT: inspecting.inspect_fold,
+    Effect.PRESS: pressing.press,
     Effect.NEXT_STEP: inspecting.next_step,
     Effect.CLEAR: moving.clear,
     Effect.CHOOSE_RECOVERY: deciding.choose_next,

@@ -69,7 +69,9 @@ def _table_unseen(cell: Workcell, context: Context) -> bool:
 
 
 def ask_approval(cell: Workcell, context: Context) -> Result:
-    return _await_command(cell, context, {Event.APPROVE, Event.RETRY, Event.ABORT})
+    """Of a fold, or of pressing one that was made, which may also be left as it is."""
+    answers = {Event.APPROVE, Event.RETRY, Event.ABORT}
+    return _await_command(cell, context, answers | {Event.SKIP} if context.carried else answers)
 
 
 def ask_operator(cell: Workcell, context: Context) -> Result:

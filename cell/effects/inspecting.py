@@ -8,6 +8,7 @@ import numpy as np
 
 from cell.context import Context, Result, StepNote
 from cell.effects.adapting import adapt
+from cell.effects.pressing import plan_pressing
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
@@ -37,6 +38,10 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     seen = outcome.unwrap()
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
+    if seen.diagnosis in {None, FailureKind.PILING}:
+        pressing = plan_pressing(cell, context)
+        if pressing is not None:
+            return Result(Event.APPROVAL_NEEDED if cell.approve else Event.PRESS, pressing, figures(seen))
     if seen.diagnosis is None:
         context, learned = adapt(cell, context)
         ended = next_step(cell, context)
@@ -59,6 +64,7 @@ def next_step(cell: Workcell, context: Context) -> Result:
     fresh = replace(
         context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
         inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(), carried=False,
+        pressed=(),
     )  # fmt: skip
     return Result(Event.NEXT_FOLD, fresh)
 
@@ -130,6 +136,7 @@ def _noted(context: Context) -> Context:
         drift_m=seen.drift_m,
         height_m=seen.height_m,
         grasps=context.grasps,
+        pressed=context.pressed,
         predicted=predicted,
         observed=seen.contour,
         trajectory=trajectory,

@@ -111,7 +111,8 @@ def approach(cell: Workcell, context: Context) -> Result:
         command_grip(cell, side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, context.motion.approach, control=control)
-    return _ended(replace(waited(context, control), grasps=context.grasps + 1, carried=False), failure)
+    begun = replace(context, grasps=context.grasps + 1, carried=False, inspection=None, pressed=())
+    return _ended(waited(begun, control), failure)
 
 
 def retreat(cell: Workcell, context: Context) -> Result:

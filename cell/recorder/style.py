@@ -48,6 +48,8 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
     State.RETREATING: _MOVING,
     State.LOOKING_AFTER: _SEEING,
     State.INSPECTING: _SEEING,
+    State.AWAITING_PRESSING: _WAITING,
+    State.PRESSING: _HOLDING,
     State.CLEARING: _TROUBLE,
     State.RECOVERING: _TROUBLE,
     State.ASKING: _WAITING,

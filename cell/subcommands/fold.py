@@ -74,6 +74,7 @@ def _summary(figures: dict) -> None:
         seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
         if isinstance(step.get("observed_height_m"), float):
             seen += f", {_mm(step['observed_height_m'])} high"
+            seen += "".join(f", pressed from {_mm(height)}" for height in step.get("pressed_from_m") or ())
         made = step.get("source") or ("not finished" if step.get("attempts") else "not reached")
         print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
     score = figures.get("score")

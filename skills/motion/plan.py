@@ -37,6 +37,7 @@ __all__ = [
     "plan_fold_motion",
     "plan_free_motion",
     "plan_grasp",
+    "plan_hands_motion",
     "plan_lift",
     "plan_withdrawal",
 ]
@@ -169,17 +170,38 @@ def plan_fold_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Plan one fold from q_now (14,), at rest.
+    """Plan one fold from q_now (14,), at rest: paths are keyed as step.grasps, the rest as `plan_hands_motion`."""
+    if set(paths) != set(step.grasps):
+        raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
+    return plan_hands_motion(
+        model, checker, table, paths, q_now, limits=limits, tool_speed=tool_speed,
+        approach_height=approach_height, lift=lift, avoid=avoid, rng=rng,
+    )  # fmt: skip
 
-    paths: the tools' paths, keyed as step.grasps; where the hands lean and which arm takes which path is
+
+def plan_hands_motion(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    q_now: Array,
+    *,
+    limits: JointLimits | None = None,
+    tool_speed: float | None = None,
+    approach_height: float = APPROACH_HEIGHT,
+    lift: float = 0.0,
+    avoid: Sequence[Mapping[Side, Posture]] = (),
+    rng: np.random.Generator | None = None,
+) -> Outcome[FoldMotion]:
+    """Hands to above the start of their paths, down, along them, up and home, from q_now (14,), at rest.
+
+    paths: by the side whose they are; where the hands lean and which arm takes which path is
     chosen here. limits: the model's planning set when None. tool_speed: cap while the cloth is held [m/s].
     lift: by which the hands rise straight before the fold begins [m]; the paths then begin that much higher.
     avoid: `postures` of motions that were tried, for another choice. rng: for the search of detours.
     Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),
     LIMIT_EXCEEDED, STALE_STATE (q_now is no state).
     """
-    if set(paths) != set(step.grasps):
-        raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
     senseless = senseless_state(model, q_now) or senseless_paths(paths)
     if senseless:
         return Outcome(failure=senseless)

@@ -143,6 +143,7 @@ class _Figures:
             contour=frozen(self._observed),
             mask=frozen(mask),
             predicted=frozen(where),
+            height=frozen(self._height),
             view=view,
             rgb=frozen(rgb),
         )

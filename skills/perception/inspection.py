@@ -64,7 +64,8 @@ class Inspection:
     cloth, None when nobody can see it. left_behind: for each grasp, and for the
     middle between two ('middle'), how much further than predicted the garment still reaches beyond the fold
     line there [m]; NaN where it is not seen. diagnosis: None when the fold is as predicted.
-    contour: (n, 2) observed boundary. mask, predicted: (H, W) in `view`'s pixels.
+    contour: (n, 2) observed boundary. mask, predicted, and height above the table [m], NaN where nothing was seen:
+    (H, W) in `view`'s pixels.
     """
 
     iou: float
@@ -85,6 +86,7 @@ class Inspection:
     contour: Array
     mask: NDArray[np.bool_]
     predicted: NDArray[np.bool_]
+    height: NDArray[np.float32]
     view: TableView
     rgb: NDArray[np.uint8]
 

@@ -35,7 +35,7 @@ def run_record() -> RunRecord:
                 2 - step.index, ("grasp_again",) * (1 - step.index), 4.0, True,
                 tuple(Picture(p, f.caption) for p, f in zip(pictures, frames, strict=True)),
                 "drawn from the recorded garment (simulation)",
-                tuple(target), tuple(c + 0.002 for c in target), tuple(seen), 0.0188,
+                tuple(target), tuple(c + 0.002 for c in target), tuple(seen), 0.0188, (0.0273,) * (1 - step.index),
             )
         )  # fmt: skip
     after = show.picture(vertices, towel, 2, 30.0)

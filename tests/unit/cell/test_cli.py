@@ -30,6 +30,7 @@ FIGURES: dict[str, Any] = {
             "source": "library",
             "observed_iou": 0.93,
             "observed_height_m": 0.0182,
+            "pressed_from_m": [0.0265],
             "attempts": 1,
             "recoveries": [],
         }
@@ -214,7 +215,7 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
     text = capsys.readouterr().out
     for part in ("folded", "simulated", "0.950", "61.5 s", "/logs/run/report.html", "/logs/run/run.rrd"):
         assert part in text
-    assert "half: library, observed overlap 0.930, 18 mm high" in text
+    assert "half: library, observed overlap 0.930, 18 mm high, pressed from 26 mm" in text
 
 
 def test_the_summary_tells_which_figure_missed_its_limit(

@@ -186,6 +186,15 @@ def test_what_was_not_asked_for_is_no_answer() -> None:
     assert cell.now >= 0.6
 
 
+def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
+    for carried, said in ((True, Event.SKIP), (False, Event.APPROVE)):
+        cell = FakeCell()
+        workcell = fake_workcell(cell)
+        cell.at(0.3, lambda workcell=workcell: workcell.commands.put(Event.SKIP))
+        cell.at(0.6, lambda workcell=workcell: workcell.commands.put(Event.APPROVE))
+        assert ask_approval(workcell, Context(carried=carried)).event is said
+
+
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
 def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
     cell = FakeCell()

@@ -70,6 +70,15 @@ def test_the_straight_run() -> None:
     assert machine.ended
 
 
+def test_a_fold_is_pressed_only_right_after_it_was_inspected() -> None:
+    """The way of the hands was planned then; whoever approves, says so of that plan."""
+    ways_in = {(r.state, r.event) for r in ROWS if r.target is State.PRESSING and r.event is not Event.RESUME}
+    assert ways_in == {(State.INSPECTING, Event.PRESS), (State.AWAITING_PRESSING, Event.APPROVE)}
+    assert {r.state for r in ROWS if r.target is State.AWAITING_PRESSING} == {State.INSPECTING}
+    done = next(r for r in ROWS if (r.state, r.event) == (State.PRESSING, Event.DONE))
+    assert done.target is State.RETREATING, "and it is looked at again"
+
+
 def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
     with pytest.raises(InternalError, match="'approve' in state 'idle'") as e:
         Executive().handle(Event.APPROVE)

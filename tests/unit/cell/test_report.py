@@ -97,7 +97,7 @@ def test_page_says_what_matters(run):
     for needed in (
         "Folded: Medium towel", "simulated", "81.4 s", "33.2 s", "optimised", "library", "12.3 mm", "18.8 mm",
         "Missed grasp", "Grasp again", "41.2 mm", "≤ 30.0 mm", "failed", "1.8°", "0.941", "cell.table.height_m",
-        "0.2, 1.0",
+        "0.2, 1.0", "27.3 mm",
     ):  # fmt: skip
         assert needed in text, needed
     assert "Score not passed" in text

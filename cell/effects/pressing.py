@@ -1,0 +1,153 @@
+"""Pressing: where a fold that was made stands high it is dabbed flat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context, Result
+from cell.effects.moving import move, pausable, waited
+from cell.execution import Tick, stream
+from cell.hands import command_grip, each_hand, read_hand, telemetry
+from cell.states import Event
+from cell.workcell import Workcell
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, Side
+from skills.grasping.reading import GripCommand
+from skills.grasping.zero import Zero, start_zero, zero
+from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
+from skills.perception.inspect import Inspection
+from skills.perception.standing import standing_places
+from skills.planning.folding import layers_at, outline_of, target_vertices
+from skills.planning.pressing import OPENING, Dab, choose_dabs, press_paths, within_reach
+from skills.vocabulary import Outcome, PredictedShape, ToolPath
+
+__all__ = ["plan_pressing", "press"]
+
+GAIN = 0.0015
+"""A fold that pressing did not lower by this much is not pressed again [m]."""
+
+
+def plan_pressing(cell: Workcell, context: Context) -> Context | None:
+    """The context with the hands' paths and the arms' motion that press the fold just inspected.
+
+    None where it lies flat enough, was pressed in vain, or no hand can press it: the fold stands as it is.
+    """
+    seen = context.inspection
+    if seen is None or not _wanted(cell, context, seen):
+        return None
+    dabs, highest = _dabs(cell, context, seen)
+    if not dabs:
+        return None
+    planned = _planned(cell, context, dabs, highest)
+    if planned.failure:
+        cell.tell(f"fold {context.step.name} is not pressed: {planned.failure.what}")
+        return None
+    paths, motion = planned.unwrap()
+    cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
+    return replace(context, planned_paths=paths, motion=motion)
+
+
+def press(cell: Workcell, context: Context) -> Result:
+    """To above the fold, and dab it as it was planned, as far as the tips' force allows."""
+    motion, seen = context.motion, context.inspection
+    assert motion is not None and seen is not None
+    context = replace(context, pressed=(*context.pressed, seen.height_m))
+    for side in motion.postures:
+        command_grip(cell, side, GripCommand(OPENING, cell.grasp.release_force))
+    control = pausable(cell)
+    failure = move(cell, motion.approach, control=control)
+    if failure:
+        return Result(Event.FAILED, waited(context, control).with_failure(failure))
+    zeros = each_hand(cell, {s: start_zero(cell.grasp) for s in motion.postures}, lambda side, r, s: zero(r, s))
+    if zeros.failure:
+        return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
+    arc = plan_arc(
+        cell.robot, cell.guard, cell.table, context.planned_paths, motion.postures, cell.ports.arms.state().q,
+        limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
+    )  # fmt: skip
+    if arc.failure:
+        return Result(Event.FAILED, waited(context, control).with_failure(arc.failure))
+    guard = _Guard(cell, zeros.unwrap())
+    moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
+    context = replace(waited(context, control), zeros=zeros.unwrap())
+    record = {"hands": len(motion.postures), "strongest_n": guard.strongest, "stopped_by_force": guard.tripped}
+    if moved.failure and not guard.tripped:
+        return Result(Event.FAILED, context.with_failure(moved.failure), record)
+    return Result(Event.DONE, context, record)
+
+
+def _wanted(cell: Workcell, context: Context, seen: Inspection) -> bool:
+    """Whether the fold is seen to stand higher than its layers, and pressing may help."""
+    settings, before = cell.settings.pressing, context.pressed
+    if len(before) >= settings.tries or (before and before[-1] - seen.height_m < GAIN):
+        return False
+    flat = float(_flat(context).vertices[:, 2].max()) + 0.5 * context.known_garment.material.thickness
+    return bool(seen.height_m > flat + settings.above_flat)
+
+
+def _flat(context: Context) -> PredictedShape:
+    """The garment after this step if its creases had no height."""
+    mesh = context.mesh
+    assert mesh is not None
+    target = target_vertices(mesh, context.step.lines, context.known_garment.material)
+    return PredictedShape(target, mesh.triangles, mesh.rest)
+
+
+def _dabs(cell: Workcell, context: Context, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
+    """Where to press, and how high the garment stands [m]."""
+    mesh, step, thickness = context.mesh, context.step, context.known_garment.material.thickness
+    assert mesh is not None
+    places, above = standing_places(
+        seen.height, seen.mask, seen.view, _flat(context), thickness, cell.settings.pressing.above_flat
+    )
+    outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1
+
+    def flat(place: Array) -> float:
+        return layers_at(step.lines, outline, place, sheets) * thickness
+
+    highest = float(np.nanquantile(seen.height[seen.mask], 0.995))
+    return choose_dabs(places, above, step.line, flat), highest
+
+
+def _planned(
+    cell: Workcell, context: Context, dabs: tuple[Dab, ...], highest: float
+) -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
+    """The hands' paths over the dabs and the arms' motion, for all of them or those that one hand reaches."""
+    q_now = cell.ports.arms.state().q
+
+    def plan() -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
+        why: Failure | None = None
+        for some in (dabs, within_reach(dabs)):
+            paths = press_paths(context.step.line, some, highest)
+            motion = plan_hands_motion(
+                cell.robot, cell.checker, cell.table, paths, q_now, limits=cell.limits,
+                tool_speed=cell.settings.motion.tool_speed, approach_height=0.0, rng=cell.rng(),
+            )  # fmt: skip
+            if motion.ok:
+                return Outcome((paths, motion.unwrap()))
+            why = why or motion.failure
+        return Outcome(failure=why)
+
+    return cell.compute(cell.settings.computing.motion_s, plan)
+
+
+class _Guard:
+    """Ends a pressing motion when a tip is pushed harder than the settings allow; keeps the strongest push [N]."""
+
+    def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
+        self._cell, self._zeros = cell, zeros
+        self.strongest = 0.0
+        self.tripped = False
+
+    def look(self, tick: Tick) -> Failure | None:
+        for side, zeroed in self._zeros.items():
+            tip = read_hand(self._cell, side, tick.state).tactile.tip
+            self.strongest = max(self.strongest, float(np.max(tip - zeroed.tip)))
+        self.tripped = self.strongest > self._cell.settings.pressing.force
+        if not self.tripped:
+            return None
+        what = f"a fingertip was pushed with {self.strongest:.0f} N"
+        return Failure(FailureKind.IN_COLLISION, what, "see what lies under the garment")

@@ -1,0 +1,129 @@
+"""Where and how hands press on a fold so that it lies flatter: dabs where it stands high.
+
+A fabric's own friction keeps a bend that was made (its hysteresis, 2HB of KES-F): a crease that was pressed flat
+opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skills.vocabulary import Array, FoldLine, Side, ToolPath, frozen
+
+__all__ = ["OPENING", "Dab", "choose_dabs", "press_paths", "within_reach"]
+
+OPENING = 0.030
+"""Of the pads while they press [m]: two fingers side by side press more cloth than one."""
+FINGERS = 0.019
+"""From the middle of the hand, so open, to the middle of a finger [m]."""
+PRESSED = 0.020
+"""A finger presses what lies so near [m]."""
+MOST = 12
+"""Dabs of one go."""
+CLEARANCE = 0.020
+"""Over the highest cloth between two dabs [m],"""
+START = 0.080
+"""and where the first begins: on the way there a hand sweeps nothing."""
+ONE_HAND = 0.36
+"""Further along the table's width, dabs are shared by both hands [m]."""
+ASIDE, DOWN, UP = 0.16, 0.10, 0.14
+"""Mean speeds of a hand's legs [m/s]: at most nearly twice that."""
+LEAST_S, DWELL_S, TICK_S = 0.3, 0.35, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Dab:
+    """point: (2,) under the middle of the hand, table frame. bottom: where its tips end, with the layers flat [m].
+    high: by how much the cloth stood above that [m]."""
+
+    point: Array
+    bottom: float
+    high: float
+
+
+def choose_dabs(
+    places: Array, above: Array, line: FoldLine, flat: Callable[[Array], float], most: int = MOST
+) -> tuple[Dab, ...]:
+    """Dabs that press what stands high, the highest first; fingers lie across `line`, of the fold.
+
+    places: (k, 2) that stand above the flat stack by above (k,) [m]; flat: its height at a place (2,) [m].
+    """
+    left = np.array(above, dtype=float)
+    dabs: list[Dab] = []
+    while len(dabs) < most and len(left) and left.max() > 0.0:
+        first = places[int(left.argmax())]
+        sides = [first + sign * 2.0 * FINGERS * line.normal for sign in (-1.0, 1.0)]
+        second = max(sides, key=lambda p: _highest(p, places, left))
+        bottom = max(flat(first), flat(second))
+        dabs.append(Dab(frozen(0.5 * (first + second)), bottom, float(left.max())))
+        for finger in (first, second):
+            left[np.linalg.norm(places - finger, axis=1) < PRESSED] = 0.0
+    return tuple(dabs)
+
+
+def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
+    """Those that one hand can make along with the highest."""
+    highest = max(dabs, key=lambda dab: dab.high)
+    return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
+
+
+def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[Side, ToolPath]:
+    """The tools' paths over the dabs, of one hand or of two on one clock, from far above the first one.
+
+    highest: how high the garment stands [m]. Two hands go the same way, each over its half. Empty without dabs.
+    """
+    if not dabs:
+        return {}
+    across = sorted(dabs, key=lambda dab: float(dab.point[1]))
+    span = float(across[-1].point[1] - across[0].point[1])
+    if span > ONE_HAND:
+        half = (len(across) + 1) // 2
+        shares = {Side.RIGHT: across[:half], Side.LEFT: across[-half:]}
+    else:
+        along = line.direction if line.direction[1] >= 0.0 else -line.direction
+        middle = float(np.mean([dab.point[1] for dab in dabs]))
+        shares = {
+            Side.LEFT if middle > 0.0 else Side.RIGHT: sorted(dabs, key=lambda dab: float(dab.point @ along))
+        }
+    heading = float(np.arctan2(line.direction[1], line.direction[0]))
+    stops = {side: _stops(share, highest) for side, share in shares.items()}
+    clock = [max(times) for times in zip(*(_times(points) for points in stops.values()), strict=True)]
+    return {side: _path(points, clock, heading) for side, points in stops.items()}
+
+
+def _highest(point: Array, places: Array, above: Array) -> float:
+    near = np.linalg.norm(places - point, axis=1) < PRESSED
+    return float(above[near].max()) if near.any() else -1.0
+
+
+def _stops(dabs: Sequence[Dab], highest: float) -> Array:
+    """(1 + 4 k, 3) where a hand comes to rest: far above, then over, on, on and over each of k dabs."""
+    points = [[*dabs[0].point, highest + START]]
+    for dab in dabs:
+        over, on = [*dab.point, highest + CLEARANCE], [*dab.point, dab.bottom]
+        points += [over, on, on, over]
+    return np.array(points)
+
+
+def _times(stops: Array) -> list[float]:
+    """Of the legs between stops [s]."""
+    length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
+    speeds = [ASIDE, DOWN, DOWN, UP]
+    return [
+        DWELL_S if k % 4 == 2 else max(LEAST_S, float(way) / speeds[k % 4]) for k, way in enumerate(length)
+    ]
+
+
+def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
+    """From stop to stop in the times of `clock` [s], each leg with least jerk (Flash & Hogan 1985)."""
+    t, position = [0.0], [stops[0]]
+    for here, there, duration in zip(stops[:-1], stops[1:], clock, strict=True):
+        q = np.linspace(0.0, 1.0, max(2, round(duration / TICK_S)) + 1)[1:]
+        way = q**3 * (10.0 - 15.0 * q + 6.0 * q * q)
+        position += list(here + way[:, None] * (there - here))
+        t += list(t[-1] + q * duration)
+    zero = np.zeros(len(t))
+    return ToolPath(frozen(np.array(t)), frozen(np.array(position)), zero + heading, zero, zero)

@@ -1,0 +1,144 @@
+"""When a fold is pressed, and how a pressing hand is guarded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cell.effects.pressing as pressing
+from cell.config import load_settings
+from cell.context import Context
+from cell.effects.inspecting import inspect_fold
+from cell.effects.pressing import plan_pressing, press
+from cell.states import Event
+from robots.errors import Failure, FailureKind
+from robots.ports import ArmTrajectory, Side, TactileReading
+from skills.planning.pressing import Dab
+from skills.vocabulary import Outcome, PredictedShape
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+FLAT = 0.012
+STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
+
+
+@pytest.fixture(autouse=True)
+def easy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stack of 12 mm whose high places are known, and a planner that always finds a way."""
+    monkeypatch.setattr(pressing, "_flat", lambda context: STACK)
+    monkeypatch.setattr(pressing, "_dabs", lambda *_: ((Dab(np.zeros(2), FLAT, 0.02),), 0.04))
+    monkeypatch.setattr(pressing, "_planned", lambda *_: Outcome(({}, SimpleNamespace(tool_paths={}))))
+
+
+def seen(height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = ()) -> Context:
+    inspection = SimpleNamespace(height_m=height, diagnosis=diagnosis)
+    garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
+    step = SimpleNamespace(name="half")
+    return Context(inspection=inspection, garment=garment, steps=(step,), pressed=pressed)  # type: ignore[arg-type]
+
+
+def cell_with(tmp_path: Path, **keys: float) -> Any:
+    path = tmp_path / "cell.yaml"
+    path.write_text("pressing:\n" + "".join(f"  {k}: {v}\n" for k, v in keys.items()))
+    return fake_workcell(FakeCell(), settings=load_settings(path))
+
+
+def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
+    workcell = cell_with(tmp_path, tries=1, above_flat=0.007)
+    assert plan_pressing(workcell, seen(0.030)) is not None
+    assert plan_pressing(workcell, seen(FLAT + 0.0069)) is None
+    assert plan_pressing(workcell, seen(float("nan"))) is None, "what nobody saw does not stand high"
+
+
+def test_it_is_pressed_no_more_often_than_the_settings_say(tmp_path: Path) -> None:
+    assert plan_pressing(cell_with(tmp_path, tries=0), seen(0.030)) is None
+    assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.025, pressed=(0.030,))) is None
+    assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
+
+
+def test_what_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
+    assert plan_pressing(cell_with(tmp_path, tries=3), seen(0.0295, pressed=(0.030,))) is None
+
+
+def test_where_no_hand_can_press_the_fold_stands_and_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no = Outcome[Any](failure=Failure(FailureKind.UNREACHABLE, "the left arm does not reach it"))
+    monkeypatch.setattr(pressing, "_planned", lambda *_: no)
+    told: list[str] = []
+    workcell = replace(cell_with(tmp_path, tries=1), tell=told.append)
+    assert plan_pressing(workcell, seen(0.030)) is None
+    assert "does not reach" in told[0]
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "event"),
+    [(None, Event.PRESS), (FailureKind.PILING, Event.PRESS), (FailureKind.DROPPED_CORNER, Event.FAILED)],
+)
+def test_good_folds_and_heaps_are_pressed_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind | None, event: Event
+) -> None:
+    import cell.effects.inspecting as inspecting
+
+    context = replace(
+        seen(0.030, diagnosis), predicted=PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
+    )
+    inspection = SimpleNamespace(**vars(context.inspection), contour=np.zeros((3, 2)))
+    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(inspection))
+    monkeypatch.setattr(inspecting, "figures", lambda seen: {})
+    monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
+    workcell = cell_with(tmp_path, tries=1)
+    assert inspect_fold(workcell, context).event is event
+    if event is Event.PRESS:
+        assert inspect_fold(replace(workcell, approve=True), context).event is Event.APPROVAL_NEEDED
+
+
+def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hand stops where it is and goes home; what came of it is looked at."""
+    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    context = standing_by(workcell, monkeypatch)
+    for push, tripped in ((7.0, False), (30.0, True)):
+        feel(workcell, push)
+        result = press(workcell, context)
+        assert result.event is Event.DONE
+        assert result.record["stopped_by_force"] is tripped
+        assert result.context.pressed == (0.030,), "how high it stood is kept"
+        assert result.record["strongest_n"] == pytest.approx(push)
+
+
+def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    workcell = cell_with(tmp_path, tries=1)
+    context = standing_by(workcell, monkeypatch)
+    lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
+    monkeypatch.setattr(pressing, "stream", lambda *_: Outcome(failure=lag))
+    result = press(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure is lag
+
+
+def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> Context:
+    """A pressing that was planned, and arms that go where they are told while their watch looks on."""
+    still = ArmTrajectory(np.array([0.0, 1.0]), np.zeros((2, 14)), np.zeros((2, 14)), np.zeros((2, 14)))
+    motion = SimpleNamespace(postures={Side.LEFT: None}, approach=still, tool_paths={})
+    monkeypatch.setattr(pressing, "move", lambda *_, **__: None)
+    monkeypatch.setattr(pressing, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=still)))
+
+    def stream(ports: Any, trajectory: Any, limits: Any, watch: Any, control: Any) -> Outcome[Any]:
+        tick = SimpleNamespace(t=0.0, state=ports.arms.state())
+        failure = watch(tick)
+        return Outcome(failure=failure) if failure else Outcome(tick.state)
+
+    monkeypatch.setattr(pressing, "stream", stream)
+    monkeypatch.setattr(pressing, "telemetry", lambda cell, watch: watch)
+    monkeypatch.setattr(pressing, "each_hand", lambda *_: Outcome({Side.LEFT: SimpleNamespace(tip=np.zeros(2))}))
+    return replace(seen(0.030), motion=motion)  # type: ignore[arg-type]
+
+
+def feel(workcell: Any, force: float) -> None:
+    """The left hand's second tip is pushed so hard [N]."""
+    reading = TactileReading(0.0, Side.LEFT, np.zeros((2, 4, 3)), np.array([0.0, force]))
+    pressing.read_hand = lambda cell, side, state: SimpleNamespace(tactile=reading)  # type: ignore[assignment]

@@ -1,0 +1,66 @@
+"""What stands above a flat stack is found where it stands, though the camera looks at it aslant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skills.perception.standing import standing_places
+from skills.perception.view import TableView
+from skills.vocabulary import PredictedShape
+from tests.scenes import TABLE, camera
+
+VIEW = TableView(camera(), TABLE)
+THICKNESS = 0.002
+LOW, HIGH = np.array([0.45, -0.25]), np.array([0.75, 0.25])
+
+
+def sheet(layers: int) -> PredictedShape:
+    """A rectangle of so many layers lying flat, vertices in the middle of the upper one."""
+    corners = np.array([[LOW[0], LOW[1]], [HIGH[0], LOW[1]], [HIGH[0], HIGH[1]], [LOW[0], HIGH[1]]])
+    z = np.full((4, 1), (layers - 0.5) * THICKNESS)
+    return PredictedShape(np.hstack([corners, z]), np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
+
+
+def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Height and mask of the stack with round bumps (x, y, height), 15 mm in radius, as the camera sees them."""
+    height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    on_table = VIEW.to_table(np.dstack([columns, rows]))
+    mask[:] = np.all((on_table > LOW) & (on_table < HIGH), axis=2)
+    height[mask] = layers * THICKNESS
+    for x, y, up in bumps:
+        top = np.array([x, y, layers * THICKNESS + up])
+        near = np.linalg.norm(on_table - VIEW.shadow_on_table(top), axis=2) < 0.015
+        height[near] = top[2]
+    return height, mask
+
+
+def found(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    return standing_places(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
+
+
+@pytest.mark.parametrize("place", [(0.52, -0.18), (0.60, 0.0), (0.68, 0.17)])
+@pytest.mark.parametrize("up", [0.012, 0.03])
+def test_a_bump_is_found_where_it_stands(place: tuple[float, float], up: float) -> None:
+    places, above = found(*seen([(*place, up)]))
+    top = above > 0.8 * up
+    assert np.allclose(places[top].mean(axis=0), place, atol=0.003)
+    assert above.max() == pytest.approx(up, abs=0.001)
+    assert np.linalg.norm(places - place, axis=1).max() < 0.035, "its foot is blurred"
+
+
+def test_what_was_not_seen_or_lies_at_the_rim_does_not_count() -> None:
+    height, mask = seen([(0.60, 0.0, 0.03)])
+    first = np.nonzero(mask)[0].min()
+    height[first : first + 2] = 0.2  # the table's depth and the cloth's are mixed there
+    height[height == height[mask].max()] = np.nan
+    height[height > 0.02] = np.nan
+    assert len(found(height, mask)[0]) == 0
+
+
+def test_only_what_is_more_than_the_plans_layers_counts() -> None:
+    for layers in (2, 4, 6):
+        assert len(found(*seen([], layers), layers)[0]) == 0
+    places, above = found(*seen([], 6), 2)
+    assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
