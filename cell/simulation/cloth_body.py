@@ -68,11 +68,14 @@ class ClothBody(Protocol):
 
 @dataclass(frozen=True)
 class BodyTraits:
-    """What of this piece no lab measures. anisotropy: stiffness along material y over that along x (our own
-    body's only: MuJoCo's shell is isotropic); damping: of stretch and bending, over the usual."""
+    """What of this piece the garment file does not say. anisotropy: stiffness along material y over that along x
+    (our own body's only: MuJoCo's shell is isotropic); damping: of stretch and bending, over the usual;
+    residual_curvature [1/m]: friction in bending as `SolverSettings` has it (our own body's only: MuJoCo's shell
+    has none)."""
 
     anisotropy: float = 1.0
     damping: float = 1.0
+    residual_curvature: float = 0.0
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
@@ -115,6 +118,7 @@ def build_body(
             anisotropy=traits.anisotropy,
             stretch_damping=base.stretch_damping * traits.damping,
             bend_damping=base.bend_damping * traits.damping,
+            residual_curvature=traits.residual_curvature,
         ),
         pads=pads,
     )

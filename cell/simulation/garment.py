@@ -57,9 +57,12 @@ class WorldGarment:
         self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
         share = 0.0 if ideal else 1.0
         damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
-        self._traits = BodyTraits(1.0 - share * noise.anisotropy * rng.uniform(), damping)
+        anisotropy = 1.0 - share * noise.anisotropy * rng.uniform()
         self.pad_friction = PadGeometry().friction
         self._wrinkles = int(rng.integers(2**31))
+        # drawn on its own: everything else of a seed is as it was before there was such friction
+        spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
+        self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread))
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
 
@@ -68,6 +71,11 @@ class WorldGarment:
     @property
     def laid(self) -> bool:
         return self._body is not None
+
+    @property
+    def residual_curvature(self) -> float:
+        """[1/m] that its friction in bending can keep."""
+        return self._traits.residual_curvature
 
     @property
     def flat(self) -> Array:

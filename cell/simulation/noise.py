@@ -118,6 +118,8 @@ class GarmentNoise:
     thickness: float
     anisotropy: float
     damping: float
+    residual_curvature: float
+    residual_curvature_spread: float
     wrinkle_height: float
     wrinkle_length: float
     relief: float

@@ -11,6 +11,10 @@ operator.
 
 One sweep of XPBD a substep adds a compliance of its own, about h^2 sum(w |grad C|^2) a constraint: it is
 taken off the asked one beforehand, so that a material means the same on any mesh and with any substep.
+
+Friction in bending: beside each hinge a spring with a slider in series (a Jenkins element; Miguel et al. 2013 put
+Dahl's model there). The moment of a width is B kappa + friction, |friction| <= HB, as the KES-F bending test
+draws it: cloth that is let go keeps a curvature of up to HB / B.
 """
 
 from __future__ import annotations
@@ -26,12 +30,16 @@ from skills.cloth.mesh import ClothMesh
 from skills.vocabulary import Material
 
 __all__ = [
-    "GRAVITY", "Elastic", "build_elastic", "flexural_rigidity", "membrane_modulus", "shuffled", "stretch_excess",
+    "GRAVITY", "Elastic", "Rub", "build_elastic", "build_rub", "flexural_rigidity", "membrane_modulus", "shuffled",
+    "stretch_excess", "turns",
 ]  # fmt: skip
 
 GRAVITY = 9.81  # [m/s2]
 SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measured by the hang test
 FLOOR = 0.02  # of the same unit: no constraint is made stiffer
+STIFFER = 4.0  # the spring of a slider over its hinge: sliding begins at this part of the residual curvature
+TOGETHER = 4.0  # a vertex has twelve hinges: so much they must give way where all rub at once (stable from 3 on)
+FLAT = 1e-12  # [m2] a triangle of less has no normal
 
 
 class Elastic(NamedTuple):
@@ -50,6 +58,18 @@ class Elastic(NamedTuple):
     hinge: NDArray[np.int32]
     weight: Array
     bend: Array
+
+
+class Rub(NamedTuple):
+    """Friction of the hinges, in their order; of no length where there is none. near: (h, 4) the other hinges of
+    both triangles, h where there is none. soft: (h,) compliance of the slider's spring against the turn over h^2
+    [1/(kg m2)]; share: (h,) spring moment h^2 squared to spring curvature^2 times area; most: (h,) of that, in the
+    hinge and about it, what the slider bears."""
+
+    near: NDArray[np.int32]
+    soft: Array
+    share: Array
+    most: Array
 
 
 def membrane_modulus(material: Material, reference_drop: float) -> float:
@@ -85,6 +105,44 @@ def build_elastic(
         edge[e].copy(), mesh.on_rim[e], length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(),
         weight[h], bend[h]
     )  # fmt: skip
+
+
+def build_rub(mesh: ClothMesh, material: Material, step: float, residual_curvature: float) -> Rub:
+    """Friction for a substep of `step` [s] that leaves `residual_curvature` [1/m], HB / B, in cloth that is let
+    go."""
+    if residual_curvature == 0.0:
+        return Rub(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+    order = shuffled(len(mesh.hinges))
+    a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
+    length2 = ((mesh.rest[b] - mesh.rest[a]) ** 2).sum(axis=1)
+    _, areas = _stencils(mesh)
+    areas = areas[order]
+    soft = areas / (STIFFER * flexural_rigidity(material) * length2 * step**2)
+    return Rub(
+        _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
+        (residual_curvature / STIFFER) ** 2 * areas,
+    )  # fmt: skip
+
+
+def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """(h, 4) the other hinges of both triangles (h, 2) of each hinge, h where there is none."""
+    h = len(triangles)
+    order = np.argsort(triangles.ravel(), kind="stable")
+    owner = triangles.ravel()[order]
+    place = np.arange(2 * h) - np.searchsorted(owner, owner)
+    of = np.full((count, 3), h, np.int32)
+    of[owner, place] = order // 2
+    six = of[triangles].reshape(h, 6)
+    return six[six != np.arange(h)[:, None]].reshape(h, 4)
+
+
+def turns(hinge: NDArray[np.int32], x: Array) -> Array:
+    """(h,) 2 sin(angle / 2) of each hinge, with its sign, as `measure_turns` has it."""
+    a, b, c, d = (x[hinge[:, k]] for k in range(4))
+    p, q = np.cross(b - a, c - a), np.cross(d - a, b - a)
+    cos = (p * q).sum(axis=1) / np.maximum(np.linalg.norm(p, axis=1) * np.linalg.norm(q, axis=1), FLAT**2)
+    size = np.sqrt(np.maximum(2.0 - 2.0 * cos, 0.0))
+    return np.copysign(size, (p * (d - a)).sum(axis=1))
 
 
 def stretch_excess(
@@ -170,6 +228,98 @@ def solve_hinges(n, hinge, weight, inverse, w, x):
             x[b, m] += r * fb
             x[c, m] += r * fc
             x[d, m] += r * fd
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
+    """How the hinges which[:n] are turned, by 2 sin(angle / 2), and how that changes as their vertices move.
+
+    Times its length that is |K x| of the elastic hinge, but has a sign, and its gradient neither pushes the cloth
+    along nor turns it: axis[k] at c and d, a normal of the triangle over its height, and against that at a and b
+    as foot[k], where the heights stand on a-b, shares it out. inverse: 1 / (TOGETHER sum w grad^2 + soft)."""
+    for k in range(n):
+        e = which[k]
+        a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
+        ex, ey, ez = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        ux, uy, uz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+        vx, vy, vz = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
+        # normals, twice as long as their triangles are large: flat cloth has them on one side
+        px, py, pz = ey * uz - ez * uy, ez * ux - ex * uz, ex * uy - ey * ux
+        qx, qy, qz = vy * ez - vz * ey, vz * ex - vx * ez, vx * ey - vy * ex
+        e2 = ex * ex + ey * ey + ez * ez
+        p2, q2 = px * px + py * py + pz * pz, qx * qx + qy * qy + qz * qz
+        if p2 < FLAT * FLAT or q2 < FLAT * FLAT:  # no normal: the hinge does not rub for a moment
+            axis[k, 0] = axis[k, 1] = axis[k, 2] = axis[k, 3] = axis[k, 4] = axis[k, 5] = 0.0
+            foot[k, 0] = foot[k, 1] = inverse[k] = 0.0
+            continue
+        cos = (px * qx + py * qy + pz * qz) / np.sqrt(p2 * q2)
+        turn[k] = np.copysign(np.sqrt(max(0.0, 2.0 - 2.0 * cos)), px * vx + py * vy + pz * vz)
+        size = np.sqrt(max(0.0, 0.5 + 0.5 * cos) * e2)  # of the edge, times cos(angle / 2)
+        fp, fq = size / p2, size / q2
+        s, t = (ux * ex + uy * ey + uz * ez) / e2, (vx * ex + vy * ey + vz * ez) / e2
+        foot[k, 0], foot[k, 1] = s, t
+        axis[k, 0], axis[k, 1], axis[k, 2] = fp * px, fp * py, fp * pz
+        axis[k, 3], axis[k, 4], axis[k, 5] = fq * qx, fq * qy, fq * qz
+        moved = w[c] * fp * fp * p2 + w[d] * fq * fq * q2
+        for m in range(3):
+            at_b = s * axis[k, m] + t * axis[k, 3 + m]
+            at_a = axis[k, m] + axis[k, 3 + m] - at_b
+            moved += w[a] * at_a * at_a + w[b] * at_b * at_b
+        inverse[k] = 1.0 / (TOGETHER * moved + soft[e])
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def rub_hinges(n, which, hinge, near, share, most, axis, foot, turn, inverse, slip, held, x, moment):
+    """Friction in bending of the hinges which[:n], as they were measured last: moment (n,) times h^2.
+
+    A spring pulls each turn to slip[e], and gives way when springs bear more than `most`. That is summed up over
+    both triangles of the hinge (held: (h + 1,) of late): if each hinge had a limit of its own, cloth would rub
+    more by two thirds in one direction of the mesh than in another. Moments are only found here, all from the
+    same x, and act in `solve_rubbed_hinges`."""
+    for k in range(n):
+        e = which[k]
+        a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
+        px, py, pz, qx, qy, qz = axis[k, 0], axis[k, 1], axis[k, 2], axis[k, 3], axis[k, 4], axis[k, 5]
+        s, t = foot[k, 0], foot[k, 1]
+        bx, by, bz = s * px + t * qx, s * py + t * qy, s * pz + t * qz
+        # at the last measure this is turn[k]: c and d less the feet of their heights are square to the normals
+        now = (
+            turn[k]
+            + px * (x[c, 0] - x[a, 0]) + py * (x[c, 1] - x[a, 1]) + pz * (x[c, 2] - x[a, 2])
+            + qx * (x[d, 0] - x[a, 0]) + qy * (x[d, 1] - x[a, 1]) + qz * (x[d, 2] - x[a, 2])
+            - bx * (x[b, 0] - x[a, 0]) - by * (x[b, 1] - x[a, 1]) - bz * (x[b, 2] - x[a, 2])
+        )  # fmt: skip
+        g = (slip[e] - now) * inverse[k]
+        held[e] = share[e] * g * g
+        around = held[e] + 0.5 * (held[near[e, 0]] + held[near[e, 1]] + held[near[e, 2]] + held[near[e, 3]])
+        if around > most[e]:
+            keep = np.sqrt(most[e] / around)
+            g *= keep
+            slip[e] = now + keep * (slip[e] - now)
+        moment[k] = g
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def solve_rubbed_hinges(n, hinge, weight, inverse, axis, foot, moment, grow, w, x):
+    """`solve_hinges` with friction: `grow` times its moment bends each hinge just before that is solved. So they
+    balance where cloth stays bent; in sweeps of their own each would find what the other has moved, and the
+    damping of bending take it for speed."""
+    for k in range(n):
+        a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
+        ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
+        g, s, t = grow * moment[k], foot[k, 0], foot[k, 1]
+        for m in range(3):
+            p, q = g * axis[k, m], g * axis[k, 3 + m]
+            at_b = s * p + t * q
+            xa = x[a, m] - w[a] * (p + q - at_b)
+            xb = x[b, m] - w[b] * at_b
+            xc = x[c, m] + w[c] * p
+            xd = x[d, m] + w[d] * q
+            r = -inverse[k] * (ka * xa + kb * xb + kc * xc + kd * xd)
+            x[a, m] = xa + r * w[a] * ka
+            x[b, m] = xb + r * w[b] * kb
+            x[c, m] = xc + r * w[c] * kc
+            x[d, m] = xd + r * w[d] * kd
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -33,7 +33,15 @@ from skills.cloth.contact import (
     remember_impulses,
     solve_contacts,
 )
-from skills.cloth.elastic import damp_edges, solve_edges, solve_hinges
+from skills.cloth.elastic import (
+    Rub,
+    damp_edges,
+    measure_turns,
+    rub_hinges,
+    solve_edges,
+    solve_hinges,
+    solve_rubbed_hinges,
+)
 from skills.cloth.patches import Patches, fit_patches, search_pairs
 from skills.cloth.untangle import GLANCE, untangle
 
@@ -73,6 +81,7 @@ class Body(NamedTuple):
     hinge: NDArray[np.int32]
     weight: Array
     bend: Array
+    rub: Rub
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
     ring_start: NDArray[np.int32]
@@ -108,7 +117,9 @@ class State(NamedTuple):
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
     born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
-    with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1."""
+    with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1. Of hinges that rub, else of no
+    length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
+    numbers of the packed hinges; axis, foot, turn, rub_inverse, moment: of these, as last measured."""
 
     x: Array
     xp: Array
@@ -142,6 +153,14 @@ class State(NamedTuple):
     hinge: NDArray[np.int32]
     weight: Array
     inverse: Array
+    which: NDArray[np.int32]
+    slip: Array
+    held: Array
+    axis: Array
+    foot: Array
+    turn: Array
+    rub_inverse: Array
+    moment: Array
 
 
 class Pairs(NamedTuple):
@@ -364,6 +383,8 @@ def _pack(body, rules, state):
                 state.hinge[n, m] = body.hinge[e, m]
                 state.weight[n, m] = body.weight[e, m]
             state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
+            if len(body.rub.most):
+                state.which[n] = e
             n += 1
     count[HINGES] = n
     count[WATCHED] = _watch(
@@ -626,7 +647,7 @@ def _integrate(rules, state):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _bend(rules, state):
+def _bend(body, rules, state, s):
     """Hinges with damping: solved for u = x + gamma (x - xp), in which the damped constraint is the plain one."""
     g = rules.bend_gamma
     n = state.counts[HINGES]
@@ -635,12 +656,62 @@ def _bend(rules, state):
         i = state.awake_list[c]
         for m in range(3):
             u[i, m] = x[i, m] + g * (x[i, m] - xp[i, m])
-    solve_hinges(n, state.hinge, state.weight, state.inverse, state.wa, u)
+    if len(body.rub.most):
+        _rub(body, state, s)
+        solve_rubbed_hinges(
+            n,
+            state.hinge,
+            state.weight,
+            state.inverse,
+            state.axis,
+            state.foot,
+            state.moment,
+            1.0 + g,
+            state.wa,
+            u,
+        )
+    else:
+        solve_hinges(n, state.hinge, state.weight, state.inverse, state.wa, u)
     scale = 1.0 / (1.0 + g)
     for c in range(state.counts[AWAKE]):
         i = state.awake_list[c]
         for m in range(3):
             x[i, m] = (u[i, m] + g * xp[i, m]) * scale
+
+
+@njit(nogil=True)
+def _rub(body, state, s):
+    """Friction of the hinges, whose turns and axes are measured now and then."""
+    n, rub = state.counts[HINGES], body.rub
+    if s % PHASE == 0:
+        measure_turns(
+            n,
+            state.which,
+            state.hinge,
+            rub.soft,
+            body.w,
+            state.x,
+            state.axis,
+            state.foot,
+            state.turn,
+            state.rub_inverse,
+        )
+    rub_hinges(
+        n,
+        state.which,
+        state.hinge,
+        rub.near,
+        rub.share,
+        rub.most,
+        state.axis,
+        state.foot,
+        state.turn,
+        state.rub_inverse,
+        state.slip,
+        state.held,
+        state.x,
+        state.moment,
+    )
 
 
 @njit(nogil=True)
@@ -1003,7 +1074,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     _integrate(rules, state)
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
-                    _bend(rules, state)
+                    _bend(body, rules, state, s)
                     a = (s + 1.0) / rules.substeps
                     _hold(rules, state, holds, a, tool_p, tool_r, f)
                     apply_impulses(

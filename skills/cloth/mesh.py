@@ -91,6 +91,15 @@ class ClothMesh:
     def hinges(self) -> Index:
         """(h, 4): the shared edge's two vertices, then the two that face it. Both triangles are of one
         layer: a welded border is sharp at rest and does not bend like a sheet."""
+        return frozen(self._hinge_rows[:, :4].copy())
+
+    @cached_property
+    def hinge_triangles(self) -> Index:
+        """(h, 2) the triangles of each hinge."""
+        return frozen(self._hinge_rows[:, 4:].copy())
+
+    @cached_property
+    def _hinge_rows(self) -> Index:
         faces: dict[tuple[int, int, int], list[int]] = {}
         for t, (tri, layer) in enumerate(zip(self.triangles.tolist(), self.triangle_layer.tolist(), strict=True)):
             for k in range(3):
@@ -100,8 +109,8 @@ class ClothMesh:
         for (i, j, _), tris in faces.items():
             if len(tris) == 2:
                 p, q = (next(v for v in self.triangles[t].tolist() if v not in (i, j)) for t in tris)
-                rows.append((i, j, p, q))
-        return frozen(np.array(sorted(rows), dtype=np.int32).reshape(-1, 4))
+                rows.append((i, j, p, q, *tris))
+        return np.array(sorted(rows), dtype=np.int32).reshape(-1, 6)
 
     @cached_property
     def on_rim(self) -> NDArray[np.bool_]:

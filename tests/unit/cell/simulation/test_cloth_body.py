@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from cell.cli import main
+from cell.garments import load_garment
 from cell.simulation import SimulationSettings, check_settings
 from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
+from cell.simulation.garment import WorldGarment
+from cell.simulation.noise import load_noise
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.cloth.elastic import GRAVITY
@@ -158,3 +161,27 @@ def test_our_own_body_has_the_pieces_traits() -> None:
         cloth.advance(60)
         drops.append(np.ptp(cloth.positions[:, 2]))
     assert drops[1] < drops[0]
+
+
+def test_friction_in_bending_is_a_trait_of_our_own_body() -> None:
+    """A wave that was pressed into the cloth stays in part, where cloth without friction forgets it."""
+    wave = MESH.lay_flat(0.003)
+    wave[:, 2] += 0.006 * (1.0 + np.cos(2.0 * np.pi * wave[:, 0] / 0.06))
+    heights = []
+    for residual in (0.0, 44.0):
+        cloth = build_body("xpbd", MESH, MATERIAL, wave, BodyTraits(residual_curvature=residual), PadGeometry())
+        cloth.advance(60)
+        heights.append(np.ptp(cloth.positions[:, 2]))
+    assert heights[0] < 1e-4 and heights[1] > 3e-4
+
+
+def test_each_garment_has_its_own_friction_in_bending_and_an_ideal_one_none() -> None:
+    noise = load_noise().garment
+    drawn = []
+    for seed in range(6):
+        garment = WorldGarment(load_garment("small_towel"), noise, np.random.default_rng(seed), ideal=False)
+        drawn.append(garment.residual_curvature)
+    assert len(set(drawn)) == 6
+    assert max(abs(r / noise.residual_curvature - 1.0) for r in drawn) <= noise.residual_curvature_spread
+    ideal = WorldGarment(load_garment("small_towel"), noise, np.random.default_rng(0), ideal=True)
+    assert ideal.residual_curvature == 0.0
