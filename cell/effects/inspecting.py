@@ -8,14 +8,13 @@ import numpy as np
 
 from cell.context import Context, Result, StepNote
 from cell.effects.adapting import adapt
+from cell.effects.drifting import moved_along
 from cell.effects.pressing import plan_pressing
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
-from robots.ports import Array, frozen
 from skills.perception.diagnosis import beyond_limits
 from skills.perception.inspect import Inspection, inspect
-from skills.planning.plan import rigid_motion, translate_plan
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
 __all__ = ["find_folded", "inspect_fold", "next_step"]
@@ -41,7 +40,7 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     if seen.diagnosis in {None, FailureKind.PILING}:
         pressing = plan_pressing(cell, context)
         if pressing is not None:
-            return Result(Event.APPROVAL_NEEDED if cell.approve else Event.PRESS, pressing, figures(seen))
+            return replace(pressing, record={**figures(seen), **pressing.record})
     if seen.diagnosis is None:
         context, learned = adapt(cell, context)
         ended = next_step(cell, context)
@@ -57,7 +56,7 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
 
 def next_step(cell: Workcell, context: Context) -> Result:
     """The fold at hand counts as done: what was predicted is now believed, moved to where it is seen."""
-    context = _moved(_noted(context), context.inspection)
+    context = moved_along(_noted(context), context.inspection)
     index = context.index + 1
     if index >= len(context.steps):
         return Result(Event.ALL_FOLDED, context)
@@ -86,7 +85,7 @@ def find_folded(cell: Workcell, context: Context) -> Result:
             figures(seen),
         )
         return Result(Event.FAILED, context.with_failure(failure), figures(seen))
-    return Result(Event.DONE, _moved(context, seen), figures(seen))
+    return Result(Event.DONE, moved_along(context, seen), figures(seen))
 
 
 def figures(seen: Inspection) -> dict[str, float]:
@@ -144,21 +143,3 @@ def _noted(context: Context) -> Context:
         pictures=context.pictures,
     )
     return replace(context, done=(*context.done, note), vertices=predicted.vertices)
-
-
-def _moved(context: Context, seen: Inspection | None) -> Context:
-    """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
-    if seen is None or context.mesh is None or context.vertices is None:
-        return context
-    centre = context.vertices[:, :2].mean(axis=0)
-
-    def move(xy: Array) -> Array:
-        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, centre))
-
-    vertices = frozen(np.column_stack([move(context.vertices[:, :2]), context.vertices[:, 2]]))
-    return replace(
-        context,
-        steps=translate_plan(context.steps, seen.drift, seen.drift_rad, centre),
-        mesh=replace(context.mesh, rest=move(context.mesh.rest)),
-        vertices=vertices,
-    )

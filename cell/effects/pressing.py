@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
+from cell.effects.drifting import moved_along
 from cell.effects.moving import move, pausable, waited
 from cell.execution import Tick, stream
 from cell.hands import command_grip, each_hand, read_hand, telemetry
@@ -22,7 +23,7 @@ from skills.perception.inspect import Inspection
 from skills.perception.standing import standing_places
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, choose_dabs, press_paths, within_reach
-from skills.vocabulary import Outcome, PredictedShape, ToolPath
+from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
 
@@ -30,24 +31,26 @@ GAIN = 0.0015
 """A fold that pressing did not lower by this much is not pressed again [m]."""
 
 
-def plan_pressing(cell: Workcell, context: Context) -> Context | None:
-    """The context with the hands' paths and the arms' motion that press the fold just inspected.
+def plan_pressing(cell: Workcell, context: Context) -> Result | None:
+    """The hands' paths and the arms' motion that press the fold just inspected.
 
     None where it lies flat enough, was pressed in vain, or no hand can press it: the fold stands as it is.
     """
     seen = context.inspection
     if seen is None or not _wanted(cell, context, seen):
         return None
-    dabs, highest = _dabs(cell, context, seen)
+    lying = _lying(context, seen)
+    dabs, highest = _dabs(cell, lying, seen)
     if not dabs:
         return None
-    planned = _planned(cell, context, dabs, highest)
+    planned = _planned(cell, lying.step.line, dabs, highest)
     if planned.failure:
         cell.tell(f"fold {context.step.name} is not pressed: {planned.failure.what}")
         return None
     paths, motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    return replace(context, planned_paths=paths, motion=motion)
+    event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
+    return Result(event, replace(context, planned_paths=paths, motion=motion), {"dabs": len(dabs)})
 
 
 def press(cell: Workcell, context: Context) -> Result:
@@ -88,6 +91,12 @@ def _wanted(cell: Workcell, context: Context, seen: Inspection) -> bool:
     return bool(seen.height_m > flat + settings.above_flat)
 
 
+def _lying(context: Context, seen: Inspection) -> Context:
+    """The plan and the mesh where the garment is seen to lie after this step."""
+    predicted = context.predicted
+    return moved_along(replace(context, vertices=predicted.vertices) if predicted else context, seen)
+
+
 def _flat(context: Context) -> PredictedShape:
     """The garment after this step if its creases had no height."""
     mesh = context.mesh
@@ -96,24 +105,26 @@ def _flat(context: Context) -> PredictedShape:
     return PredictedShape(target, mesh.triangles, mesh.rest)
 
 
-def _dabs(cell: Workcell, context: Context, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
+def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
     """Where to press, and how high the garment stands [m]."""
-    mesh, step, thickness = context.mesh, context.step, context.known_garment.material.thickness
+    mesh, step, thickness = lying.mesh, lying.step, lying.known_garment.material.thickness
     assert mesh is not None
     places, above = standing_places(
-        seen.height, seen.mask, seen.view, _flat(context), thickness, cell.settings.pressing.above_flat
+        seen.height, seen.mask, seen.view, _flat(lying), thickness, cell.settings.pressing.above_flat
     )
+    if len(places) == 0:
+        return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1
 
     def flat(place: Array) -> float:
         return layers_at(step.lines, outline, place, sheets) * thickness
 
-    highest = float(np.nanquantile(seen.height[seen.mask], 0.995))
+    highest = float(np.nanquantile(seen.height[seen.mask], 0.995))  # single pixels lie
     return choose_dabs(places, above, step.line, flat), highest
 
 
 def _planned(
-    cell: Workcell, context: Context, dabs: tuple[Dab, ...], highest: float
+    cell: Workcell, line: FoldLine, dabs: tuple[Dab, ...], highest: float
 ) -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
     """The hands' paths over the dabs and the arms' motion, for all of them or those that one hand reaches."""
     q_now = cell.ports.arms.state().q
@@ -121,7 +132,7 @@ def _planned(
     def plan() -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
         why: Failure | None = None
         for some in (dabs, within_reach(dabs)):
-            paths = press_paths(context.step.line, some, highest)
+            paths = press_paths(line, some, highest)
             motion = plan_hands_motion(
                 cell.robot, cell.checker, cell.table, paths, q_now, limits=cell.limits,
                 tool_speed=cell.settings.motion.tool_speed, approach_height=0.0, rng=cell.rng(),

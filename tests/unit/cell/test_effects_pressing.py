@@ -31,6 +31,7 @@ STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
 def easy(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stack of 12 mm whose high places are known, and a planner that always finds a way."""
     monkeypatch.setattr(pressing, "_flat", lambda context: STACK)
+    monkeypatch.setattr(pressing, "_lying", lambda context, seen: context)
     monkeypatch.setattr(pressing, "_dabs", lambda *_: ((Dab(np.zeros(2), FLAT, 0.02),), 0.04))
     monkeypatch.setattr(pressing, "_planned", lambda *_: Outcome(({}, SimpleNamespace(tool_paths={}))))
 
@@ -38,7 +39,7 @@ def easy(monkeypatch: pytest.MonkeyPatch) -> None:
 def seen(height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = ()) -> Context:
     inspection = SimpleNamespace(height_m=height, diagnosis=diagnosis)
     garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
-    step = SimpleNamespace(name="half")
+    step = SimpleNamespace(name="half", line=None)
     return Context(inspection=inspection, garment=garment, steps=(step,), pressed=pressed)  # type: ignore[arg-type]
 
 

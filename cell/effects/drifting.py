@@ -1,0 +1,32 @@
+"""A garment that lies elsewhere than it was predicted takes the belief of it along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.context import Context
+from robots.ports import Array, frozen
+from skills.perception.inspect import Inspection
+from skills.planning.plan import rigid_motion, translate_plan
+
+__all__ = ["moved_along"]
+
+
+def moved_along(context: Context, seen: Inspection | None) -> Context:
+    """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
+    if seen is None or context.mesh is None or context.vertices is None:
+        return context
+    centre = context.vertices[:, :2].mean(axis=0)
+
+    def move(xy: Array) -> Array:
+        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, centre))
+
+    vertices = frozen(np.column_stack([move(context.vertices[:, :2]), context.vertices[:, 2]]))
+    return replace(
+        context,
+        steps=translate_plan(context.steps, seen.drift, seen.drift_rad, centre),
+        mesh=replace(context.mesh, rest=move(context.mesh.rest)),
+        vertices=vertices,
+    )
