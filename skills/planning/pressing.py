@@ -29,9 +29,9 @@ START = 0.080
 """and where the first begins: on the way there a hand sweeps nothing."""
 ONE_HAND = 0.36
 """Further along the table's width, dabs are shared by both hands [m]."""
-ASIDE, DOWN, UP = 0.16, 0.10, 0.14
-"""Mean speeds of a hand's legs [m/s]: at most nearly twice that."""
-LEAST_S, DWELL_S, TICK_S = 0.3, 0.35, 0.02
+SPEED, JERK = 0.3, 24.0
+"""Of the hands, at most [m/s], [m/s3]: with harder legs the arms slow the whole way down, not only them."""
+DWELL_S, TICK_S = 0.25, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +109,9 @@ def _stops(dabs: Sequence[Dab], highest: float) -> Array:
 
 
 def _times(stops: Array) -> list[float]:
-    """Of the legs between stops [s]."""
+    """Of the legs between stops [s]. With least jerk, the peaks are 15/8 of the mean speed and 60 l / t^3."""
     length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
-    speeds = [ASIDE, DOWN, DOWN, UP]
-    return [
-        DWELL_S if k % 4 == 2 else max(LEAST_S, float(way) / speeds[k % 4]) for k, way in enumerate(length)
-    ]
+    return [max(DWELL_S, 1.875 * float(way) / SPEED, (60.0 * float(way) / JERK) ** (1 / 3)) for way in length]
 
 
 def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
