@@ -13,11 +13,15 @@ from cell.effects.pressing import plan_pressing
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
+from skills.perception.alignment import edge_deviation
 from skills.perception.diagnosis import beyond_limits
 from skills.perception.inspect import Inspection, inspect
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
-__all__ = ["find_folded", "inspect_fold", "next_step"]
+__all__ = ["find_folded", "inspect_fold", "next_step", "unmoved"]
+
+MOVED = 0.010
+"""An edge that pressing displaced by so much is looked at as any other [m]: corners that turn up move more."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: a rougher table or a slower fold",
@@ -35,6 +39,8 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
+    if context.pressed and context.inspection is not None and unmoved(context.inspection, seen):
+        seen = replace(seen, diagnosis=None)
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
     if seen.diagnosis in {None, FailureKind.PILING}:
@@ -52,6 +58,13 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
         figures(seen),
     )
     return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+
+
+def unmoved(before: Inspection, seen: Inspection) -> bool:
+    """Whether a fold that was good before it was pressed lies where it lay: it is good still. A crease that is
+    pressed reaches further out than the unpressed one that was predicted, and may then be beyond a limit."""
+    deviation, _ = edge_deviation(before.contour, seen.contour)
+    return before.diagnosis is None and abs(deviation) < MOVED
 
 
 def next_step(cell: Workcell, context: Context) -> Result:

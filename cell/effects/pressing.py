@@ -20,7 +20,7 @@ from skills.grasping.reading import GripCommand
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
 from skills.perception.inspect import Inspection
-from skills.perception.standing import standing_places
+from skills.perception.standing import standing_places, well_inside
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, choose_dabs, press_paths, within_reach
 from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
@@ -120,7 +120,7 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
         return layers_at(step.lines, outline, place, sheets) * thickness
 
     highest = float(np.nanquantile(seen.height[seen.mask], 0.995))  # single pixels lie
-    return choose_dabs(places, above, step.line, flat), highest
+    return choose_dabs(places, above, step.line, flat, well_inside(seen.mask, seen.view)), highest
 
 
 def _planned(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +13,12 @@ from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
 
-__all__ = ["standing_places"]
+__all__ = ["standing_places", "well_inside"]
 
 RIM = 9
 """Pixels: cloth is looked at half as far inside its silhouette, where depth mixes with the table's."""
+EDGE = 0.016
+"""Clear of the silhouette is what is so far inside it [m]: a finger's width."""
 LIKE = 5
 """Pixels over which a place is as high as its mean."""
 
@@ -42,3 +46,14 @@ def standing_places(
     on_table = view.to_table(np.stack([columns, rows], axis=1)) - c[:2]
     places = c[:2] + on_table * (1.0 - mean[rows, columns][:, None] / c[2])
     return places, above[rows, columns].astype(float)
+
+
+def well_inside(mask: NDArray[np.bool_], view: TableView) -> Callable[[Array], bool]:
+    """Whether a place (2,) [m] is on the garment, whose mask (H, W) is seen in `view`, and clear of its edges."""
+    depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5) * view.pixel
+
+    def inside(place: Array) -> bool:
+        column, row = np.round(view.to_pixel(place)).astype(int)
+        return bool(0 <= row < depth.shape[0] and 0 <= column < depth.shape[1] and depth[row, column] > EDGE)
+
+    return inside

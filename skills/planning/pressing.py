@@ -1,7 +1,9 @@
-"""Where and how hands press on a fold so that it lies flatter: dabs where it stands high.
+"""Where and how hands press on a fold so that it lies flatter: dabs on its crease and what else stands high.
 
 A fabric's own friction keeps a bend that was made (its hysteresis, 2HB of KES-F): a crease that was pressed flat
-opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along.
+opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along. Along the crease one
+finger comes down beside the line and the other one further in, at once: a bulge that is pressed in its middle only
+moves inwards.
 """
 
 from __future__ import annotations
@@ -23,6 +25,14 @@ PRESSED = 0.020
 """A finger presses what lies so near [m]."""
 MOST = 12
 """Dabs of one go."""
+BAND = 0.060
+"""What stands high so near to the line belongs to the crease [m]."""
+INSET = 0.010
+"""From the line to the outer finger [m]."""
+PITCH = 0.045
+"""Between dabs along the crease [m]."""
+GRID = 0.005
+"""Of what is looked at along it [m]."""
 CLEARANCE = 0.020
 """Over the highest cloth between two dabs [m],"""
 START = 0.080
@@ -45,22 +55,44 @@ class Dab:
 
 
 def choose_dabs(
-    places: Array, above: Array, line: FoldLine, flat: Callable[[Array], float], most: int = MOST
+    places: Array,
+    above: Array,
+    line: FoldLine,
+    flat: Callable[[Array], float],
+    inside: Callable[[Array], bool],
+    most: int = MOST,
 ) -> tuple[Dab, ...]:
-    """Dabs that press what stands high, the highest first; fingers lie across `line`, of the fold.
+    """Dabs along the crease of `line` where it stands high, then on what else does, the highest first.
 
-    places: (k, 2) that stand above the flat stack by above (k,) [m]; flat: its height at a place (2,) [m].
+    places: (k, 2) that stand above the flat stack by above (k,) [m]. flat: its height at a place (2,) [m].
+    inside: whether a place (2,) lies on the garment, clear of its edges: a finger beside a hem turns it up.
+    Fingers lie across the line.
     """
     left = np.array(above, dtype=float)
     dabs: list[Dab] = []
+
+    def press(outer: Array, inner: Array) -> None:
+        near = np.minimum(*(np.linalg.norm(places - finger, axis=1) for finger in (outer, inner))) < PRESSED
+        high = float(left[near].max()) if near.any() else 0.0
+        dabs.append(Dab(frozen(0.5 * (outer + inner)), max(flat(outer), flat(inner)), high))
+        left[near] = 0.0
+
+    beside = -line.signed_distance(places)
+    crease = (beside >= 0.0) & (beside < BAND)
+    along = np.unique(np.round((places[crease] - line.point) @ line.direction / GRID)) * GRID
+    feet = [line.point + s * line.direction - INSET * line.normal for s in along]
+    along = along[[inside(foot - 2.0 * FINGERS * line.normal) for foot in feet]] if len(along) else along
+    for s in _spread(along)[:most]:
+        outer = line.point + s * line.direction - INSET * line.normal
+        press(outer, outer - 2.0 * FINGERS * line.normal)
+    left[crease] = 0.0
     while len(dabs) < most and len(left) and left.max() > 0.0:
         first = places[int(left.argmax())]
         sides = [first + sign * 2.0 * FINGERS * line.normal for sign in (-1.0, 1.0)]
-        second = max(sides, key=lambda p: _highest(p, places, left))
-        bottom = max(flat(first), flat(second))
-        dabs.append(Dab(frozen(0.5 * (first + second)), bottom, float(left.max())))
-        for finger in (first, second):
-            left[np.linalg.norm(places - finger, axis=1) < PRESSED] = 0.0
+        sides = [place for place in sides if inside(place)]
+        if inside(first) and sides:
+            press(first, max(sides, key=lambda place: _highest(place, places, left)))
+        left[np.linalg.norm(places - first, axis=1) < PRESSED] = 0.0
     return tuple(dabs)
 
 
@@ -92,6 +124,15 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
     stops = {side: _stops(share, highest) for side, share in shares.items()}
     clock = [max(times) for times in zip(*(_times(points) for points in stops.values()), strict=True)]
     return {side: _path(points, clock, heading) for side, points in stops.items()}
+
+
+def _spread(along: Array) -> Array:
+    """Evenly spread along a crease, not further apart than PITCH, where any of along (k,) [m] is near."""
+    if len(along) == 0:
+        return along
+    low, high = float(along.min()), float(along.max())
+    spots = np.linspace(low, high, int(np.ceil((high - low) / PITCH)) + 1)
+    return spots[np.abs(spots[:, None] - along).min(axis=1) < 0.5 * PITCH]
 
 
 def _highest(point: Array, places: Array, above: Array) -> float:

@@ -13,7 +13,7 @@ import pytest
 import cell.effects.pressing as pressing
 from cell.config import load_settings
 from cell.context import Context
-from cell.effects.inspecting import inspect_fold
+from cell.effects.inspecting import inspect_fold, unmoved
 from cell.effects.pressing import plan_pressing, press
 from cell.states import Event
 from robots.errors import Failure, FailureKind
@@ -97,6 +97,30 @@ def test_good_folds_and_heaps_are_pressed_and_nothing_else(
     assert inspect_fold(workcell, context).event is event
     if event is Event.PRESS:
         assert inspect_fold(replace(workcell, approve=True), context).event is Event.APPROVAL_NEEDED
+
+
+SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
+
+
+@pytest.mark.parametrize(
+    ("was", "corner", "good"),
+    [(None, 0.004, True), (None, 0.06, False), (FailureKind.PILING, 0.004, False)],
+)
+def test_a_good_fold_that_pressing_did_not_move_stays_good(
+    was: FailureKind | None, corner: float, good: bool
+) -> None:
+    """Its crease reaches a little further out than the unpressed one of the prediction."""
+    flatter = SQUARE - [[0.0, 0.003], [0.0, 0.003], [0.0, 0.0], [0.0, 0.0]]
+    flatter[2] -= corner  # a corner that turned up, or only shook
+    before = SimpleNamespace(diagnosis=was, contour=outline(SQUARE))
+    after = SimpleNamespace(diagnosis=FailureKind.OFF_TARGET, contour=outline(flatter))
+    assert unmoved(before, after) is good  # type: ignore[arg-type]
+
+
+def outline(corners: np.ndarray) -> np.ndarray:
+    """A closed polygon's boundary, every 2 mm."""
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    return np.vstack([a + np.linspace(0.0, 1.0, 150, endpoint=False)[:, None] * (b - a) for a, b in sides])
 
 
 def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

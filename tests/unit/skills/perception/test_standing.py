@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.perception.standing import standing_places
+from skills.perception.standing import standing_places, well_inside
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera
@@ -64,3 +64,10 @@ def test_only_what_is_more_than_the_plans_layers_counts() -> None:
         assert len(found(*seen([], layers), layers)[0]) == 0
     places, above = found(*seen([], 6), 2)
     assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
+
+
+def test_what_is_clear_of_the_edges_is_a_fingers_width_inside_them() -> None:
+    inside = well_inside(seen([])[1], VIEW)
+    for place, clear in (((0.60, 0.0), True), ((0.60, 0.25 - 0.019), True), ((0.60, 0.25 - 0.012), False),
+                         ((0.44, 0.0), False), ((9.0, 9.0), False)):  # fmt: skip
+        assert inside(np.array(place)) is clear
