@@ -43,8 +43,10 @@ class StepNote:
     height_m: float
     """How high the camera saw the stack stand, away from the fold lines (NaN: not seen)."""
     grasps: int
-    pressed: tuple[float, ...]
-    """How high it was seen to stand each time before it was pressed [m]."""
+    pressed: tuple[Inspection, ...]
+    """How it was seen to stand each time before it was pressed,"""
+    inspected: Inspection
+    """and at last."""
     predicted: PredictedShape
     observed: Array
     trajectory: GraspTrajectory
@@ -101,8 +103,8 @@ class Context:
     """What each hand was confirmed to hold."""
     carried: bool = False
     """Whether the garment was carried through the fold at hand, and nobody has judged yet what came of it."""
-    pressed: tuple[float, ...] = ()
-    """How high the camera saw this fold stand each time before it was pressed [m]."""
+    pressed: tuple[Inspection, ...] = ()
+    """How the camera saw this fold each time before it was pressed."""
     inspection: Inspection | None = None
     failure: Failure | None = None
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)

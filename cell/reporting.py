@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cell.context import StepNote
 from cell.figures import KeyFrame, fold_strip, join, outline
+from cell.height_map import height_maps
 from cell.observers import Remark
 from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.requests import FoldRequest, FoldResult
@@ -120,6 +121,7 @@ def _step(
         pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, (t, *_) in zip(drawn, chosen, strict=True)]
         made_from.append("simulated cell: the recorded garment")
     pictures += [Picture(f.rgb, f"camera, {f.stamp:.1f} s") for f in note.pictures]
+    pictures += list(_pressings(note))
     return StepRecord(
         name=note.name,
         source=note.source,
@@ -137,8 +139,18 @@ def _step(
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,),
         height_m=note.height_m if np.isfinite(note.height_m) else None,
-        pressed_from_m=note.pressed,
+        pressed_from_m=tuple(before.height_m for before in note.pressed),
     )
+
+
+def _pressings(note: StepNote) -> Iterator[Picture]:
+    """The heights that the camera saw before each pressing and after the last."""
+    if not note.pressed:
+        return
+    looks = (*note.pressed, note.inspected)
+    for look, picture in zip(looks, height_maps(looks), strict=True):
+        when = "after" if look is note.inspected else "before"
+        yield Picture(picture, f"heights seen {when} pressing, {look.height_m * 1e3:.0f} mm")
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:

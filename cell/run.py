@@ -345,7 +345,7 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "observed_iou": note.observed_iou if note else None,
             "drift_m": note.drift_m if note else None,
             "observed_height_m": note.height_m if note and math.isfinite(note.height_m) else None,
-            "pressed_from_m": list(note.pressed) if note else [],
+            "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
             "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }

@@ -149,6 +149,7 @@ def _noted(context: Context) -> Context:
         height_m=seen.height_m,
         grasps=context.grasps,
         pressed=context.pressed,
+        inspected=seen,
         predicted=predicted,
         observed=seen.contour,
         trajectory=trajectory,

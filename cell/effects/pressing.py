@@ -57,7 +57,7 @@ def press(cell: Workcell, context: Context) -> Result:
     """To above the fold, and dab it as it was planned, as far as the tips' force allows."""
     motion, seen = context.motion, context.inspection
     assert motion is not None and seen is not None
-    context = replace(context, pressed=(*context.pressed, seen.height_m))
+    context = replace(context, pressed=(*context.pressed, seen))
     for side in motion.postures:
         command_grip(cell, side, GripCommand(OPENING, cell.grasp.release_force))
     control = pausable(cell)
@@ -85,7 +85,7 @@ def press(cell: Workcell, context: Context) -> Result:
 def _wanted(cell: Workcell, context: Context, seen: Inspection) -> bool:
     """Whether the fold is seen to stand higher than its layers, and pressing may help."""
     settings, before = cell.settings.pressing, context.pressed
-    if len(before) >= settings.tries or (before and before[-1] - seen.height_m < GAIN):
+    if len(before) >= settings.tries or (before and before[-1].height_m - seen.height_m < GAIN):
         return False
     flat = float(_flat(context).vertices[:, 2].max()) + 0.5 * context.known_garment.material.thickness
     return bool(seen.height_m > flat + settings.above_flat)

@@ -40,7 +40,8 @@ def seen(height: float, diagnosis: FailureKind | None = None, pressed: tuple[flo
     inspection = SimpleNamespace(height_m=height, diagnosis=diagnosis)
     garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
     step = SimpleNamespace(name="half", line=None)
-    return Context(inspection=inspection, garment=garment, steps=(step,), pressed=pressed)  # type: ignore[arg-type]
+    before = tuple(SimpleNamespace(height_m=height) for height in pressed)
+    return Context(inspection=inspection, garment=garment, steps=(step,), pressed=before)  # type: ignore[arg-type]
 
 
 def cell_with(tmp_path: Path, **keys: float) -> Any:
@@ -132,7 +133,7 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
         result = press(workcell, context)
         assert result.event is Event.DONE
         assert result.record["stopped_by_force"] is tripped
-        assert result.context.pressed == (0.030,), "how high it stood is kept"
+        assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
         assert result.record["strongest_n"] == pytest.approx(push)
 
 
