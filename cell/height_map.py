@@ -23,8 +23,8 @@ PAPER = 250
 
 
 def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
-    """One (H, W, 3) RGB picture a look, all of the same part of the table and in the same colours, from blue at the
-    table to red at the highest place of all."""
+    """One (H, W, 3) RGB picture a look, all of the same part of the table and in the same colours: blue at the
+    table, red at the highest place of all."""
     rows, columns = np.nonzero(np.logical_or.reduce([look.mask for look in looks]))
     part = (
         slice(max(int(rows.min()) - MARGIN, 0), int(rows.max()) + MARGIN),
