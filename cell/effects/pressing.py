@@ -20,7 +20,7 @@ from skills.grasping.reading import GripCommand
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
 from skills.perception.inspect import Inspection
-from skills.perception.standing import standing_places, well_inside
+from skills.perception.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, choose_dabs, press_paths, within_reach
 from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
@@ -109,10 +109,10 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
     """Where to press, and how high the garment stands [m]."""
     mesh, step, thickness = lying.mesh, lying.step, lying.known_garment.material.thickness
     assert mesh is not None
-    places, above = standing_places(
+    found = standing(
         seen.height, seen.mask, seen.view, _flat(lying), thickness, cell.settings.pressing.above_flat
     )
-    if len(places) == 0:
+    if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1
 
@@ -120,7 +120,7 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
         return layers_at(step.lines, outline, place, sheets) * thickness
 
     highest = float(np.nanquantile(seen.height[seen.mask], 0.995))  # single pixels lie
-    return choose_dabs(places, above, step.line, flat, well_inside(seen.mask, seen.view)), highest
+    return choose_dabs(found.places, found.above, step.line, flat, found.inside), highest
 
 
 def _planned(

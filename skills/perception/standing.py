@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,25 +14,42 @@ from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
 
-__all__ = ["standing_places", "well_inside"]
+__all__ = ["Standing", "standing"]
 
 RIM = 9
 """Pixels: cloth is looked at half as far inside its silhouette, where depth mixes with the table's."""
 EDGE = 0.016
-"""Clear of the silhouette is what is so far inside it [m]: a finger's width."""
+"""Clear of an edge is what is so far inside it [m]: a finger's width."""
 LIKE = 5
 """Pixels over which a place is as high as its mean."""
 
 
-def standing_places(
+LACKING = 0.0035
+"""Where the stack is lower than its layers by so much, the upper ones are not there [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Where a garment stands above the flat stack.
+
+    places: (k, 2) [m] that do, by above (k,) [m]. inside: whether a place (2,) [m] lies clear of every edge of the
+    stack, those of its upper layers among them: a finger beside an edge turns it up or pushes it back.
+    """
+
+    places: Array
+    above: Array
+    inside: Callable[[Array], bool]
+
+
+def standing(
     height: NDArray[np.float32],
     mask: NDArray[np.bool_],
     view: TableView,
     flat: PredictedShape,
     thickness: float,
     least: float,
-) -> tuple[Array, Array]:
-    """Places (k, 2) [m] that stand above the flat stack by `least` [m] and more, and by how much (k,) [m].
+) -> Standing:
+    """What stands above the flat stack by `least` [m] and more.
 
     height (H, W) above the table [m], NaN where nothing was seen, and mask (H, W) of the garment in `view`. flat:
     the fold as it would be if creases had no height, vertices in the middle of layers `thickness` [m] thick.
@@ -45,12 +63,14 @@ def standing_places(
     # seen along a slanted line: what is high stands nearer to the camera than it appears on the table
     on_table = view.to_table(np.stack([columns, rows], axis=1)) - c[:2]
     places = c[:2] + on_table * (1.0 - mean[rows, columns][:, None] / c[2])
-    return places, above[rows, columns].astype(float)
+    whole = mask & (np.nan_to_num(above, nan=0.0) > -LACKING)
+    return Standing(places, above[rows, columns].astype(float), _clear_of_edges(whole, view))
 
 
-def well_inside(mask: NDArray[np.bool_], view: TableView) -> Callable[[Array], bool]:
-    """Whether a place (2,) [m] is on the garment, whose mask (H, W) is seen in `view`, and clear of its edges."""
-    depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5) * view.pixel
+def _clear_of_edges(whole: NDArray[np.bool_], view: TableView) -> Callable[[Array], bool]:
+    """whole: (H, W) where all layers of the stack are."""
+    closed = cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    depth = cv2.distanceTransform(closed, cv2.DIST_L2, 5) * view.pixel
 
     def inside(place: Array) -> bool:
         column, row = np.round(view.to_pixel(place)).astype(int)

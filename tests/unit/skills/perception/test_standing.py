@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.perception.standing import standing_places, well_inside
+from skills.perception.standing import Standing, standing
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera
@@ -36,8 +36,13 @@ def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.n
     return height, mask
 
 
+def looked_at(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> Standing:
+    return standing(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
+
+
 def found(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    return standing_places(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
+    seen = looked_at(height, mask, layers)
+    return seen.places, seen.above
 
 
 @pytest.mark.parametrize("place", [(0.52, -0.18), (0.60, 0.0), (0.68, 0.17)])
@@ -67,7 +72,19 @@ def test_only_what_is_more_than_the_plans_layers_counts() -> None:
 
 
 def test_what_is_clear_of_the_edges_is_a_fingers_width_inside_them() -> None:
-    inside = well_inside(seen([])[1], VIEW)
+    inside = looked_at(*seen([])).inside
     for place, clear in (((0.60, 0.0), True), ((0.60, 0.25 - 0.019), True), ((0.60, 0.25 - 0.012), False),
                          ((0.44, 0.0), False), ((9.0, 9.0), False)):  # fmt: skip
         assert inside(np.array(place)) is clear
+
+
+def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
+    """Of four layers the upper two end 20 mm before the lower two."""
+    height, mask = seen([])
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    y = VIEW.to_table(np.dstack([columns, rows]))[..., 1]
+    height[mask & (y > 0.23)] = 2 * THICKNESS
+    rng = np.random.default_rng(3)
+    inside = looked_at(height + rng.normal(0.0, 0.001, height.shape).astype(np.float32), mask).inside
+    assert inside(np.array([0.60, 0.23 - 0.022])) and not inside(np.array([0.60, 0.23 - 0.010]))
+    assert not inside(np.array([0.60, 0.24]))
