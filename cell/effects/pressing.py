@@ -22,7 +22,7 @@ from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
 from skills.perception.inspect import Inspection
 from skills.perception.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
-from skills.planning.pressing import OPENING, Dab, choose_dabs, press_paths, within_reach
+from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
 from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
@@ -120,7 +120,7 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
         return layers_at(step.lines, outline, place, sheets) * thickness
 
     highest = float(np.nanquantile(seen.height[seen.mask], 0.995))  # single pixels lie
-    return choose_dabs(found.places, found.above, step.line, flat, found.inside), highest
+    return crease_dabs(found.places, found.above, step.line, flat, found.inside), highest
 
 
 def _planned(

@@ -18,8 +18,8 @@ __all__ = ["Standing", "standing"]
 
 RIM = 9
 """Pixels: cloth is looked at half as far inside its silhouette, where depth mixes with the table's."""
-EDGE = 0.016
-"""Clear of an edge is what is so far inside it [m]: a finger's width."""
+EDGE = 0.035
+"""Clear of an edge is what is so far inside it [m]: fingers leave alone the bulge of a crease that is there."""
 LIKE = 5
 """Pixels over which a place is as high as its mean."""
 
@@ -33,7 +33,7 @@ class Standing:
     """Where a garment stands above the flat stack.
 
     places: (k, 2) [m] that do, by above (k,) [m]. inside: whether a place (2,) [m] lies clear of every edge of the
-    stack, those of its upper layers among them: a finger beside an edge turns it up or pushes it back.
+    stack, those of its upper layers among them: a finger at an edge turns it up or pushes it back.
     """
 
     places: Array

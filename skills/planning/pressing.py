@@ -1,9 +1,9 @@
-"""Where and how hands press on a fold so that it lies flatter: dabs on its crease and what else stands high.
+"""Where and how hands press on a fold so that it lies flatter: dabs along its crease.
 
 A fabric's own friction keeps a bend that was made (its hysteresis, 2HB of KES-F): a crease that was pressed flat
-opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along. Along the crease one
-finger comes down beside the line and the other one further in, at once: a bulge that is pressed in its middle only
-moves inwards.
+opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along. One finger comes down
+beside the line and the other one further in, at once: a bulge that is pressed in its middle only moves inwards.
+Creases of earlier folds, and whatever lies at an edge, are left alone: fingers on them turn corners up.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ import numpy as np
 
 from skills.vocabulary import Array, FoldLine, Side, ToolPath, frozen
 
-__all__ = ["OPENING", "Dab", "choose_dabs", "press_paths", "within_reach"]
+__all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach"]
 
 OPENING = 0.030
-"""Of the pads while they press [m]: two fingers side by side press more cloth than one."""
+"""Of the pads while they press [m]."""
 FINGERS = 0.019
 """From the middle of the hand, so open, to the middle of a finger [m]."""
-PRESSED = 0.020
-"""A finger presses what lies so near [m]."""
 MOST = 12
 """Dabs of one go."""
 BAND = 0.060
@@ -54,7 +52,7 @@ class Dab:
     high: float
 
 
-def choose_dabs(
+def crease_dabs(
     places: Array,
     above: Array,
     line: FoldLine,
@@ -62,37 +60,22 @@ def choose_dabs(
     inside: Callable[[Array], bool],
     most: int = MOST,
 ) -> tuple[Dab, ...]:
-    """Dabs along the crease of `line` where it stands high, then on what else does, the highest first.
+    """Dabs along the crease of `line`, of the fold just made, where it stands high; fingers lie across it.
 
     places: (k, 2) that stand above the flat stack by above (k,) [m]. flat: its height at a place (2,) [m].
-    inside: whether a place (2,) lies on the garment, clear of its edges: a finger beside a hem turns it up.
-    Fingers lie across the line.
+    inside: whether a place (2,) lies on the garment, clear of the edges that the crease runs into.
     """
-    left = np.array(above, dtype=float)
-    dabs: list[Dab] = []
-
-    def press(outer: Array, inner: Array) -> None:
-        near = np.minimum(*(np.linalg.norm(places - finger, axis=1) for finger in (outer, inner))) < PRESSED
-        high = float(left[near].max()) if near.any() else 0.0
-        dabs.append(Dab(frozen(0.5 * (outer + inner)), max(flat(outer), flat(inner)), high))
-        left[near] = 0.0
-
     beside = -line.signed_distance(places)
     crease = (beside >= 0.0) & (beside < BAND)
     along = np.unique(np.round((places[crease] - line.point) @ line.direction / GRID)) * GRID
-    feet = [line.point + s * line.direction - INSET * line.normal for s in along]
-    along = along[[inside(foot - 2.0 * FINGERS * line.normal) for foot in feet]] if len(along) else along
-    for s in _spread(along)[:most]:
-        outer = line.point + s * line.direction - INSET * line.normal
-        press(outer, outer - 2.0 * FINGERS * line.normal)
-    left[crease] = 0.0
-    while len(dabs) < most and len(left) and left.max() > 0.0:
-        first = places[int(left.argmax())]
-        sides = [first + sign * 2.0 * FINGERS * line.normal for sign in (-1.0, 1.0)]
-        sides = [place for place in sides if inside(place)]
-        if inside(first) and sides:
-            press(first, max(sides, key=lambda place: _highest(place, places, left)))
-        left[np.linalg.norm(places - first, axis=1) < PRESSED] = 0.0
+    inner = [_finger(line, s, INSET + 2.0 * FINGERS) for s in along]
+    clear = np.array([inside(place) for place in inner], dtype=bool)
+    dabs = []
+    for s in _spread(along[clear])[:most]:
+        fingers = [_finger(line, s, inset) for inset in (INSET, INSET + 2.0 * FINGERS)]
+        near = crease & (np.abs((places - line.point) @ line.direction - s) < 0.5 * PITCH)
+        high = float(above[near].max()) if near.any() else 0.0
+        dabs.append(Dab(frozen(0.5 * (fingers[0] + fingers[1])), max(map(flat, fingers)), high))
     return tuple(dabs)
 
 
@@ -131,13 +114,15 @@ def _spread(along: Array) -> Array:
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
+    if high - low < 0.5 * PITCH:
+        return np.array([0.5 * (low + high)])
     spots = np.linspace(low, high, int(np.ceil((high - low) / PITCH)) + 1)
     return spots[np.abs(spots[:, None] - along).min(axis=1) < 0.5 * PITCH]
 
 
-def _highest(point: Array, places: Array, above: Array) -> float:
-    near = np.linalg.norm(places - point, axis=1) < PRESSED
-    return float(above[near].max()) if near.any() else -1.0
+def _finger(line: FoldLine, along: float, inset: float) -> Array:
+    """(2,) so far along the line from its point, and so far inside it [m]."""
+    return line.point + along * line.direction - inset * line.normal
 
 
 def _stops(dabs: Sequence[Dab], highest: float) -> Array:
