@@ -27,6 +27,9 @@ BAND = 0.060
 """What stands high so near to the line belongs to the crease [m]."""
 INSET = 0.010
 """From the line to the outer finger [m]."""
+ROOM = 0.135
+"""Cloth reaches so far from the line, clear of the edge across from it [m]: a smaller stack is turned and shoved as a
+whole by what presses on its crease."""
 PITCH = 0.045
 """Between dabs along the crease [m]."""
 GRID = 0.005
@@ -68,8 +71,9 @@ def crease_dabs(
     beside = -line.signed_distance(places)
     crease = (beside >= 0.0) & (beside < BAND)
     along = np.unique(np.round((places[crease] - line.point) @ line.direction / GRID)) * GRID
-    inner = [_finger(line, s, INSET + 2.0 * FINGERS) for s in along]
-    clear = np.array([inside(place) for place in inner], dtype=bool)
+    clear = np.array(
+        [all(inside(_finger(line, s, inset)) for inset in (INSET + 2.0 * FINGERS, ROOM)) for s in along], bool
+    )
     dabs = []
     for s in _spread(along[clear])[:most]:
         fingers = [_finger(line, s, inset) for inset in (INSET, INSET + 2.0 * FINGERS)]

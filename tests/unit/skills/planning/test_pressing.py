@@ -72,6 +72,18 @@ def test_no_finger_comes_down_at_an_edge() -> None:
     assert 0.70 < tips[:, 0].max() < 0.715, "as far as the edge allows"
 
 
+def test_a_stack_that_is_too_small_to_bear_it_is_not_pressed() -> None:
+    for depth, pressed in ((0.15, False), (0.18, True)):
+        dabs = crease_dabs(
+            ridge(0.5, 0.7),
+            np.full(80, 0.02),
+            LINE,
+            level,
+            lambda place, depth=depth: bool(place[1] > -0.165 - depth),
+        )
+        assert bool(dabs) is pressed
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.3, 1.0), st.floats(-0.259, -0.2), st.floats(0.007, 0.05)), max_size=60))
 def test_wherever_the_crease_stands_high_a_dab_is_near(cloth: list[tuple[float, float, float]]) -> None:
