@@ -28,8 +28,8 @@ BAND = 0.060
 INSET = 0.010
 """From the line to the outer finger [m]."""
 ROOM = 0.135
-"""Cloth reaches so far from the line, clear of the edge across from it [m]: a smaller stack is turned and shoved as a
-whole by what presses on its crease."""
+"""Cloth reaches so far from the line, clear of the edge across from it [m]: a smaller stack is shoved as a whole
+by what presses on its crease."""
 PITCH = 0.045
 """Between dabs along the crease [m]."""
 GRID = 0.005
