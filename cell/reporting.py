@@ -42,7 +42,8 @@ def report(
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
 ) -> Path:
-    """Write `report.html` and `fold.png` into the run's folder. Raises StorageError when the page cannot be."""
+    """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
+    StorageError when the page cannot be."""
     context = end.context
     steps = [
         _step(note, result.steps[index], _held_during(note, frames), triangles, request)
@@ -76,6 +77,7 @@ def report(
         recording="run.rrd",
     )
     _write_strip(folder / "fold.png", steps)
+    _write_pressing(folder / "pressing.png", context.done)
     return write_report(folder / "report.html", record)
 
 
@@ -90,7 +92,7 @@ def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
     """The key frames that were drawn (predicted, and of the simulated cell) as one picture, a row each."""
     rows = []
     for step in steps:
-        drawn = [p for p in step.key_frames if not p.caption.startswith("camera")]
+        drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
         for at in range(0, len(drawn), KEY_FRAMES):
             row = drawn[at : at + KEY_FRAMES]
             rows.append(join([p.rgb for p in row], [p.caption for p in row]))
@@ -98,6 +100,14 @@ def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
         width = max(row.shape[1] for row in rows)
         same = [np.pad(r, ((0, 4), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
         cv2.imwrite(str(path), np.vstack(same)[..., ::-1])
+
+
+def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
+    """What the last fold that was pressed looked like before and after."""
+    for note in notes:
+        pictures = list(_pressings(note))
+        if pictures:
+            cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
 
 
 def _step(
