@@ -66,6 +66,8 @@ class Context:
     """The latest picture."""
     previous: CameraFrame | None = None
     """The one before: a camera that repeats itself is frozen."""
+    before_fold: CameraFrame | None = None
+    """The picture before the fold at hand: against it shows what the fold laid on top."""
     overlay: NDArray[np.uint8] | None = None
     """The picture with what was recognised drawn over it."""
     perception: Perception | None = None
@@ -105,6 +107,13 @@ class Context:
     """Whether the garment was carried through the fold at hand, and nobody has judged yet what came of it."""
     pressed: tuple[Inspection, ...] = ()
     """How the camera saw this fold each time before it was pressed."""
+    press_tries: int = 0
+    """How often that was tried."""
+    press_paths: Mapping[Side, ToolPath] = field(default_factory=dict)
+    press_motion: FoldMotion | None = None
+    """How it is to be pressed: the hands' paths and the arms' motion."""
+    unpressed: bool = False
+    """Whether the operator wants this fold left as it is."""
     inspection: Inspection | None = None
     failure: Failure | None = None
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)

@@ -45,13 +45,12 @@ def report(
     """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
     StorageError when the page cannot be."""
     context = end.context
+    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
     steps = [
-        _step(note, result.steps[index], _held_during(note, frames), triangles, request)
-        for index, note in enumerate(context.done)
-    ]
-    steps += [
-        StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False)
-        for s in result.steps[len(context.done) :]
+        _step(notes[s["name"]], s, _held_during(notes[s["name"]], frames), triangles, request)
+        if s["name"] in notes
+        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False)
+        for s in result.steps
     ]
     failure = result.failure or {}
     record = RunRecord(
@@ -154,13 +153,13 @@ def _step(
 
 
 def _pressings(note: StepNote) -> Iterator[Picture]:
-    """The heights that the camera saw before each pressing and after the last."""
-    if not note.pressed:
+    """The heights that the camera saw before each pressing and after the last, if it was looked at then."""
+    if not note.pressed or note.inspected is note.pressed[-1]:
         return
     looks = (*note.pressed, note.inspected)
-    for look, picture in zip(looks, height_maps(looks), strict=True):
-        when = "after" if look is note.inspected else "before"
-        yield Picture(picture, f"heights seen {when} pressing, {look.height_m * 1e3:.0f} mm")
+    when = ["before"] * len(note.pressed) + ["after"]
+    for look, picture, told in zip(looks, height_maps(looks), when, strict=True):
+        yield Picture(picture, f"heights seen {told} pressing, {look.height_m * 1e3:.0f} mm")
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:

@@ -22,7 +22,7 @@ from robots.errors import Failure
 __all__ = ["ORDER", "Board"]
 
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
-ASKING = (State.AWAITING_APPROVAL, State.ASKING)
+ASKING = (State.AWAITING_APPROVAL, State.AWAITING_PRESSING, State.ASKING)
 REMARKS_SHOWN = 60
 
 _ALLOWED: Mapping[State, frozenset[Event]] = {
@@ -132,6 +132,9 @@ class Board:
             return f"{failure.what}. {failure.hint}" if failure else "What now?"
         name = context.step.name.replace("_", " ") if context.steps else "the fold"
         count = f"Fold {context.index + 1} of {len(context.steps)}: {name}."
+        if self._state is State.AWAITING_PRESSING:
+            high = f"{1e3 * context.inspection.height_m:.0f} mm high" if context.inspection else "high"
+            return f"{count} It is made and stands {high}: press it flat? Skip leaves it so."
         trajectory = context.trajectory
         if trajectory is None:
             return count

@@ -71,7 +71,8 @@ def _table_unseen(cell: Workcell, context: Context) -> bool:
 def ask_approval(cell: Workcell, context: Context) -> Result:
     """Of a fold, or of pressing one that was made, which may also be left as it is."""
     answers = {Event.APPROVE, Event.RETRY, Event.ABORT}
-    return _await_command(cell, context, answers | {Event.SKIP} if context.carried else answers)
+    said = _await_command(cell, context, answers | {Event.SKIP} if context.carried else answers)
+    return said if said.event is not Event.SKIP else replace(said, context=replace(said.context, unpressed=True))
 
 
 def ask_operator(cell: Workcell, context: Context) -> Result:

@@ -14,14 +14,14 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from skills.perception.alignment import edge_deviation
-from skills.perception.diagnosis import beyond_limits
-from skills.perception.inspect import Inspection, inspect
+from skills.perception.diagnosis import beyond_limits, diagnose
+from skills.perception.inspect import Inspection, InspectionSettings, inspect
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
-__all__ = ["find_folded", "inspect_fold", "next_step", "unmoved"]
+__all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
 
-MOVED = 0.010
-"""An edge that pressing displaced by so much is looked at as any other [m]: corners that turn up move more."""
+DISPLACED = 0.010
+"""An outline that pressing displaced by so much is judged as any other [m]: corners that turn up move more."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: a rougher table or a slower fold",
@@ -39,8 +39,8 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
-    if context.pressed and context.inspection is not None and unmoved(context.inspection, seen):
-        seen = replace(seen, diagnosis=None)
+    if context.pressed and context.inspection is not None:
+        seen = judged_as_before(context.inspection, seen, context.step, cell.inspection)
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
     if seen.diagnosis in {None, FailureKind.PILING}:
@@ -60,11 +60,16 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     return Result(Event.FAILED, context.with_failure(failure), figures(seen))
 
 
-def unmoved(before: Inspection, seen: Inspection) -> bool:
-    """Whether a fold that was good before it was pressed lies where it lay: it is good still. A crease that is
-    pressed reaches further out than the unpressed one that was predicted, and may then be beyond a limit."""
-    deviation, _ = edge_deviation(before.contour, seen.contour)
-    return before.diagnosis is None and abs(deviation) < MOVED
+def judged_as_before(
+    before: Inspection, seen: Inspection, step: FoldStep, settings: InspectionSettings
+) -> Inspection:
+    """What is seen after a fold was pressed, judged anew, but for the outline of a good one that lies as it lay: a
+    crease that is pressed reaches further out than the unpressed one that was predicted."""
+    displaced, _ = edge_deviation(before.contour, seen.contour)
+    if before.diagnosis is not None or abs(displaced) >= DISPLACED:
+        return seen
+    kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
+    return replace(seen, diagnosis=kind, confidence=confidence)
 
 
 def next_step(cell: Workcell, context: Context) -> Result:
@@ -76,7 +81,7 @@ def next_step(cell: Workcell, context: Context) -> Result:
     fresh = replace(
         context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
         inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(), carried=False,
-        pressed=(),
+        pressed=(), press_tries=0, press_motion=None, unpressed=False,
     )  # fmt: skip
     return Result(Event.NEXT_FOLD, fresh)
 
@@ -128,7 +133,7 @@ def _compare(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, context.calibration(cell.calibration), cell.table, context.reference, shape,
-            made, cell.inspection, context.previous, flat_top,
+            made, cell.inspection, context.previous, flat_top, context.before_fold,
         ),
     )  # fmt: skip
 

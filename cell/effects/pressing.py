@@ -16,7 +16,7 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
-from skills.grasping.reading import GripCommand
+from skills.grasping.reading import GripCommand, fault
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
 from skills.perception.inspect import Inspection
@@ -50,14 +50,15 @@ def plan_pressing(cell: Workcell, context: Context) -> Result | None:
     paths, motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
-    return Result(event, replace(context, planned_paths=paths, motion=motion), {"dabs": len(dabs)})
+    return Result(event, replace(context, press_paths=paths, press_motion=motion), {"dabs": len(dabs)})
 
 
 def press(cell: Workcell, context: Context) -> Result:
-    """To above the fold, and dab it as it was planned, as far as the tips' force allows."""
-    motion, seen = context.motion, context.inspection
+    """To above the fold, and dab it as it was planned. A push that is too hard ends it: the hands come to rest on
+    their way, and rise."""
+    motion, seen = context.press_motion, context.inspection
     assert motion is not None and seen is not None
-    context = replace(context, pressed=(*context.pressed, seen))
+    context = replace(context, press_tries=context.press_tries + 1)
     for side in motion.postures:
         command_grip(cell, side, GripCommand(OPENING, cell.grasp.release_force))
     control = pausable(cell)
@@ -68,16 +69,17 @@ def press(cell: Workcell, context: Context) -> Result:
     if zeros.failure:
         return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
     arc = plan_arc(
-        cell.robot, cell.guard, cell.table, context.planned_paths, motion.postures, cell.ports.arms.state().q,
+        cell.robot, cell.guard, cell.table, context.press_paths, motion.postures, cell.ports.arms.state().q,
         limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
         return Result(Event.FAILED, waited(context, control).with_failure(arc.failure))
     guard = _Guard(cell, zeros.unwrap())
     moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
-    context = replace(waited(context, control), zeros=zeros.unwrap())
-    record = {"hands": len(motion.postures), "strongest_n": guard.strongest, "stopped_by_force": guard.tripped}
-    if moved.failure and not guard.tripped:
+    context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))
+    ended = guard.pushed is not None
+    record = {"hands": len(motion.postures), "strongest_n": guard.strongest, "stopped_by_force": ended}
+    if moved.failure and moved.failure is not guard.pushed:
         return Result(Event.FAILED, context.with_failure(moved.failure), record)
     return Result(Event.DONE, context, record)
 
@@ -85,7 +87,8 @@ def press(cell: Workcell, context: Context) -> Result:
 def _wanted(cell: Workcell, context: Context, seen: Inspection) -> bool:
     """Whether the fold is seen to stand higher than its layers, and pressing may help."""
     settings, before = cell.settings.pressing, context.pressed
-    if len(before) >= settings.tries or (before and before[-1].height_m - seen.height_m < GAIN):
+    in_vain = bool(before) and before[-1].height_m - seen.height_m < GAIN
+    if context.unpressed or context.press_tries >= settings.tries or in_vain:
         return False
     flat = float(_flat(context).vertices[:, 2].max()) + 0.5 * context.known_garment.material.thickness
     return bool(seen.height_m > flat + settings.above_flat)
@@ -146,19 +149,24 @@ def _planned(
 
 
 class _Guard:
-    """Ends a pressing motion when a tip is pushed harder than the settings allow; keeps the strongest push [N]."""
+    """Ends a pressing motion when a tip is pushed harder than the settings allow, or nobody can say how hard.
+
+    strongest: the strongest push so far [N]. pushed: that one was too hard, which is no
+    failure of the run's."""
 
     def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
         self._cell, self._zeros = cell, zeros
         self.strongest = 0.0
-        self.tripped = False
+        self.pushed: Failure | None = None
 
     def look(self, tick: Tick) -> Failure | None:
         for side, zeroed in self._zeros.items():
-            tip = read_hand(self._cell, side, tick.state).tactile.tip
-            self.strongest = max(self.strongest, float(np.max(tip - zeroed.tip)))
-        self.tripped = self.strongest > self._cell.settings.pressing.force
-        if not self.tripped:
-            return None
-        what = f"a fingertip was pushed with {self.strongest:.0f} N"
-        return Failure(FailureKind.IN_COLLISION, what, "see what lies under the garment")
+            reading = read_hand(self._cell, side, tick.state)
+            bad = fault(reading, self._cell.grasp)
+            if bad:
+                return bad
+            self.strongest = max(self.strongest, float(np.max(reading.tactile.tip - zeroed.tip)))
+        if self.pushed is None and self.strongest > self._cell.settings.pressing.force:
+            what = f"a fingertip was pushed with {self.strongest:.0f} N"
+            self.pushed = Failure(FailureKind.IN_COLLISION, what, "see what lies under the garment")
+        return self.pushed

@@ -76,10 +76,7 @@ def look(cell: Workcell, context: Context) -> Result:
     shot = capture(cell)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
-    # what a fold laid on top shows against the picture before it, also when it is looked at once more
-    judged = context.carried and context.inspection is not None
-    previous = context.previous if judged else context.frame
-    return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=previous))
+    return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=context.frame))
 
 
 def recognise(cell: Workcell, context: Context) -> Result:

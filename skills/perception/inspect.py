@@ -43,12 +43,14 @@ def inspect(
     settings: InspectionSettings | None = None,
     previous: CameraFrame | None = None,
     flat_top: float | None = None,
+    before: CameraFrame | None = None,
 ) -> Outcome[Inspection]:
     """Compare one picture with the predicted mesh, and name what went wrong.
 
     step: the fold that was made, which tells where its targets and lines are; without it only what shows
-    in silhouette and height is judged. reference: as for `perceive`. previous: the picture before the fold, which
-    shows what the fold laid on top of the cloth that lay there, and tells a frozen camera. flat_top:
+    in silhouette and height is judged. reference: as for `perceive`. previous: the last picture, which
+    tells a frozen camera. before: the picture before the fold (previous, if None), which shows what the fold laid
+    on top of the cloth that lay there. flat_top:
     `Perception.top` of the flat garment, which tells how far creases and pile stand above the mesh's
     middle surface.
 
@@ -77,9 +79,10 @@ def inspect(
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
     figures = _Figures(view, found, height, expected, step, settings)
     edge = None
-    if step is not None and len(step.grasps) == 2 and previous is not None:
-        before = height_above(view.rectify(previous), empty)
-        edge = moved_edge(height, before, predicted, step, view, figures.R, figures.t)
+    before = before or previous
+    if step is not None and len(step.grasps) == 2 and before is not None:
+        lay = height_above(view.rectify(before), empty)
+        edge = moved_edge(height, lay, predicted, step, view, figures.R, figures.t)
     inspection = figures.inspection(seen.rgb, edge)
     kind, confidence = diagnose(inspection, step, settings)
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)

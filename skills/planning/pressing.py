@@ -75,7 +75,7 @@ def crease_dabs(
         [all(inside(_finger(line, s, inset)) for inset in (INSET + 2.0 * FINGERS, ROOM)) for s in along], bool
     )
     dabs = []
-    for s in _spread(along[clear])[:most]:
+    for s in _spread(along[clear], most):
         fingers = [_finger(line, s, inset) for inset in (INSET, INSET + 2.0 * FINGERS)]
         near = crease & (np.abs((places - line.point) @ line.direction - s) < 0.5 * PITCH)
         high = float(above[near].max()) if near.any() else 0.0
@@ -113,15 +113,16 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
     return {side: _path(points, clock, heading) for side, points in stops.items()}
 
 
-def _spread(along: Array) -> Array:
-    """Evenly spread along a crease, not further apart than PITCH, where any of along (k,) [m] is near."""
+def _spread(along: Array, most: int) -> Array:
+    """Evenly along a crease, where any of along (k,) [m] is near: PITCH apart, or as far as `most` allow."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
     if high - low < 0.5 * PITCH:
         return np.array([0.5 * (low + high)])
-    spots = np.linspace(low, high, int(np.ceil((high - low) / PITCH)) + 1)
-    return spots[np.abs(spots[:, None] - along).min(axis=1) < 0.5 * PITCH]
+    spots = np.linspace(low, high, min(int(np.ceil((high - low) / PITCH)) + 1, most))
+    apart = (high - low) / (len(spots) - 1)
+    return spots[np.abs(spots[:, None] - along).min(axis=1) <= 0.5 * apart + 1e-9]
 
 
 def _finger(line: FoldLine, along: float, inset: float) -> Array:

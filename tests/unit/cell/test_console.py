@@ -155,6 +155,16 @@ def test_an_answer_belongs_to_its_question(address: str, board: Board, commands:
         assert commands.take(ALL) is Event.APPROVE
 
 
+def test_pressing_is_asked_about_and_answered(address: str, board: Board, commands: CommandQueue) -> None:
+    enter(board, State.AWAITING_PRESSING)
+    with linked(address) as link:
+        question = told(link, "board")["question"]
+        assert "press it flat" in question["text"]
+        assert "refused" in say(link, say="pause"), "it stands still"
+        assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
+        assert commands.take(ALL) is Event.SKIP
+
+
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
 def test_stop_works_in_every_state_and_not_by_the_queue(
     state: State, address: str, board: Board, commands: CommandQueue, cell: FakeCell

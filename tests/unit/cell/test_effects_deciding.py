@@ -192,7 +192,8 @@ def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
         workcell = fake_workcell(cell)
         cell.at(0.3, lambda workcell=workcell: workcell.commands.put(Event.SKIP))
         cell.at(0.6, lambda workcell=workcell: workcell.commands.put(Event.APPROVE))
-        assert ask_approval(workcell, Context(carried=carried)).event is said
+        result = ask_approval(workcell, Context(carried=carried))
+        assert result.event is said and result.context.unpressed is carried
 
 
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])

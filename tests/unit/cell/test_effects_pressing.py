@@ -13,17 +13,20 @@ import pytest
 import cell.effects.pressing as pressing
 from cell.config import load_settings
 from cell.context import Context
-from cell.effects.inspecting import inspect_fold, unmoved
+from cell.effects.inspecting import inspect_fold, judged_as_before
 from cell.effects.pressing import plan_pressing, press
 from cell.states import Event
 from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory, Side, TactileReading
+from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
+from skills.grasping.reading import HandReading
+from skills.perception.inspect import Inspection, InspectionSettings
 from skills.planning.pressing import Dab
-from skills.vocabulary import Outcome, PredictedShape
+from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
 FLAT = 0.012
+STEP = FoldStep("half", 0, FoldLine(np.zeros(2), np.array([1.0, 0.0])), (), {}, {})
 STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
 
 
@@ -36,12 +39,15 @@ def easy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pressing, "_planned", lambda *_: Outcome(({}, SimpleNamespace(tool_paths={}))))
 
 
-def seen(height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = ()) -> Context:
+def seen(
+    height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = (), **changes: Any
+) -> Context:
     inspection = SimpleNamespace(height_m=height, diagnosis=diagnosis)
     garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
     step = SimpleNamespace(name="half", line=None)
     before = tuple(SimpleNamespace(height_m=height) for height in pressed)
-    return Context(inspection=inspection, garment=garment, steps=(step,), pressed=before)  # type: ignore[arg-type]
+    known: dict[str, Any] = {"inspection": inspection, "garment": garment, "steps": (step,), "pressed": before}
+    return Context(**known, **{"press_tries": len(pressed), **changes})
 
 
 def cell_with(tmp_path: Path, **keys: float) -> Any:
@@ -61,6 +67,16 @@ def test_it_is_pressed_no_more_often_than_the_settings_say(tmp_path: Path) -> No
     assert plan_pressing(cell_with(tmp_path, tries=0), seen(0.030)) is None
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.025, pressed=(0.030,))) is None
     assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
+
+
+def test_a_try_that_touched_nothing_counts_and_is_not_told_as_a_pressing(tmp_path: Path) -> None:
+    assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
+    tried = replace(seen(0.030), press_tries=1)
+    assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
+
+
+def test_what_the_operator_wants_left_is_left(tmp_path: Path) -> None:
+    assert plan_pressing(cell_with(tmp_path, tries=1), replace(seen(0.030), unpressed=True)) is None
 
 
 def test_what_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
@@ -103,19 +119,32 @@ def test_good_folds_and_heaps_are_pressed_and_nothing_else(
 SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
 
 
-@pytest.mark.parametrize(
-    ("was", "corner", "good"),
-    [(None, 0.004, True), (None, 0.06, False), (FailureKind.PILING, 0.004, False)],
-)
-def test_a_good_fold_that_pressing_did_not_move_stays_good(
-    was: FailureKind | None, corner: float, good: bool
-) -> None:
-    """Its crease reaches a little further out than the unpressed one of the prediction."""
-    flatter = SQUARE - [[0.0, 0.003], [0.0, 0.003], [0.0, 0.0], [0.0, 0.0]]
-    flatter[2] -= corner  # a corner that turned up, or only shook
-    before = SimpleNamespace(diagnosis=was, contour=outline(SQUARE))
-    after = SimpleNamespace(diagnosis=FailureKind.OFF_TARGET, contour=outline(flatter))
-    assert unmoved(before, after) is good  # type: ignore[arg-type]
+def look(contour: np.ndarray, **changes: Any) -> Inspection:
+    """A good fold, seen so."""
+    good: dict[str, Any] = {
+        "iou": 0.96, "iou_aligned": 0.97, "drift": np.zeros(2), "drift_m": 0.002, "drift_rad": 0.0,
+        "height_m": 0.02, "extra_height_m": 0.0, "piled_area_m2": 0.0, "edge_deviation_m": 0.019,
+        "edge_place": np.zeros(2),
+        "missing_layer": 0.1, "edge": None, "left_behind": {}, "diagnosis": None, "confidence": 1.0,
+        "contour": contour, "mask": None, "predicted": None, "height": None, "view": None, "rgb": None,
+    }  # fmt: skip
+    return Inspection(**{**good, **changes})
+
+
+def test_a_pressed_crease_that_reaches_further_out_is_no_fault_and_a_turned_corner_is() -> None:
+    further = SQUARE - [[0.0, 0.004], [0.0, 0.004], [0.0, 0.0], [0.0, 0.0]]
+    turned = further.copy()
+    turned[2] -= 0.06
+    before, settings = look(outline(SQUARE)), InspectionSettings()
+    off = {"edge_deviation_m": 0.023, "diagnosis": FailureKind.OFF_TARGET}
+    assert judged_as_before(before, look(outline(further), **off), STEP, settings).diagnosis is None
+    assert judged_as_before(before, look(outline(turned), **off), STEP, settings).diagnosis is not None
+    heap = look(outline(further), **off, piled_area_m2=0.01)
+    assert judged_as_before(before, heap, STEP, settings).diagnosis is FailureKind.PILING, (
+        "all else is judged anew"
+    )
+    bad = look(outline(SQUARE), diagnosis=FailureKind.PILING)
+    assert judged_as_before(bad, look(outline(further), **off), STEP, settings).diagnosis is FailureKind.OFF_TARGET
 
 
 def outline(corners: np.ndarray) -> np.ndarray:
@@ -125,16 +154,44 @@ def outline(corners: np.ndarray) -> np.ndarray:
 
 
 def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hand stops where it is and goes home; what came of it is looked at."""
+    """The hand comes to rest and goes home; what came of it is looked at."""
     workcell = cell_with(tmp_path, tries=1, force=8.0)
     context = standing_by(workcell, monkeypatch)
-    for push, tripped in ((7.0, False), (30.0, True)):
-        feel(workcell, push)
+    for push, ended in ((7.0, False), (30.0, True)):
+        feel(monkeypatch, push)
         result = press(workcell, context)
         assert result.event is Event.DONE
-        assert result.record["stopped_by_force"] is tripped
+        assert result.record["stopped_by_force"] is ended
         assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
         assert result.record["strongest_n"] == pytest.approx(push)
+
+
+@pytest.mark.parametrize(("force", "stamp"), [(float("nan"), 0.0), (0.0, -1.0)])
+def test_tips_that_nobody_can_read_end_it_as_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, force: float, stamp: float
+) -> None:
+    """A stream that hangs after the zero says for ever that nothing is touched."""
+    workcell = cell_with(tmp_path, tries=1)
+    context = standing_by(workcell, monkeypatch)
+    feel(monkeypatch, force, stamp)
+    assert press(workcell, context).event is Event.FAILED
+
+
+def test_what_goes_wrong_while_a_pushed_hand_brakes_is_not_hidden(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    context = standing_by(workcell, monkeypatch)
+    feel(monkeypatch, 30.0)
+    lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
+
+    def stream(ports: Any, trajectory: Any, limits: Any, watch: Any, control: Any) -> Outcome[Any]:
+        assert watch(SimpleNamespace(t=0.0, state=ports.arms.state()))
+        return Outcome(failure=lag)
+
+    monkeypatch.setattr(pressing, "stream", stream)
+    result = press(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure is lag
 
 
 def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -161,10 +218,12 @@ def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> Context:
     monkeypatch.setattr(pressing, "stream", stream)
     monkeypatch.setattr(pressing, "telemetry", lambda cell, watch: watch)
     monkeypatch.setattr(pressing, "each_hand", lambda *_: Outcome({Side.LEFT: SimpleNamespace(tip=np.zeros(2))}))
-    return replace(seen(0.030), motion=motion)  # type: ignore[arg-type]
+    return replace(seen(0.030), press_motion=motion)  # type: ignore[arg-type]
 
 
-def feel(workcell: Any, force: float) -> None:
-    """The left hand's second tip is pushed so hard [N]."""
-    reading = TactileReading(0.0, Side.LEFT, np.zeros((2, 4, 3)), np.array([0.0, force]))
-    pressing.read_hand = lambda cell, side, state: SimpleNamespace(tactile=reading)  # type: ignore[assignment]
+def feel(monkeypatch: pytest.MonkeyPatch, force: float, stamp: float = 0.0) -> None:
+    """The left hand's second tip is pushed so hard [N], read at `stamp` and asked for at 0 [s]."""
+    tactile = TactileReading(stamp, Side.LEFT, np.zeros((2, 4, 3)), np.array([0.0, force]))
+    gripper = GripperState(0.0, Side.LEFT, 0.03, 0.0, False, True)
+    reading = HandReading(0.0, tactile, gripper, 0.05, np.zeros(7))
+    monkeypatch.setattr(pressing, "read_hand", lambda cell, side, state: reading)

@@ -69,16 +69,6 @@ def test_two_pictures_are_remembered() -> None:
     assert (context.frame.sequence, context.previous.sequence) == (3, 2)
 
 
-def test_a_fold_that_is_looked_at_once_more_is_compared_with_the_picture_before_it() -> None:
-    """It was inspected, pressed and is inspected again: what it laid on top shows only against what lay there."""
-    workcell = fake_workcell(FakeCell())
-    before = look(workcell, Context()).context
-    after = look(workcell, replace(before, carried=True)).context
-    assert after.previous is before.frame
-    again = look(workcell, replace(after, inspection=object())).context  # type: ignore[arg-type]
-    assert again.previous is before.frame and again.frame is not after.frame
-
-
 def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
     workcell, _ = seeing()
     good = look(workcell, Context()).context
