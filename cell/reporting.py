@@ -103,10 +103,9 @@ def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
 
 def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
     """What the last fold that was pressed looked like before and after."""
-    for note in notes:
-        pictures = list(_pressings(note))
-        if pictures:
-            cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
+    pictures = next(filter(None, (list(_pressings(note)) for note in reversed(notes))), None)
+    if pictures:
+        cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
 
 
 def _step(

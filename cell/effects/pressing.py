@@ -42,6 +42,9 @@ def plan_pressing(cell: Workcell, context: Context) -> Result | None:
     lying = _lying(context, seen)
     dabs, highest = _dabs(cell, lying, seen)
     if not dabs:
+        cell.tell(
+            f"fold {context.step.name} is not pressed: its crease does not stand high where fingers have room"
+        )
         return None
     planned = _planned(cell, lying.step.line, dabs, highest)
     if planned.failure:
@@ -151,8 +154,8 @@ def _planned(
 class _Guard:
     """Ends a pressing motion when a tip is pushed harder than the settings allow, or nobody can say how hard.
 
-    strongest: the strongest push so far [N]. pushed: that one was too hard, which is no
-    failure of the run's."""
+    strongest: the strongest push so far [N]. pushed: that one was too hard, which is no failure of the run's.
+    """
 
     def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
         self._cell, self._zeros = cell, zeros

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.perceive import smooth_height
 from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
@@ -22,8 +23,6 @@ EDGE = 0.035
 """Clear of an edge is what is so far inside it [m]: fingers leave alone the bulge of a crease that is there."""
 LIKE = 5
 """Pixels over which a place is as high as its mean."""
-
-
 LACKING = 0.0035
 """Where the stack is lower than its layers by so much, the upper ones are not there [m]."""
 
@@ -55,14 +54,10 @@ def standing(
     the fold as it would be if creases had no height, vertices in the middle of layers `thickness` [m] thick.
     """
     inner = cv2.erode(mask.astype(np.uint8), np.ones((RIM, RIM), np.uint8)) > 0
-    known = np.isfinite(height)
-    mean = cv2.blur(np.where(known, height, np.float32(0.0)), (LIKE, LIKE))
-    above = mean - draw_shape(view, flat) - np.float32(0.5 * thickness)
-    rows, columns = np.nonzero(inner & known & (np.nan_to_num(above, nan=-1.0) >= least))
-    c = view.camera_position
-    # seen along a slanted line: what is high stands nearer to the camera than it appears on the table
-    on_table = view.to_table(np.stack([columns, rows], axis=1)) - c[:2]
-    places = c[:2] + on_table * (1.0 - mean[rows, columns][:, None] / c[2])
+    smooth = smooth_height(height, LIKE)
+    above = smooth - draw_shape(view, flat) - np.float32(0.5 * thickness)
+    rows, columns = np.nonzero(inner & np.isfinite(height) & (np.nan_to_num(above, nan=-1.0) >= least))
+    places = view.to_table(np.stack([columns, rows], axis=1), smooth[rows, columns].astype(float))
     whole = mask & (np.nan_to_num(above, nan=0.0) > -LACKING)
     return Standing(places, above[rows, columns].astype(float), _clear_of_edges(whole, view))
 

@@ -57,14 +57,15 @@ class TableView:
         """(3, 3): view pixel (column, row, 1) -> camera pixel, up to scale."""
         self.valid = self._inside()
 
-    def to_table(self, uv: Array, height: float = 0.0) -> Array:
-        """View pixels (..., 2) (column, row) -> (..., 2) [m] of what is seen there at `height` above the table."""
+    def to_table(self, uv: Array, height: float | Array = 0.0) -> Array:
+        """View pixels (..., 2) (column, row) -> (..., 2) [m] of what is seen there at `height` above the table,
+        one for all or (...)."""
         uv = np.asarray(uv, dtype=float)
         x = self._x_far - (uv[..., 1] + 0.5) * self.pixel
         y = self._y_left - (uv[..., 0] + 0.5) * self.pixel
         on_table = np.stack([x, y], axis=-1)
         c = self.camera_position
-        return c[:2] + (on_table - c[:2]) * (1.0 - height / c[2])
+        return c[:2] + (on_table - c[:2]) * (1.0 - np.asarray(height)[..., None] / c[2])
 
     def to_pixel(self, xy: Array) -> Array:
         """Points on the table (..., 2) [m] -> view pixels (..., 2) (column, row)."""

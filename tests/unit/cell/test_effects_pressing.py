@@ -83,6 +83,13 @@ def test_what_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> Non
     assert plan_pressing(cell_with(tmp_path, tries=3), seen(0.0295, pressed=(0.030,))) is None
 
 
+def test_where_fingers_have_no_room_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pressing, "_dabs", lambda *_: ((), 0.0))
+    told: list[str] = []
+    assert plan_pressing(replace(cell_with(tmp_path, tries=1), tell=told.append), seen(0.030)) is None
+    assert "room" in told[0]
+
+
 def test_where_no_hand_can_press_the_fold_stands_and_it_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
