@@ -172,8 +172,15 @@ def _port(text: str) -> int:
     return int(text)
 
 
+def _driver_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--driver", choices=["sim", "emulator", "ros"], default="sim",
+        help="what moves: the simulated cell, the same behind ROS in real time, or the robot (ROS_MASTER_URI)",
+    )  # fmt: skip
+
+
 def _driver_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
+    _driver_option(parser)
     parser.add_argument(
         "--world", choices=["xpbd", "mujoco"], default="xpbd",
         help="what the simulated cloth is: our solver, or MuJoCo (towels; slow; needs the extra peers)",
@@ -303,7 +310,7 @@ def _calibrate(commands: Commands) -> None:
 
     def of_cell(name: str, about: str) -> argparse.ArgumentParser:
         action = add(name, "calibrate_cell", about)
-        action.add_argument("--driver", choices=["sim"], default="sim", help="what moves: the simulated cell")
+        _driver_option(action)
         action.add_argument(
             "--realtime", action="store_true", help="simulated time passes no faster than the clock"
         )

@@ -23,6 +23,7 @@ from robots.errors import ConfigurationError
 from skills.vocabulary import Table
 
 if TYPE_CHECKING:
+    from robots.baxter.ros.connection import RosSettings
     from skills.grasping.settings import GraspSettings
     from skills.perception.inspect import InspectionSettings
     from skills.perception.perceive import PerceptionSettings
@@ -39,6 +40,7 @@ __all__ = [
     "PressingConfig",
     "RecorderConfig",
     "RecoveryConfig",
+    "RosConfig",
     "TableConfig",
     "default_settings_path",
     "load_settings",
@@ -65,6 +67,9 @@ def _span(shape: str, about: str) -> Any:
 
 
 _Edge = Annotated[float, Field(ge=-2.0, le=2.0, strict=True, allow_inf_nan=False)]
+
+
+_TOPIC = r"^(/[A-Za-z][A-Za-z0-9_]*)+$"
 
 
 class _Group(BaseModel):
@@ -221,6 +226,28 @@ class ComputingConfig(_Group):
     inspection_s: float = _number(0.0, 60.0, "s", "judging a fold")
 
 
+class RosConfig(_Group):
+    """The robot over ROS (robots.baxter.ros); the master is ROS_MASTER_URI's."""
+
+    raw_position: bool = Field(
+        strict=True,
+        description="set-points without the robot's own collision avoidance, with feed-forward: it follows more "
+        "closely",
+    )
+    tactile_rows: int = _count(1, 64, "rows of pressure cells on each pad")
+    camera_rgb: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour picture")
+    camera_depth: str = Field(pattern=_TOPIC, strict=True, description="topic of the depth, registered to it")
+    camera_info: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour camera's figures")
+
+    def settings(self) -> RosSettings:
+        """As the driver takes them."""
+        from robots.baxter.ros.connection import RosSettings
+        from robots.baxter.ros.topics import CameraTopics
+
+        camera = CameraTopics(self.camera_rgb, self.camera_depth, self.camera_info)
+        return RosSettings(camera, self.raw_position, self.tactile_rows)
+
+
 class RecorderConfig(_Group):
     """What a run's report shows."""
 
@@ -248,6 +275,7 @@ class CellSettings(_Group):
     optimiser: OptimiserConfig
     computing: ComputingConfig
     recorder: RecorderConfig
+    ros: RosConfig
 
     @property
     def table(self) -> Table:

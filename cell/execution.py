@@ -15,6 +15,7 @@ import numpy as np
 
 from cell.commands import ABORTED, CommandQueue
 from cell.states import Event
+from cell.ticks import TICK_S, Ticks
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports
@@ -36,7 +37,6 @@ __all__ = [
     "wait",
 ]
 
-TICK_S = 0.01
 FADE_S = 0.25
 """In which the gap between the last set-point and the next motion's first is closed [s]."""
 NEAR = float(np.deg2rad(1.5))
@@ -152,12 +152,12 @@ def wait(ports: Ports, seconds: float, watch: Watch | None = None, sent: Sent | 
     read = fresh_state(ports, ExecutionLimits())
     q = read.unwrap().q if read.ok else None
     offset = np.zeros(14) if q is None else sent.offset(q)
-    t0 = ports.clock.now()
+    ticks = Ticks(ports.clock)
     for k in range(max(1, round(seconds / TICK_S))):
         if q is not None:
             sent.q = q + faded(k) * offset
             ports.arms.command(sent.q, np.zeros_like(q))
-        ports.clock.sleep_until(t0 + (k + 1) * TICK_S)
+        ticks.wait()
         failure = stopped(ports) or (watch(Tick((k + 1) * TICK_S, ports.arms.state())) if watch else None)
         if failure:
             return failure
@@ -316,7 +316,7 @@ class _Motion:
 
     def run(self) -> Outcome[JointState]:
         ports = self._ports
-        t0, k, t = ports.clock.now(), 0, 0.0
+        ticks, k, t = Ticks(ports.clock), 0, 0.0
         offset = self._control.sent.offset(self._trajectory.q[0]) if self._control else np.zeros(14)
         while True:
             q, qd = self._path.setpoint() if self._path else self._trajectory.at(t)
@@ -326,7 +326,7 @@ class _Motion:
             if self._control:
                 self._control.sent.q = q
             k += 1
-            ports.clock.sleep_until(t0 + k * TICK_S)
+            ticks.wait()
             if self._path:
                 self._path.advance()
                 t = self._path.t

@@ -11,7 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.execution import TICK_S, Watch, faded, followed, fresh_state
+from cell.execution import Watch, faded, followed, fresh_state
+from cell.ticks import TICK_S, Ticks
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, JointState, Side, arm_slice
@@ -90,12 +91,12 @@ def each_hand(
     first = arms(running) if arms else still
     offset = cell.sent.offset(first)
     q = first + offset
-    t0 = ports.clock.now()
+    ticks = Ticks(ports.clock)
     for k in range(1, round(LONGEST_LOOP_S / TICK_S)):
         goal = (still if not arms else first if k == 1 else arms(running)) + faded(k - 1) * offset
         sent = ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))
         cell.sent.q = q = goal
-        ports.clock.sleep_until(t0 + k * TICK_S)
+        ticks.wait()
         read = followed(ports, goal, sent, cell.execution)
         if read.failure:
             return Outcome(failure=read.failure)

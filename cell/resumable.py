@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cell.driver import is_simulated
 from cell.journal import Journal
 from robots.errors import ConfigurationError
 
@@ -48,7 +49,7 @@ def check_resumable(journal: Journal, name: str) -> None:
     if successors:
         newest = successors[-1]
         raise ConfigurationError(f"the run {name} was gone on with as {newest}", f"foldcell resume {newest}")
-    used = [other.id for other in later if other.driver == record.driver != "sim"]
+    used = [other.id for other in later if other.driver == record.driver and not is_simulated(record.driver)]
     if used:
         raise ConfigurationError(
             f"the cell has done other runs since {name} (the last is {used[-1]})",

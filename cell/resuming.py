@@ -16,6 +16,7 @@ from typing import Any
 
 from cell.belief import read_belief, write_belief
 from cell.context import Context
+from cell.driver import is_simulated
 from cell.frame_store import FRAMES, FrameStore
 from cell.journal import Journal
 from cell.request_file import load_request
@@ -76,7 +77,7 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
     context = read_belief(record.directory / BELIEF, FrameStore(record.directory / FRAMES))
     event = reentry([State(entry.state) for entry in journal.entries(record.id)], context)
     fresh = Context() if event is Event.START_OVER else context
-    world = _world(record.directory / WORLD) if record.driver == "sim" else None
+    world = _world(record.directory / WORLD) if is_simulated(record.driver) else None
     return Interrupted(record.id, request, _entered(fresh, event), world)
 
 

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.assembly import assemble, load_robot
+from cell.attendant import PersonAttendant
 from cell.commands import CommandQueue
 from cell.compiling import compiling_told
 from cell.context import Context
-from cell.driver import check_cell, opened_cell
+from cell.driver import PersonAt, check_cell, is_simulated, opened_cell
 from cell.effects import EFFECTS
 from cell.interrupts import stop_on_signals
 from cell.journal import Journal, RunJournal
@@ -85,8 +86,9 @@ def fold_once(
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
-    if request.approve and request.terminal and not request.page and sys.stdin is None:
-        raise ConfigurationError("nobody can approve: there is no terminal", "use the operator's page: supervise")
+    asks = request.approve or not is_simulated(request.driver)
+    if asks and request.terminal and not request.page and sys.stdin is None:
+        raise ConfigurationError("nobody can answer: there is no terminal", "use the operator's page: supervise")
     with (
         OwnerLock(request.logs / "cell.lock"),
         Journal.open(ledger_path(request.logs)) as journal,
@@ -191,6 +193,12 @@ def _perform(
         for watcher in watching:
             watcher.note(text)
 
+    def ask(what: str | None) -> None:
+        if what is not None:
+            lines.note(f"{what}, then approve" + (" (a, Enter)" if request.terminal else ""))
+        if supervision:
+            supervision.board.ask(what)
+
     def computing(done: int, total: int, remark: str) -> None:
         for watcher in watching:
             watcher.computing(done, total, remark)
@@ -198,7 +206,7 @@ def _perform(
     try:
         with (
             compiling_told(lines.note),
-            _opened(request, interrupted) as ports,
+            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, ask)) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             stop_on_signals(ports) as received,
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
@@ -208,7 +216,8 @@ def _perform(
             cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
             cell = replace(cell, watched_stop=used.stop)
             witness = _witness(request, ports, recorder)
-            if request.approve and request.terminal and (in_foreground(sys.stdin) or not request.page):
+            asked = request.approve or not ports.simulated
+            if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
             keeper = _keeper(request, run, ports)
             context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
@@ -234,14 +243,13 @@ def _perform(
 
 
 def _keeper(request: FoldRequest, run: RunJournal, ports: Ports) -> Keeper:
-    simulated = request.driver == "sim"
-    return Keeper(run.directory, (lambda: checkpoint(ports)) if simulated else None)
+    return Keeper(run.directory, (lambda: checkpoint(ports)) if ports.simulated else None)
 
 
 @contextmanager
-def _opened(request: FoldRequest, interrupted: Interrupted | None) -> Iterator[Ports]:
+def _opened(request: FoldRequest, interrupted: Interrupted | None, person: PersonAt) -> Iterator[Ports]:
     """The cell; a simulated one that is gone on with stands where it stood, before anybody can stop it."""
-    with opened_cell(request.driver, _simulated(request), request.seed) as ports:
+    with opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports:
         if interrupted and interrupted.world is not None:
             restore(ports, interrupted.world)
         yield ports
@@ -289,7 +297,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
 
 def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:
     """Who records and scores the truth of a simulated cell."""
-    if not request.witness:
+    if not (request.witness and ports.simulated):
         return None
     from cell.simulation.witness import Witness
 
@@ -311,8 +319,8 @@ def _result(
         garment=request.garment,
         seed=request.seed,
         driver=request.driver,
-        simulated=request.driver == "sim",
-        world=request.world if request.driver == "sim" else None,
+        simulated=is_simulated(request.driver),
+        world=request.world if is_simulated(request.driver) else None,
         result=RESULTS[end.state],
         state=end.state.value,
         failure=None if failure is None else _failure(failure),

@@ -73,10 +73,11 @@ class Workcell:
     What it says only ends the waiting: `ports.stop` is asked then, and by that it is decided."""
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
-        """Run a skill on a worker while watching the stop, then charge its declared time to the clock.
+        """Run a skill on a worker while watching the stop; in simulation it takes its declared time at least.
 
         Raises DriverError(STOPPED) when the stop is triggered meanwhile; the skill's result is then void.
         """
+        began = self.ports.clock.now()
         future = self.workers.submit(work)
         watched = self.watched_stop or self.ports.stop
         while not wait([future], timeout=_POLL_S).done and not watched.state().stopped:
@@ -88,5 +89,5 @@ class Workcell:
         result = future.result()
         if self.ports.simulated:
             cost = charge_s(result) if callable(charge_s) else charge_s
-            self.ports.clock.sleep_until(self.ports.clock.now() + cost)
+            self.ports.clock.sleep_until(began + cost)
         return result

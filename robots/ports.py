@@ -260,6 +260,10 @@ class Camera(Protocol):
     def capture(self) -> CameraFrame:
         """Take a picture now. Raises DriverError(CAMERA_FAULT) when the camera does not answer."""
 
+    def glimpse(self) -> CameraFrame | None:
+        """A picture for show, without waiting: None where there is none yet, and then one is asked for. What a
+        motion under way may ask for between two set-points. Raises DriverError as `capture`."""
+
 
 class Stop(Protocol):
     """The stop circuit: out of band, callable from any thread and from a signal handler."""

@@ -136,6 +136,9 @@ class _Camera:
         rgb = np.full((480, 640, 3), 128, np.uint8)
         return CameraFrame(self._cell.now, 0, rgb, np.ones((480, 640), np.float32), k)
 
+    def glimpse(self) -> CameraFrame:
+        return self.capture()
+
 
 class _Stop:
     def __init__(self, cell: FakeCell) -> None:

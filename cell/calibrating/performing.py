@@ -12,9 +12,10 @@ from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, 
 from cell.calibrating.reaching import reach, settled_joints, with_board
 from cell.calibrating.touching import touch_table
 from cell.effects.seeing import capture
-from cell.execution import TICK_S, stopped, wait
+from cell.execution import stopped, wait
 from cell.hands import command_grip
 from cell.journal import RunJournal
+from cell.ticks import TICK_S
 from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import BoardPlace, Side, TactileReading

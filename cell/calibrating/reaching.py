@@ -13,8 +13,9 @@ from calibration.effects import Reach
 from cell.assembly import SLACK
 from cell.calibrating.touching import arm_seeds, park_other
 from cell.effects.moving import move
-from cell.execution import TICK_S, fresh_state, wait
+from cell.execution import fresh_state, wait
 from cell.hands import telemetry
+from cell.ticks import TICK_S
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibration.effects import Procedure
 from cell.assembly import assemble, load_robot
+from cell.attendant import PersonAttendant
 from cell.calibrating.performing import STATE, Performer
 from cell.commands import CommandQueue
 from cell.compiling import compiling_told
@@ -33,10 +35,11 @@ from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.run import VERSIONED
 from cell.simulation import SimulationSettings, Truth, truth
+from cell.terminal import TerminalOperator
 from cell.whole_file import write_whole
 from cell.workcell import Workcell
 from robots.errors import CellError, DriverError, Failure, FailureKind, RecordError, StorageError
-from robots.ports import Ports
+from robots.ports import Ports, Stop
 from skills.vocabulary import Outcome
 
 __all__ = ["CalibrationEnd", "CalibrationRequest", "calibrate"]
@@ -136,15 +139,25 @@ def _with_cell(
     script: Script | None,
     began: float,
 ) -> CalibrationEnd[T]:
-    robot = load_robot(request.settings)
+    robot, commands = load_robot(request.settings), CommandQueue()
+
+    def ask(what: str | None) -> None:
+        if what is not None:
+            request.say(f"{'':12}{what}, then approve (a, Enter)")
+
+    def person(stop: Stop) -> PersonAttendant:
+        return PersonAttendant(commands, stop, ask)
+
     with (
         compiling_told(lambda text: request.say(f"{'':12}{text}")),
-        opened_cell(request.driver, _simulated(request), request.seed) as ports,
+        opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports,
         ThreadPoolExecutor(1, "skill") as workers,
         stop_on_signals(ports) as received,
     ):
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
-        cell = assemble(asked, robot, ports, Recorder.silent(), CommandQueue(), workers, _unsaid, _unsaid)
+        cell = assemble(asked, robot, ports, Recorder.silent(), commands, workers, _unsaid, _unsaid)
+        if not ports.simulated and sys.stdin is not None:
+            TerminalOperator(commands, sys.stdin, sys.stderr).start()
         if script is not None:
             script(ports)
         try:
@@ -160,7 +173,7 @@ def _with_cell(
             failure=outcome.failure,
             safe=safe,
             simulated=ports.simulated,
-            truth=truth(ports) if ports.driver == "sim" else None,
+            truth=truth(ports) if ports.simulated else None,
             signal=received[0] if received else None,
             robot_time_s=round(ports.clock.now(), 3),
             wall_time_s=round(time.monotonic() - began, 3),

@@ -8,8 +8,9 @@ import numpy as np
 
 from calibration.effects import Touch, Touched
 from cell.effects.moving import move
-from cell.execution import TICK_S, fresh_state, wait
+from cell.execution import fresh_state, wait
 from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
+from cell.ticks import TICK_S
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side, arm_slice

@@ -45,6 +45,7 @@ class Board:
         self._pausing = False
         self._progress: dict[str, Any] | None = None
         self._note = ""
+        self._wanted: str | None = None
         self._end: dict[str, Any] | None = None
         self.version = 0
 
@@ -76,6 +77,13 @@ class Board:
             self._note = text
             self.version += 1
 
+    def ask(self, what: str | None) -> None:
+        """Something that the person at the cell is to do, and to approve when it is done; None: it is."""
+        with self._lock:
+            self._wanted = what
+            self._question += what is not None
+            self.version += 1
+
     def heard(self, command: Event) -> None:
         """A command was given, here or at the terminal: a motion that pauses can be resumed."""
         with self._lock:
@@ -101,7 +109,7 @@ class Board:
     def answers(self, question: object) -> bool:
         """Whether this is the question that is asked now."""
         with self._lock:
-            return self._state in ASKING and question == self._question
+            return self._asking() and question == self._question
 
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
@@ -111,7 +119,7 @@ class Board:
                 "version": self.version,
                 "state": self._state.value,
                 "allowed": [event.value for event in ORDER if event in may],
-                "question": {"number": self._question, "text": self._asked()} if self._state in ASKING else None,
+                "question": {"number": self._question, "text": self._asked()} if self._asking() else None,
                 "steps": self._steps(),
                 "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
                 "progress": self._progress,
@@ -122,11 +130,17 @@ class Board:
     def _may_be_said(self) -> frozenset[Event]:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
-        may = _ALLOWED[self._state] - ({Event.PAUSE} if self._state in ASKING else set())  # it stands still
+        may = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # it stands still
+        may |= {Event.APPROVE} if self._wanted else set()
         return may - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in may else may
+
+    def _asking(self) -> bool:
+        return self._state in ASKING or self._wanted is not None
 
     def _asked(self) -> str:
         context = self._context
+        if self._wanted is not None:
+            return f"Please {self._wanted}. Then approve."
         if self._state is State.ASKING:
             failure = context.failure
             return f"{failure.what}. {failure.hint}" if failure else "What now?"

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from cell.commands import CommandQueue
 from cell.console.board import Board
 from cell.console.server import operators_page
+from cell.driver import is_simulated
 from cell.recorder import Recorder
 from cell.recorder.live import viewer_address, web_viewer
 from cell.requests import FoldRequest
@@ -21,7 +22,7 @@ class Supervision:
     """Of one run. board: an observer; commands: the run's queue, which the board hears too."""
 
     def __init__(self, request: FoldRequest, run_id: str, listener: socket.socket) -> None:
-        self.board = Board(run_id, request.garment, request.seed, request.driver == "sim")
+        self.board = Board(run_id, request.garment, request.seed, is_simulated(request.driver))
         self.commands = CommandQueue(self.board.heard)
         self._listener = listener
         self._viewer = web_viewer() if request.record else None

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from cell.commands import ABORTED
 from cell.context import Context, Result
-from cell.execution import TICK_S, stopped, wait
+from cell.execution import stopped, wait
 from cell.recovery import Adjustment, Recovery, choose_recovery
 from cell.states import Event
+from cell.ticks import TICK_S
 from cell.workcell import Workcell
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]

@@ -9,10 +9,11 @@ import numpy as np
 
 from cell.context import Context, Result
 from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
-from cell.execution import TICK_S, Tick, Watch, faded, followed, stream
+from cell.execution import Tick, Watch, faded, followed, stream
 from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
 from cell.states import Event
+from cell.ticks import TICK_S, Ticks
 from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side, arm_slice
@@ -188,7 +189,7 @@ def _press(
     last = state.q + cell.sent.offset(state.q)
     n = round(PRESS_S / TICK_S)
     record = telemetry(cell)
-    t0 = cell.ports.clock.now()
+    ticks = Ticks(cell.ports.clock)
     for k in range(1, n + 1):
         left, left_before = faded(k, PRESS_S), faded(k - 1, PRESS_S)
         for s in ways:
@@ -197,7 +198,7 @@ def _press(
         q = _lowered(last, ways, {s: hand.position for s, hand in hands.items()})
         sent = cell.ports.arms.command(q, (q - last) / TICK_S)
         cell.sent.q = last = q
-        cell.ports.clock.sleep_until(t0 + k * TICK_S)
+        ticks.wait()
         read = followed(cell.ports, q, sent, cell.execution)
         if read.failure:
             return read.failure
@@ -258,15 +259,17 @@ def _photographer(cell: Workcell, moments: Array, pictures: list[CameraFrame]) -
 
     def look(tick: Tick) -> Failure | None:
         if due and tick.t >= due[0]:
-            due.pop(0)
             try:
-                frame = cell.ports.camera.capture()
+                frame = cell.ports.camera.glimpse()
             except DriverError as e:
                 if e.kind is FailureKind.STOPPED:
                     raise
+                due.pop(0)
                 return None
-            pictures.append(frame)
-            cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+            if frame is not None:
+                due.pop(0)
+                pictures.append(frame)
+                cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
         return None
 
     return look

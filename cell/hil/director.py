@@ -167,7 +167,12 @@ class Director:
         openings = [gripper.state().opening for gripper in ports.grippers.values()]
         self._parked = astray < AT_REST and min(openings) > OPEN
         happened = [fault for _, fault in truth(ports).faults] if self._faults else []
-        not_so = [action for fault, action in self._faults if not any(fault is f for f in happened)]
+        not_so = []
+        for fault, action in self._faults:  # equal ones are told apart by their number
+            if fault in happened:
+                happened.remove(fault)
+            else:
+                not_so.append(action)
         still = [action for _, action in self._due] + [action for said, action in self._said if not said.taken]
         missed = (*self._waiting, *self._late, *still, *not_so)
         self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)

@@ -10,6 +10,7 @@ from typing import Any
 
 from cell.assembly import load_robot
 from cell.config import CellSettings, overlaid
+from cell.driver import is_simulated
 from cell.garments import load_garment
 from cell.hil.director import Director
 from cell.hil.script import Script
@@ -53,10 +54,10 @@ class Performance:
 
 def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
     """The settings of the script's run. Raises ConfigurationError for a script that cannot be performed."""
-    if script.needs_simulation and driver != "sim":
+    if script.needs_simulation and not is_simulated(driver):
         raise ConfigurationError(
             f"{script.path}: only a simulated cell can be made to fail, and is scored",
-            "use `tell` to have a person do it, leave `passed` out, or use --driver sim",
+            "use `tell` to have a person do it, leave `passed` out, or use --driver sim or emulator",
         )
     own = overlaid(settings, script.cell, script.path, script.setting_lines)
     if script.garment != "auto":

@@ -210,6 +210,9 @@ class _Camera(_Port):
     def capture(self) -> CameraFrame:
         return self._answers.answer(Channel.CAPTURE)
 
+    def glimpse(self) -> CameraFrame | None:
+        return self._answers.answer(Channel.GLIMPSE)
+
 
 class _WatchedStop(_Port):
     """The stop as it is asked while a skill computes, as often as it may be."""
@@ -306,6 +309,7 @@ _WORDS: dict[Channel, Callable[..., str]] = {
     Channel.GRIPPER: lambda side: f"a reading of the {side} gripper",
     Channel.TACTILE: lambda side: f"a tactile reading of the {side} hand",
     Channel.CAPTURE: lambda: "a picture",
+    Channel.GLIMPSE: lambda: "a picture for show",
     Channel.STOP: lambda: "a look at the stop",
     Channel.LAY: lambda: "asking for the garment to be laid",
     Channel.BOARD: lambda place: f"asking for the board: {place}",

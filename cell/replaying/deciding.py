@@ -126,7 +126,7 @@ def decide_again(
         cell_time_s=deviation.cell_time_s if deviation else answers.cell_time,
         effects=sum(1 for e in compared if e.kind == "result"),
         set_points=answers.asked.get(Channel.SET_POINT, 0),
-        pictures=answers.asked.get(Channel.CAPTURE, 0),
+        pictures=answers.asked.get(Channel.CAPTURE, 0) + answers.asked.get(Channel.GLIMPSE, 0),
         exchanges=answers.count,
         wall_time_s=time.monotonic() - began,
     )

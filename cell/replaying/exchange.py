@@ -59,6 +59,7 @@ class Channel(Enum):
     GRIPPER = "gripper.state"
     TACTILE = "tactile.reading"
     CAPTURE = "camera.capture"
+    GLIMPSE = "camera.glimpse"
     STOP = "stop.state"
     LAY = "attendant.lay_garment"
     BOARD = "attendant.bring_board"

@@ -183,6 +183,9 @@ class _Camera:
     def capture(self) -> CameraFrame:
         return self._stenographer.hear(Channel.CAPTURE, (), self._camera.capture)
 
+    def glimpse(self) -> CameraFrame | None:
+        return self._stenographer.hear(Channel.GLIMPSE, (), self._camera.glimpse)
+
 
 class _Stop:
     def __init__(self, stenographer: Stenographer, stop: Stop) -> None:

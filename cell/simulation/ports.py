@@ -104,6 +104,9 @@ class _Camera(_Port):
     def capture(self) -> CameraFrame:
         return _registry.world(self._cell).capture()
 
+    def glimpse(self) -> CameraFrame:
+        return self.capture()
+
 
 class _Stop(_Port):
     __slots__ = ()

@@ -20,13 +20,12 @@ from robots.baxter.pybullet_body import BaxterBody
 from robots.errors import DriverError, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
+from robots.setpoint import clip_setpoint
 
 __all__ = ["SimulatedRobot"]
 
 EXTRAPOLATION = 0.02
 """A set-point's velocity is followed for this long when the next one is late [s]."""
-JUMP_TIME = 0.04
-"""A set-point may lie as far from the last one as the joints travel in this time at full speed [s]."""
 MOVING = 0.05
 """Joint speed at which jitter has its full size [rad/s]."""
 HEAD_SPEED = 0.6  # [rad/s]
@@ -67,8 +66,7 @@ class SimulatedRobot:
         ideal: bool,
     ) -> None:
         self._body, self._noise, self._rng, self._ideal = body, noise, rng, ideal
-        self._lower, self._upper = model.protective.lower, model.protective.upper
-        self._speed = model.protective.velocity
+        self._limits = model.protective
         self._brake = noise.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
         scale = 0.0 if ideal else 1.0
         self._bias = scale * noise.encoder_bias * rng.standard_normal(14)
@@ -111,13 +109,10 @@ class SimulatedRobot:
             )
         if not self._enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
-        reach = self._speed * JUMP_TIME
-        sent = np.clip(np.clip(q, self._sent - reach, self._sent + reach), self._lower, self._upper)
-        speed = np.clip(qd, -self._speed, self._speed)
-        self._queue.append(_Setpoint(self._t + self._lag, sent, speed))
-        self._sent = sent
-        clipped = bool(np.any(sent != q) or np.any(speed != qd))
-        return JointSetpoint(self._t, frozen(sent.copy()), frozen(speed), clipped)
+        sent = clip_setpoint(q, qd, self._sent, self._limits, self._t)
+        self._queue.append(_Setpoint(self._t + self._lag, sent.q, sent.qd))
+        self._sent = sent.q
+        return sent
 
     def state(self) -> JointState:
         """Reading it changes nothing: the noise belongs to the physics step, not to the call."""
@@ -192,7 +187,7 @@ class SimulatedRobot:
         self._body.drive(self._target - self._bias + self._disturbance(t, dt), self._velocity, self._head, opening)
 
     def _within(self, q: Array) -> Array:
-        return np.asarray(np.minimum(np.maximum(q, self._lower), self._upper))
+        return np.asarray(np.minimum(np.maximum(q, self._limits.lower), self._limits.upper))
 
     def _hold(self, dt: float) -> None:
         """Brake to rest and stay there."""

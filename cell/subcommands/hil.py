@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.config import CellSettings, load_settings
+from cell.driver import is_simulated
 from cell.hil.junit import junit_text
 from cell.hil.performing import Performance, check_script, perform_script
 from cell.hil.script import Script, read_script
@@ -116,7 +117,7 @@ def _interruptible() -> Iterator[None]:
 
 def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
     """One owner a cell, also between two runs; each simulated run has a cell of its own."""
-    return nullcontext() if driver == "sim" else OwnerLock(logs / "cell.lock")
+    return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
 
 
 def _files(given: list[Path]) -> list[Path]:
@@ -133,7 +134,7 @@ def _files(given: list[Path]) -> list[Path]:
 def _figures(done: list[Performance], left: list[Script], driver: str) -> dict[str, Any]:
     return {
         "schema": 1,
-        "simulated": driver == "sim",
+        "simulated": is_simulated(driver),
         "passed": sum(p.passed for p in done),
         "failed": sum(not p.passed for p in done),
         "not_performed": [str(script.path) for script in left],

@@ -25,10 +25,10 @@ from cell.calibration_file import (
 )
 from cell.cli import main
 from cell.config import load_settings
-from cell.execution import TICK_S
 from cell.journal import Journal
 from cell.paths import ledger_path
 from cell.simulation.ports import _Arms
+from cell.ticks import TICK_S
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Ports, Side, arm_slice
 from skills.motion import ik

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from cell.calibration_file import calibration_text, camera_calibration, load_camera_calibration
 from cell.config import CellSettings, default_settings_path, load_settings
 from cell.yaml_file import merge, read_yaml
+from robots.baxter.ros.connection import RosSettings
+from robots.baxter.ros.topics import CameraTopics
 from robots.errors import ConfigurationError
 from skills.grasping.settings import GraspSettings
 from skills.perception.inspect import InspectionSettings
@@ -285,6 +287,22 @@ def test_the_shipped_thresholds_are_those_that_the_skills_were_tested_with() -> 
     assert settings.perception.settings() == PerceptionSettings()
     assert settings.inspection.settings(settings.perception) == InspectionSettings()
     assert settings.grasp.settings() == GraspSettings()
+    assert settings.ros.settings() == RosSettings()
+
+
+def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text(
+        "ros: {raw_position: true, tactile_rows: 6, camera_rgb: /a/b, camera_depth: /c, camera_info: /d/e_1}"
+    )
+    camera = CameraTopics("/a/b", "/c", "/d/e_1")
+    assert load_settings(tmp_path / "cell.yaml").ros.settings() == RosSettings(camera, True, 6)
+
+
+@pytest.mark.parametrize("topic", ["camera/rgb", "/", "/a//b", "/1a", "/a b", ""])
+def test_what_is_no_topic_is_refused(tmp_path: Path, topic: str) -> None:
+    (tmp_path / "cell.yaml").write_text(f"ros: {{camera_rgb: '{topic}'}}")
+    with pytest.raises(ConfigurationError, match="camera_rgb"):
+        load_settings(tmp_path / "cell.yaml")
 
 
 def test_every_key_is_read_by_somebody() -> None:
@@ -293,7 +311,7 @@ def test_every_key_is_read_by_somebody() -> None:
     sources = [p for p in root.rglob("*.py") if p.name != "config.py"]
     names = {n.attr for p in sources for n in ast.walk(ast.parse(p.read_text())) if isinstance(n, ast.Attribute)}
     for group, keys in yaml.safe_load(default_settings_path().read_text()).items():
-        if isinstance(keys, dict) and group not in ("table", "perception", "inspection", "grasp"):
+        if isinstance(keys, dict) and group not in ("table", "perception", "inspection", "grasp", "ros"):
             assert keys.keys() <= names, group
 
 

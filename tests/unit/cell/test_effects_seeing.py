@@ -33,6 +33,9 @@ class CountingCamera:
         self.shots += 1
         return replace(self._camera.capture(), sequence=self.shots)
 
+    def glimpse(self) -> CameraFrame:
+        return self.capture()
+
 
 def seeing(pan_calibrated: float = 0.0, **changes: Any) -> tuple[Workcell, CountingCamera]:
     """A cell whose head stands at 0 rad, with a camera calibrated at another angle."""

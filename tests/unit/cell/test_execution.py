@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from cell.commands import CommandQueue
-from cell.execution import TICK_S, ExecutionLimits, PathControl, Sent, come_to_rest, hold, stream, wait
+from cell.execution import ExecutionLimits, PathControl, Sent, come_to_rest, hold, stream, wait
 from cell.states import Event
+from cell.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, JointSetpoint

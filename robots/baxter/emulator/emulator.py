@@ -1,0 +1,282 @@
+"""The loop that serves a cell's ports as a Baxter: each tick it lets the cell's time go on, does what was asked
+for over the topics, and publishes what the ports tell.
+
+Ports belong to one thread: what topics hear waits for the next tick, except for the stop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from threading import Condition, Event
+from typing import Any, TypeVar
+
+import numpy as np
+
+from robots.baxter.emulator import telling
+from robots.baxter.emulator.errands import Errands
+from robots.baxter.emulator.grippers import ElectricGripper
+from robots.baxter.emulator.limbs import TICK, Limb
+from robots.baxter.emulator.motors import Motors
+from robots.baxter.ros import topics
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node, Publisher
+from robots.baxter.ros.topics import CameraTopics
+from robots.errors import DriverError
+from robots.ports import Ports, Side, arm_slice
+
+__all__ = ["Emulator"]
+
+USE_SIM_TIME = "/use_sim_time"
+VERSION = "/rethink/software_version"
+EMULATED = "1.2.0"
+
+PICTURE_EVERY = 0.2
+"""[s]"""
+BEHIND = 2 * TICK
+"""Further behind the wall clock than this, the time is lost and not caught up with [s]."""
+TURNING = 0.01
+"""The head turns when it is faster than this [rad/s]."""
+PATIENCE = 100
+"""Messages of a topic that wait to be read, where each one counts."""
+FULLY = 1e-6  # of a tick
+
+T = TypeVar("T")
+
+
+class Emulator:
+    """A cell's ports as a Baxter on ROS, with the clock of the cell on /clock.
+
+    pace: the cell's time goes at most this many times as fast as the wall's; None: as fast as it can. patience:
+    for so long after a command, on the wall [s], time waits for the next one, so that a program on a busy machine
+    is not late. A robot has none. tell: is told, once each, of messages that are not
+    obeyed. `perform`, `press_button` and `release_button` are callable from any thread.
+    """
+
+    def __init__(
+        self,
+        ports: Ports,
+        node: Node,
+        camera: CameraTopics = CameraTopics(),  # noqa: B008  # frozen
+        tell: Callable[[str], None] = lambda _: None,
+        pace: float | None = 1.0,
+        patience: float = 0.0,
+    ) -> None:
+        self._ports, self._node, self._camera, self._tell, self._pace = ports, node, camera, tell, pace
+        self._patience = patience
+        self._commanded = dict.fromkeys(Side, (-math.inf, -math.inf))
+        """When each arm's newest command came: cell time and the wall's [s]."""
+        self._command_came = Condition()
+        self._messages = load_messages()
+        self._motors = Motors(ports.arms, ports.stop)
+        self._limbs = {side: Limb(side) for side in Side}
+        self._grippers = {side: ElectricGripper(port) for side, port in ports.grippers.items()}
+        self._errands = Errands()
+        self._heard: deque[Callable[[], None]] = deque()
+        self._told: set[str] = set()
+        self._publishers: dict[str, Publisher] = {}
+        self._now = ports.clock.now()
+        self._pan = math.nan
+        self._next_picture = -math.inf
+        self._origin: tuple[float, float] | None = None
+        node.set_parameter(USE_SIM_TIME, True)  # before anybody is told that there is a robot
+        node.set_parameter(VERSION, EMULATED)
+
+    def run(self, until: Event) -> None:
+        """Serve until `until` is set, in this thread; then time is no longer simulated. The topics are the node's
+        and stay open."""
+        try:
+            self._open_topics()
+            while not until.is_set():
+                self._tick()
+                if self._errands.run():  # it let time pass as it liked
+                    self._now, self._origin = self._ports.clock.now(), None
+                self._wait_for_commands()
+                self._keep_pace(until)
+        finally:
+            self._errands.end()
+            with contextlib.suppress(OSError):  # the master is gone, and its parameters with it
+                self._node.delete_parameter(USE_SIM_TIME)
+
+    def perform(self, work: Callable[[], T]) -> Future[T]:
+        """Have something done with the ports between two ticks; its future is resolved once the topics tell of it.
+        Cancelled when the loop ends before that."""
+        return self._errands.ask(work)
+
+    def press_button(self) -> None:
+        """The red one."""
+        self._motors.press()
+
+    def release_button(self) -> None:
+        self._motors.release()
+
+    # what it hears -----------------------------------------------------------------------------------
+
+    def _open_topics(self) -> None:
+        """Publishers first: who sees a command's listener sees the robot's state."""
+        m = self._messages
+        published = {
+            topics.JOINT_STATES: m.joint_state,
+            topics.HEAD_STATE: m.head_state,
+            topics.ROBOT_STATE: m.assembly_state,
+            **{topics.gripper_state(side): m.end_effector_state for side in self._grippers},
+            **{topics.tactile(side): m.tactile_state for side in self._ports.tactile},
+            self._camera.rgb: m.image,
+            self._camera.depth: m.image,
+            self._camera.info: m.camera_info,
+            topics.CLOCK: m.clock,
+        }
+        self._publishers = {topic: self._node.publisher(topic, kind) for topic, kind in published.items()}
+        self._node.subscribe(topics.STOP, m.empty, self._stop, PATIENCE)
+        self._node.subscribe(topics.RESET, m.empty, self._hear_reset, PATIENCE)
+        self._hear(topics.ENABLE, m.bool, self._enable, PATIENCE)
+        self._hear(topics.HEAD_COMMAND, m.head_pan_command, self._command_head)
+        for side, limb in self._limbs.items():
+            self._hear_limb(side, limb)
+        for side, gripper in self._grippers.items():
+            self._hear_gripper(side, gripper)
+
+    def _hear(self, topic: str, kind: Any, obey: Callable[[Any], None], queue: int = 1) -> None:
+        """`obey` is called with each message in the next tick."""
+        self._node.subscribe(topic, kind, lambda message: self._heard.append(lambda: obey(message)), queue)
+
+    def _hear_limb(self, side: Side, limb: Limb) -> None:
+        m, topic = self._messages, topics.joint_command(side)
+
+        def obey(message: Any, at: float) -> None:
+            self._say(topic, limb.hear(message.mode, message.names, message.command, at, self._now))
+
+        def heard(message: Any) -> None:
+            at = self._now  # as it comes: it grows old while the loop is busy
+            self._heard.append(lambda: obey(message, at))
+            with self._command_came:
+                self._commanded[side] = at, time.monotonic()
+                self._command_came.notify_all()
+
+        def timeout(message: Any) -> None:
+            self._say(topics.command_timeout(side), limb.hear_timeout(message.data))
+
+        self._node.subscribe(topic, m.joint_command, heard)
+        self._hear(topics.command_timeout(side), m.float64, timeout)
+        self._hear(topics.speed_ratio(side), m.float64, lambda _: None)  # of moves that this robot has not
+
+    def _hear_gripper(self, side: Side, gripper: ElectricGripper) -> None:
+        def heard(m: Any) -> None:
+            gripper.hear(m.id, m.command, m.args, m.sender, m.sequence)
+
+        self._hear(topics.gripper_command(side), self._messages.end_effector_command, heard, PATIENCE)
+
+    def _stop(self, _: Any) -> None:
+        """At once, on the topic's thread."""
+        self._motors.stop(f"told so on {topics.STOP}")
+
+    def _hear_reset(self, _: Any) -> None:
+        stops = self._motors.stops
+        self._heard.append(lambda: self._reset(stops))
+
+    def _reset(self, stops: int) -> None:
+        self._motors.reset(stops)
+        self._forget_commands()
+
+    def _enable(self, message: Any) -> None:
+        if not message.data:
+            self._motors.disable()
+            self._forget_commands()
+        elif self._motors.enable():
+            self._forget_commands()
+
+    def _forget_commands(self) -> None:
+        for limb in self._limbs.values():
+            limb.forget()
+
+    def _command_head(self, message: Any) -> None:
+        if not math.isfinite(message.target):
+            self._say(topics.HEAD_COMMAND, "a command that is not a number")
+        elif message.enable_pan_request != message.REQUEST_PAN_DISABLE and self._motors.state().enabled:
+            with contextlib.suppress(DriverError):
+                self._ports.head.command_pan(message.target)
+
+    def _say(self, topic: str, what: str | None) -> None:
+        if what is not None and (text := f"{topic}: {what}") not in self._told:
+            self._told.add(text)
+            self._tell(text)
+
+    # what it does ------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        clock = self._ports.clock
+        clock.sleep_until((math.floor(clock.now() / TICK + FULLY) + 1) * TICK)
+        self._now = clock.now()
+        for _ in range(len(self._heard)):
+            self._heard.popleft()()
+        self._command_arms()
+        self._publish()
+
+    def _command_arms(self) -> None:
+        if not self._motors.state().enabled:
+            self._forget_commands()
+        elif any(limb.fresh(self._now) for limb in self._limbs.values()):
+            standing = self._ports.arms.state().q
+            parts = [limb.set_point(self._now, standing[arm_slice(side)]) for side, limb in self._limbs.items()]
+            q, qd = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+            self._motors.command(q, qd)
+
+    def _wait_for_commands(self) -> None:
+        """Of the arms that were told something of late."""
+
+        def left() -> float:
+            waited = [time.monotonic() - wall for at, wall in self._commanded.values() if at < self._now]
+            return max((self._patience - w for w in waited), default=0.0)
+
+        with self._command_came:
+            while (seconds := left()) > 0.0:
+                self._command_came.wait(seconds)
+
+    def _keep_pace(self, until: Event) -> None:
+        if self._pace is None:
+            time.sleep(0.0)  # let the topics' threads go on
+            return
+        wall = time.monotonic()
+        if self._origin is None:
+            self._origin = wall, self._now
+        due = self._origin[0] + (self._now - self._origin[1]) / self._pace
+        if wall - due > BEHIND:
+            self._origin = wall, self._now
+        until.wait(max(0.0, due - wall))
+
+    # what it tells -----------------------------------------------------------------------------------
+
+    def _publish(self) -> None:
+        """The clock last: who waits for it has the states of its time, or has them at once."""
+        m, tell, ports = self._messages, self._publishers, self._ports
+        joints = ports.arms.state()
+        tell[topics.JOINT_STATES].tell(telling.joint_state(m, joints))
+        turning = abs(joints.head_pan - self._pan) > TURNING * TICK
+        self._pan = joints.head_pan
+        tell[topics.HEAD_STATE].tell(m.head_state(joints.head_pan, turning, False, True))
+        tell[topics.ROBOT_STATE].tell(telling.assembly_state(m, self._motors.state()))
+        for side, gripper in self._grippers.items():
+            tell[topics.gripper_state(side)].tell(telling.gripper_state(m, gripper.report()))
+        for side, tactile in ports.tactile.items():
+            tell[topics.tactile(side)].tell(telling.tactile_state(m, tactile.reading()))
+        self._publish_picture()
+        tell[topics.CLOCK].tell(m.clock(telling.ros_time(m, self._now)))
+
+    def _publish_picture(self) -> None:
+        """As openni2 does: only while somebody listens to the colour picture."""
+        colour = self._publishers[self._camera.rgb]
+        if not colour.listeners or self._now < self._next_picture - FULLY * TICK:
+            return
+        self._next_picture = self._now + PICTURE_EVERY
+        try:
+            frame = self._ports.camera.capture()
+        except DriverError:
+            return
+        rgb, depth, info = telling.picture(self._messages, frame)
+        self._publishers[self._camera.info].tell(info)
+        self._publishers[self._camera.depth].tell(depth)
+        colour.tell(rgb)

@@ -1,0 +1,144 @@
+"""How an electric gripper takes EndEffectorCommands, over any gripper's port."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robots.baxter.ros.electric_gripper import CALIBRATE, CONFIGURE, FULL_FORCE, GO, HARDWARE_ID, STOP
+from robots.errors import DriverError
+from robots.ports import Gripper
+
+__all__ = ["ElectricGripper", "GripperReport"]
+
+RESET = "reset"
+NO_OP = "no_op"
+PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
+"""The SDK's defaults [%]."""
+GRIPPING = 3.0
+"""More force than this between resting pads is a grip [%]."""
+
+
+@dataclass(frozen=True)
+class GripperReport:
+    """An EndEffectorState's values. stamp: cell time [s]; position, force [%]; refusal: why the last command was
+    not done, else empty; command, sender, sequence: of the last one that was handled."""
+
+    stamp: float
+    calibrated: bool
+    ready: bool
+    moving: bool
+    gripping: bool
+    position: float
+    force: float
+    refusal: str
+    command: str
+    sender: str
+    sequence: int
+
+    @property
+    def state(self) -> str:
+        """JSON."""
+        return json.dumps({"error": self.refusal} if self.refusal else {})
+
+
+class _RefusedError(Exception):
+    """Says why."""
+
+
+class ElectricGripper:
+    """One gripper. A command with the sender and the sequence of the last one is that one again: it is not done
+    twice."""
+
+    def __init__(self, port: Gripper) -> None:
+        self._port = port
+        self._parameters = dict(PARAMETERS)
+        self._last: tuple[str, int] | None = None
+        self._command = ""
+        self._refusal = ""
+        self._done: Mapping[str, Callable[[str], None]] = {
+            CALIBRATE: lambda _: self._port.calibrate(),
+            CONFIGURE: self._configure,
+            GO: self._go,
+            STOP: lambda _: self._stop(),
+            RESET: lambda _: None,
+            NO_OP: lambda _: None,
+        }
+
+    def hear(self, hardware: int, command: str, arguments: str, sender: str, sequence: int) -> None:
+        """A command for another hardware is ignored; one that is refused counts as handled."""
+        if hardware != HARDWARE_ID or (sender, sequence) == self._last:
+            return
+        self._last, self._command, self._refusal = (sender, sequence), command, ""
+        try:
+            if command not in self._done:
+                raise _RefusedError(f"no command of this gripper: {command!r}")
+            self._done[command](arguments)
+        except DriverError as error:
+            self._refusal = error.what
+        except _RefusedError as error:
+            self._refusal = str(error)
+
+    def report(self) -> GripperReport:
+        state = self._port.state()
+        force = _share(state.force, FULL_FORCE)
+        sender, sequence = self._last or ("", 0)
+        return GripperReport(
+            stamp=state.stamp,
+            calibrated=state.calibrated,
+            ready=state.calibrated and not state.moving,
+            moving=state.moving,
+            gripping=not state.moving and force > GRIPPING,
+            position=_share(state.opening, self._port.max_opening),
+            force=force,
+            refusal=self._refusal,
+            command=self._command,
+            sender=sender,
+            sequence=sequence,
+        )
+
+    def _configure(self, arguments: str) -> None:
+        told = _values(arguments)
+        known = {name: _percent(told[name], name) for name in PARAMETERS if name in told}
+        self._parameters.update(known)
+
+    def _go(self, arguments: str) -> None:
+        told = _values(arguments)
+        if "position" not in told:
+            raise _RefusedError(f"go where? {arguments}")
+        position = _percent(told["position"], "position")
+        if not self._port.state().calibrated:
+            raise _RefusedError("not calibrated")
+        self._port.command(position / 100.0 * self._port.max_opening, self._holding())
+
+    def _stop(self) -> None:
+        state = self._port.state()
+        if state.moving:
+            self._port.command(state.opening, self._holding())
+
+    def _holding(self) -> float:
+        """[N]"""
+        return self._parameters["holding_force"] / 100.0 * FULL_FORCE
+
+
+def _share(value: float, full: float) -> float:
+    return 100.0 * min(max(value / full, 0.0), 1.0)
+
+
+def _values(arguments: str) -> dict[str, Any]:
+    try:
+        told = json.loads(arguments)
+    except ValueError:
+        told = None
+    if not isinstance(told, dict):
+        raise _RefusedError(f"no JSON of arguments: {arguments!r}")
+    return told
+
+
+def _percent(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise _RefusedError(f"{name} is no number: {value!r}")
+    return min(max(float(value), 0.0), 100.0)

@@ -1,0 +1,105 @@
+"""Whether the motors are on: enabling, the stop, its reset and the red button."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from threading import Lock
+
+from robots.errors import DriverError
+from robots.ports import Arms, Array, Stop
+
+__all__ = ["Button", "MotorState", "Motors"]
+
+
+class Button(Enum):
+    """The emergency button. RELEASED: it was pressed, and nobody has reset the robot since."""
+
+    UNPRESSED = auto()
+    PRESSED = auto()
+    RELEASED = auto()
+
+
+@dataclass(frozen=True)
+class MotorState:
+    enabled: bool
+    stopped: bool
+    button: Button
+
+
+class Motors:
+    """The arms' motors and the stop circuit. `stop`, `press` and `release` are callable from any thread; the lock
+    is never held for long."""
+
+    def __init__(self, arms: Arms, stop: Stop) -> None:
+        self._arms, self._stop = arms, stop
+        self._lock = Lock()
+        self._enabled = False
+        self._button = Button.UNPRESSED
+        self._stops = 0
+
+    def stop(self, reason: str) -> None:
+        with self._lock:
+            self._stops += 1
+            self._stop.trigger(reason)
+
+    def press(self) -> None:
+        with self._lock:
+            self._stops += 1
+            self._button = Button.PRESSED
+            self._stop.trigger("the emergency button was pressed")
+
+    def release(self) -> None:
+        with self._lock:
+            if self._button is Button.PRESSED:
+                self._button = Button.RELEASED
+
+    @property
+    def stops(self) -> int:
+        """How often it was stopped: a reset that was heard before the last stop must not lift it."""
+        return self._stops
+
+    def state(self) -> MotorState:
+        with self._lock:
+            return self._state()
+
+    def _state(self) -> MotorState:
+        stopped = self._stop.state().stopped
+        self._enabled = self._enabled and not stopped
+        return MotorState(self._enabled, stopped, self._button)
+
+    def enable(self) -> bool:
+        """-> whether they went on by this: a stopped robot refuses."""
+        with self._lock:
+            state = self._state()
+            if state.enabled or state.stopped:
+                return False
+            try:
+                self._arms.enable()
+            except DriverError:
+                return False
+            self._enabled = True
+            return True
+
+    def disable(self) -> None:
+        with self._lock:
+            self._enabled = False
+
+    def reset(self, stops: int) -> None:
+        """Leave the stop, motors off. stops: how many there were when it was asked for."""
+        with self._lock:
+            if self._button is Button.PRESSED or stops != self._stops:
+                return
+            self._button = Button.UNPRESSED
+            self._enabled = False
+            self._stop.reset()
+
+    def command(self, q: Array, qd: Array) -> None:
+        """(14,), (14,) to the arms, if the motors are on. What the arms refuse shows in the state."""
+        with self._lock:
+            if not self._state().enabled:
+                return
+            try:
+                self._arms.command(q, qd)
+            except DriverError:
+                self._enabled = False

@@ -1,0 +1,184 @@
+"""The RGB-D camera over ROS, as openni2_launch publishes it with its depth registered to the colour picture.
+
+It is listened to only while a picture is wanted: openni2 publishes nothing that nobody hears.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from threading import Condition
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.baxter.ros.clock import RosClock
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.topics import CameraTopics
+from robots.errors import DriverError, FailureKind
+from robots.ports import CameraFrame, Intrinsics, frozen
+
+__all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
+
+ANSWER_S = 4.0
+"""On the wall."""
+GLIMPSE_AGE_S = 0.5
+"""Of the cell's clock: an older one was meant for another moment."""
+TOGETHER_S = 0.025
+"""Colour and depth whose stamps differ by less belong together."""
+HINT = "check the camera's cable and driver (openni2_launch with depth_registration:=true)"
+
+
+@dataclass
+class _Shots:
+    """What came since the picture was asked for, by topic: newest message, and the stamps that were seen."""
+
+    arrived: Condition = field(default_factory=Condition)
+    colour: dict[float, Any] = field(default_factory=dict)
+    depth: dict[float, Any] = field(default_factory=dict)
+    info: Any = None
+    pairs: list[tuple[float, float, Any, Any]] = field(default_factory=list)
+    """(stamp of the colour, cell time of arrival, colour, depth), one for each stamp."""
+
+    def pair(self, now: float) -> None:
+        """Put together what belongs together, once no depth that is nearer can come."""
+        for t, colour in sorted(self.colour.items()):
+            if any(t == seen for seen, *_ in self.pairs):
+                continue
+            near = min(self.depth, key=lambda u: abs(u - t), default=None)
+            if near is not None and abs(near - t) <= TOGETHER_S and max(self.depth) >= t:
+                self.pairs.append((t, now, colour, self.depth[near]))
+
+
+class RosCamera:
+    def __init__(self, node: Node, clock: RosClock, topics: CameraTopics) -> None:
+        self._node, self._clock, self._topics = node, clock, topics
+        self._sequence = 0
+        self._aside = ThreadPoolExecutor(1, "glimpse")
+        self._glimpse: Future[CameraFrame] | None = None
+
+    def close(self) -> None:
+        """No more glimpses."""
+        self._aside.shutdown(wait=False, cancel_futures=True)
+
+    def capture(self) -> CameraFrame:
+        """A picture that was taken after it was asked for: the second one that comes, since the first may have
+        been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot be
+        read."""
+        return self._picture(2)
+
+    def glimpse(self) -> CameraFrame | None:
+        """Taken on a thread of its own: at once None, until it is there."""
+        if self._glimpse is not None and self._glimpse.done():
+            taken, self._glimpse = self._glimpse, None
+            frame = taken.result()
+            if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
+                return frame
+        if self._glimpse is None:
+            self._glimpse = self._aside.submit(self._picture, 1)
+        return None
+
+    def _picture(self, which: int) -> CameraFrame:
+        """The first, second, ... that comes from now on."""
+        shots, messages = _Shots(), load_messages()
+
+        def colour(message: Any) -> None:
+            self._put(shots, shots.colour, message)
+
+        def depth(message: Any) -> None:
+            self._put(shots, shots.depth, message)
+
+        def info(message: Any) -> None:
+            with shots.arrived:
+                shots.info = message
+                shots.arrived.notify_all()
+
+        with (
+            self._node.listening(self._topics.info, messages.camera_info, info),
+            self._node.listening(self._topics.depth, messages.image, depth, queue=4),
+            self._node.listening(self._topics.rgb, messages.image, colour, queue=4),
+            shots.arrived,
+        ):
+            shots.arrived.wait_for(lambda: shots.info is not None and len(shots.pairs) >= which, ANSWER_S)
+        if shots.info is None or len(shots.pairs) < which:
+            raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
+        _, arrived, rgb, depths = shots.pairs[which - 1]
+        self._sequence += 1
+        return CameraFrame(
+            arrived, self._sequence, frozen(read_colour(rgb)), frozen(read_depth(depths, rgb)),
+            read_intrinsics(shots.info, rgb),
+        )  # fmt: skip
+
+    def _put(self, shots: _Shots, where: dict[float, Any], message: Any) -> None:
+        with shots.arrived:
+            where[message.header.stamp.to_sec()] = message
+            shots.pair(self._clock.now())
+            shots.arrived.notify_all()
+
+    def _lacking(self, shots: _Shots) -> str:
+        t = self._topics
+        heard = {t.rgb: shots.colour, t.depth: shots.depth, t.info: shots.info}
+        silent = [topic for topic, messages in heard.items() if not messages]
+        if silent:
+            return f"the camera does not answer: nothing on {', '.join(silent)} in {ANSWER_S:.0f} s"
+        if not shots.pairs:
+            return "colour and depth are of different moments"
+        return "the camera's picture stands still"
+
+
+def read_colour(message: Any) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB of a sensor_msgs/Image. Raises DriverError(CAMERA_FAULT) for another encoding."""
+    if message.encoding not in ("rgb8", "bgr8"):
+        raise _unread(message, "rgb8 or bgr8")
+    rgb = _pixels(message, np.dtype(np.uint8), 3).reshape(message.height, message.width, 3)
+    return np.ascontiguousarray(rgb if message.encoding == "rgb8" else rgb[..., ::-1])
+
+
+def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
+    """(H, W) [m], NaN where nothing was seen. Raises DriverError(CAMERA_FAULT) for another encoding, and for depth
+    that is not registered to the colour picture."""
+    if (message.height, message.width) != (colour.height, colour.width):
+        raise DriverError(
+            FailureKind.CAMERA_FAULT,
+            f"depth has {message.width}x{message.height} pixels, colour {colour.width}x{colour.height}", HINT,
+        )  # fmt: skip
+    order = ">" if message.is_bigendian else "<"
+    if message.encoding == "32FC1":
+        depth = _pixels(message, np.dtype(f"{order}f4"), 1).astype(np.float32)
+    elif message.encoding == "16UC1":
+        depth = _pixels(message, np.dtype(f"{order}u2"), 1).astype(np.float32) / np.float32(1000.0)
+    else:
+        raise _unread(message, "32FC1 or 16UC1")
+    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
+
+
+def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
+    """Of a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) when it is not of this picture."""
+    if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
+        raise DriverError(
+            FailureKind.CAMERA_FAULT,
+            f"the camera's figures are of {info.width}x{info.height} pixels, fx = {info.K[0]:g}, and do not fit",
+            HINT,
+        )
+    return Intrinsics(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5])
+
+
+def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
+    """(H, W * channels), rows without their padding."""
+    row = message.width * channels
+    rows = np.frombuffer(message.data, dtype=np.uint8)
+    if message.step < row * kind.itemsize or rows.size < message.height * message.step:
+        raise _unread(message, "whole rows")
+    rows = rows[: message.height * message.step].reshape(message.height, message.step)
+    return np.ascontiguousarray(rows[:, : row * kind.itemsize]).view(kind)
+
+
+def _unread(message: Any, wanted: str) -> DriverError:
+    return DriverError(
+        FailureKind.CAMERA_FAULT,
+        f"a picture of encoding {message.encoding!r}, {message.width}x{message.height}, step {message.step}: "
+        f"{wanted} is understood",
+        HINT,
+    )

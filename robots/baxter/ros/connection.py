@@ -1,0 +1,96 @@
+"""A real Baxter's ports: connected, checked that everything answers, and let go again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from robots.baxter.ros.arms import RosArms
+from robots.baxter.ros.camera import RosCamera
+from robots.baxter.ros.clock import TopicClock, cell_clock
+from robots.baxter.ros.gripper import RosGripper
+from robots.baxter.ros.head import RosHead
+from robots.baxter.ros.hearing import Hearing
+from robots.baxter.ros.node import master_address, open_node
+from robots.baxter.ros.stop import RosStop
+from robots.baxter.ros.tactile import RosTactile
+from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics
+from robots.errors import ConfigurationError
+from robots.model import JointLimits
+from robots.ports import Attendant, Ports, Side, Stop
+
+__all__ = ["RosSettings", "connected"]
+
+ANSWER_S = 5.0
+"""On the wall, in which everything has to be heard of once."""
+
+
+@dataclass(frozen=True)
+class RosSettings:
+    """raw_position: the robot's own collision avoidance is off and its inverse dynamics are fed forward: it
+    follows more closely. tactile_rows: of cells on each pad."""
+
+    camera: CameraTopics = field(default_factory=CameraTopics)
+    raw_position: bool = False
+    tactile_rows: int = 4
+
+
+@contextmanager
+def connected(
+    settings: RosSettings, limits: JointLimits, attendant: Callable[[Stop], Attendant], *, driver: str,
+    simulated: bool,
+) -> Iterator[Ports]:  # fmt: skip
+    """The ports of the robot that ROS_MASTER_URI names. limits: that no set-point leaves. attendant: made with the
+    stop, which ends its waiting. simulated: what answers is no robot; results are labelled by it.
+
+    Raises ConfigurationError: no ROS, no master, something that does not answer, or more than one robot.
+    """
+    node = open_node("foldcell")
+    with ExitStack() as closing:
+        closing.callback(node.close)
+        clock = cell_clock(node)
+        stop = RosStop(node, clock)
+        closing.callback(stop.close)
+        head = RosHead(node, clock)
+        arms = RosArms(node, clock, stop, limits, settings.raw_position, head.watch)
+        grippers = {side: RosGripper(node, clock, side) for side in Side}
+        camera = RosCamera(node, clock, settings.camera)
+        closing.callback(camera.close)
+        pads = {side: RosTactile(node, clock, side, settings.tactile_rows) for side in Side}
+        hands: list[Hearing[Any]] = [gripper.hearing for gripper in grippers.values()]
+        hands += [pad.hearing for pad in pads.values()]
+        clocks = [clock] if isinstance(clock, TopicClock) else []
+        silent = _silent([*clocks, stop.robot, arms.joints, *hands])
+        if silent:
+            raise ConfigurationError(
+                f"nothing (or nothing that is understood) came from {', '.join(silent)} within {ANSWER_S:.0f} s",
+                f"see whether the robot, its grippers and the pads' readers are on, and ROS_IP is this machine's "
+                f"address; the master is {master_address()[0]}",
+            )
+        robots = node.publishers(ROBOT_STATE)
+        if robots != 1:
+            raise ConfigurationError(
+                f"{robots} nodes say what state the robot is in",
+                "leave one robot, real or emulated, at this master",
+            )
+        yield Ports(
+            driver=driver,
+            simulated=simulated,
+            clock=clock,
+            arms=arms,
+            head=head,
+            grippers=grippers,
+            tactile=pads,
+            camera=camera,
+            stop=stop,
+            attendant=attendant(stop),
+        )
+
+
+def _silent(hearings: Sequence[TopicClock | Hearing[Any]]) -> list[str]:
+    """The topics of which nothing was heard in time."""
+    until = time.monotonic() + ANSWER_S
+    return [h.topic for h in hearings if not h.wait(max(0.0, until - time.monotonic()))]

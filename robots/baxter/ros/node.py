@@ -1,0 +1,128 @@
+"""This process's ROS node.
+
+rospy has one node a process, for the process's life: what a cell publishes and hears is opened on it and closed
+again, the node stays.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from threading import Lock
+from typing import Any
+from urllib.parse import urlparse
+
+from robots.baxter.ros.installation import import_ros
+from robots.errors import ConfigurationError
+
+__all__ = ["Node", "Publisher", "master_address", "open_node"]
+
+MASTER = "http://localhost:11311"
+"""Where ROS looks for its master unless ROS_MASTER_URI says otherwise."""
+ANSWER_S = 3.0
+
+_opened: str | None = None
+_opening = Lock()
+
+
+class Publisher:
+    """What a topic is told by. `tell` is callable from any thread and never blocks."""
+
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
+
+    def tell(self, message: Any) -> None:
+        self._publisher.publish(message)
+
+    @property
+    def listeners(self) -> int:
+        """How many are connected."""
+        return int(self._publisher.get_num_connections())
+
+
+class Node:
+    """Topics of one cell on this process's node. `close` ends all of them."""
+
+    def __init__(self, rospy: Any) -> None:
+        self._rospy = rospy
+        self._stack = ExitStack()
+
+    def publisher(self, topic: str, kind: Any, *, latch: bool = False, queue: int = 1) -> Publisher:
+        publisher = self._rospy.Publisher(topic, kind, latch=latch, queue_size=queue, tcp_nodelay=True)
+        self._stack.callback(publisher.unregister)
+        return Publisher(publisher)
+
+    def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
+        """`heard` is called with each message, on a thread of the topic's."""
+        self._stack.enter_context(self.listening(topic, kind, heard, queue))
+
+    @contextmanager
+    def listening(
+        self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1
+    ) -> Iterator[None]:
+        """As `subscribe`, for as long as the context lasts."""
+        subscriber = self._rospy.Subscriber(topic, kind, heard, queue_size=queue, tcp_nodelay=True)
+        try:
+            yield
+        finally:
+            subscriber.unregister()
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """Of ROS's parameter server."""
+        return self._rospy.get_param(name, default)
+
+    def set_parameter(self, name: str, value: Any) -> None:
+        self._rospy.set_param(name, value)
+
+    def delete_parameter(self, name: str) -> None:
+        """Nothing when there is none of that name."""
+        if self._rospy.has_param(name):
+            self._rospy.delete_param(name)
+
+    def publishers(self, topic: str) -> int:
+        """How many nodes the master knows to publish it."""
+        known = self._rospy.get_master().getSystemState()[2][0]
+        return next((len(nodes) for name, nodes in known if name == topic), 0)
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+def open_node(name: str) -> Node:
+    """Raises ConfigurationError: ROS is not installed, no master answers, or this process is a node of another
+    master."""
+    global _opened
+    rospy = import_ros()
+    uri, host, port = master_address()
+    with _opening:
+        if _opened is not None and _opened != uri:
+            raise ConfigurationError(
+                f"this process is a node of {_opened} and cannot be one of {uri}", "begin another process"
+            )
+        try:
+            socket.create_connection((host, port), ANSWER_S).close()
+        except OSError as error:
+            raise ConfigurationError(
+                f"no ROS master answers at {uri}: {error}",
+                "switch the robot on, and set ROS_MASTER_URI (and ROS_IP, this machine's address) as for its SDK",
+            ) from error
+        if _opened is None:
+            # signals are the executive's; its clock is the cell's own
+            rospy.init_node(name, anonymous=True, disable_signals=True, disable_rosout=True, disable_rostime=True)
+            _opened = uri
+    return Node(rospy)
+
+
+def master_address() -> tuple[str, str, int]:
+    """The master's URI, host and port. Raises ConfigurationError for what is no URI."""
+    uri = os.environ.get("ROS_MASTER_URI") or MASTER
+    parsed = urlparse(uri)
+    try:
+        host, port = parsed.hostname, parsed.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise ConfigurationError(f"ROS_MASTER_URI={uri} is no address", "it reads http://HOST:11311")
+    return uri, host, port

@@ -1,0 +1,89 @@
+"""Names of Baxter's topics, each with what it carries (facts of its SDK 1.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robots.ports import Side
+
+__all__ = [
+    "CLOCK",
+    "ENABLE",
+    "HEAD_COMMAND",
+    "HEAD_STATE",
+    "JOINT_STATES",
+    "RESET",
+    "ROBOT_STATE",
+    "STOP",
+    "CameraTopics",
+    "command_timeout",
+    "gripper_command",
+    "gripper_state",
+    "inverse_dynamics",
+    "joint_command",
+    "speed_ratio",
+    "tactile",
+]
+
+CLOCK = "/clock"
+"""rosgraph_msgs/Clock, only where the parameter /use_sim_time is true."""
+JOINT_STATES = "/robot/joint_states"
+"""sensor_msgs/JointState of arms and head_pan, 100 Hz, in any order of names."""
+ROBOT_STATE = "/robot/state"
+"""AssemblyState."""
+ENABLE = "/robot/set_super_enable"
+"""std_msgs/Bool, published until the state agrees."""
+RESET = "/robot/set_super_reset"
+"""std_msgs/Empty: clears the stop and disables the motors."""
+STOP = "/robot/set_super_stop"
+"""std_msgs/Empty."""
+HEAD_COMMAND = "/robot/head/command_head_pan"
+"""HeadPanCommand."""
+HEAD_STATE = "/robot/head/head_state"
+"""HeadState."""
+
+
+def joint_command(side: Side) -> str:
+    """JointCommand of an arm."""
+    return f"/robot/limb/{side}/joint_command"
+
+
+def command_timeout(side: Side) -> str:
+    """std_msgs/Float64 [s], latched."""
+    return f"/robot/limb/{side}/joint_command_timeout"
+
+
+def inverse_dynamics(side: Side) -> str:
+    """trajectory_msgs/JointTrajectoryPoint: feed-forward beside raw positions."""
+    return f"/robot/limb/{side}/inverse_dynamics_command"
+
+
+def speed_ratio(side: Side) -> str:
+    """std_msgs/Float64, latched: of position moves, 0.3 unless it is told."""
+    return f"/robot/limb/{side}/set_speed_ratio"
+
+
+def gripper_command(side: Side) -> str:
+    """EndEffectorCommand."""
+    return f"/robot/end_effector/{side}_gripper/command"
+
+
+def gripper_state(side: Side) -> str:
+    """EndEffectorState."""
+    return f"/robot/end_effector/{side}_gripper/state"
+
+
+def tactile(side: Side) -> str:
+    """tactile_msgs/TactileState of a hand: channels `pad_0`, `pad_1` (cells row by row, row 0 at the tips, [N])
+    and `tips` (two, [N]), 100 Hz. Not Baxter's: of whoever reads the pads."""
+    return f"/tactile/{side}_gripper"
+
+
+@dataclass(frozen=True)
+class CameraTopics:
+    """sensor_msgs/Image (rgb8 or bgr8), Image of the depth registered to it (32FC1 [m] or 16UC1 [mm]), CameraInfo:
+    openni2_launch's names, with depth_registration."""
+
+    rgb: str = "/camera/rgb/image_raw"
+    depth: str = "/camera/depth_registered/image_raw"
+    info: str = "/camera/rgb/camera_info"

@@ -1,0 +1,22 @@
+"""What a driver makes of a set-point before it sends it: within the joints' ranges, no further than they go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.model import JointLimits
+from robots.ports import Array, JointSetpoint, frozen
+
+__all__ = ["JUMP_TIME", "clip_setpoint"]
+
+JUMP_TIME = 0.04
+"""A set-point may lie as far from the last one as the joints travel in this time at full speed [s]."""
+
+
+def clip_setpoint(q: Array, qd: Array, before: Array, limits: JointLimits, stamp: float) -> JointSetpoint:
+    """q, qd: (14,) as asked for [rad], [rad/s]. before: (14,) the set-point that holds now."""
+    reach = limits.velocity * JUMP_TIME
+    sent = np.clip(np.clip(q, before - reach, before + reach), limits.lower, limits.upper)
+    speed = np.clip(qd, -limits.velocity, limits.velocity)
+    clipped = bool(np.any(sent != q) or np.any(speed != qd))
+    return JointSetpoint(stamp, frozen(sent), frozen(speed), clipped)

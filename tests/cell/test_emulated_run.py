@@ -1,0 +1,62 @@
+"""A fold by the real robot's driver, over ROS, of the cell that stands in another process."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robots.baxter.ros.installation import find_ros
+from tests.runs import decided_again
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(600),
+    pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed"),
+]
+
+SCRIPT = """
+about: the stop is pressed while the fold is under way
+garment: small_towel
+seed: 1
+do:
+  - when: {state: folding, after_s: 0.5}
+    stop: the button
+expect:
+  end: stopped
+  parked: false
+"""
+
+
+def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
+    """In a process of its own: it is a ROS node for as long as it lives."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cell.cli", *arguments, "--driver", "emulator", "--json"],
+        capture_output=True, text=True, timeout=500, cwd=Path(__file__).parents[2], check=False,
+        env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that it must leave alone
+    )  # fmt: skip
+    assert done.stdout.strip(), done.stderr
+    return done.returncode, json.loads(done.stdout.splitlines()[-1])
+
+
+def test_a_towel_is_folded_over_ros(tmp_path: Path) -> None:
+    """In real time, on whatever machine this is: that it passes is measured elsewhere; here the loop is whole."""
+    code, result = foldcell("fold", "small_towel", "--seed", "1", "--logs", str(tmp_path))
+    assert (result["driver"], result["simulated"], result["world"]) == ("emulator", True, "xpbd")
+    assert code in (0, 2), result["failure"]
+    assert result["steps"][0]["done"], "one fold at least was made and judged good"
+    assert result["score"]["simulated"] and result["robot_time_s"] > 20.0
+    again = decided_again(tmp_path)
+    assert again.same and again.broken_off is None, "what came over the network is all that was decided by"
+
+
+def test_a_stop_reaches_the_robot_over_ros(tmp_path: Path) -> None:
+    script = tmp_path / "stop.yaml"
+    script.write_text(SCRIPT, encoding="utf-8")
+    code, figures = foldcell("hil", str(script), "--logs", str(tmp_path / "logs"))
+    assert code == 0, figures["scripts"][0]["broken"]

@@ -1,0 +1,95 @@
+"""The person at a real cell: asked, waited for, and not for ever."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from cell.attendant import PersonAttendant
+from cell.commands import CommandQueue
+from cell.console.board import Board
+from cell.executive import Step
+from cell.states import Effect, Event, State
+from robots.ports import BoardPlace
+from tests.fakes import FakeCell
+
+
+class Asked:
+    """A person who is asked on another thread."""
+
+    def __init__(self) -> None:
+        self.cell, self.commands = FakeCell(), CommandQueue()
+        self.asked: list[str | None] = []
+        self.person = PersonAttendant(self.commands, self.cell.ports().stop, self.asked.append)
+
+    def ask(self, what: Callable[[], None]) -> threading.Thread:
+        thread = threading.Thread(target=what, daemon=True)
+        thread.start()
+        until(lambda: self.asked)
+        return thread
+
+
+def until(so: Callable[[], Any]) -> None:
+    for _ in range(3000):
+        if so():
+            return
+        time.sleep(0.01)
+    raise AssertionError("never")
+
+
+@pytest.fixture
+def asked() -> Asked:
+    return Asked()
+
+
+def test_it_waits_until_the_person_says_so(asked: Asked) -> None:
+    thread = asked.ask(asked.person.lay_garment)
+    assert thread.is_alive() and "lay the garment flat" in str(asked.asked[0])
+    asked.commands.put(Event.PAUSE)
+    assert thread.is_alive()
+    asked.commands.put(Event.APPROVE)
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.asked[1:] == [None]
+
+
+def test_what_was_approved_before_is_no_answer(asked: Asked) -> None:
+    asked.commands.put(Event.APPROVE)
+    thread = asked.ask(asked.person.lay_garment)
+    thread.join(0.3)
+    assert thread.is_alive()
+    asked.commands.put(Event.APPROVE)
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
+def test_who_ends_the_run_is_heard_by_the_runner(asked: Asked) -> None:
+    thread = asked.ask(asked.person.lay_garment)
+    asked.commands.put(Event.ABORT)
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.commands.take({Event.ABORT}) is Event.ABORT
+
+
+def test_a_stop_ends_the_waiting(asked: Asked) -> None:
+    thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
+    assert "left gripper" in str(asked.asked[0])
+    asked.cell.stop_reason = "the button"
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.asked[-1] is None
+
+
+def test_the_page_asks_and_takes_the_answer() -> None:
+    board = Board("run-1", "small_towel", 3, simulated=False)
+    board.entered(1.0, Step(State.PHOTOGRAPHING, Event.DONE, State.AWAITING_GARMENT, Effect.AWAIT_GARMENT))
+    assert Event.APPROVE not in board.allowed() and board.snapshot()["question"] is None
+    board.ask("lay the garment flat")
+    question = board.snapshot()["question"]
+    assert "lay the garment flat" in question["text"] and board.answers(question["number"])
+    assert Event.APPROVE in board.allowed() and Event.PAUSE not in board.allowed()
+    board.ask(None)
+    assert board.snapshot()["question"] is None and Event.APPROVE not in board.allowed()
+    board.ask("lay it again")
+    assert not board.answers(question["number"]), "an answer belongs to its question"

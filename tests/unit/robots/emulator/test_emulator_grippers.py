@@ -1,0 +1,147 @@
+"""The electric gripper's protocol, over a gripper that notes what it is told."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from robots.baxter.emulator.grippers import ElectricGripper
+from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
+from robots.errors import DriverError, FailureKind
+from robots.ports import GripperState, Side
+
+STROKE = 0.05
+"""Not Baxter's: percentages are of the port's own."""
+
+
+class Port:
+    side = Side.LEFT
+    max_opening = STROKE
+
+    def __init__(self) -> None:
+        self.calibrated = self.moving = False
+        self.opening, self.force = 0.02, 0.0
+        self.done: list[Any] = []
+        self.broken = False
+
+    def calibrate(self) -> None:
+        self.done.append("calibrate")
+
+    def command(self, opening: float, force: float) -> None:
+        if self.broken:
+            raise DriverError(FailureKind.GRIPPER_FAULT, "it is unplugged")
+        self.done.append((pytest.approx(opening), pytest.approx(force)))
+
+    def state(self) -> GripperState:
+        return GripperState(3.5, self.side, self.opening, self.force, self.moving, self.calibrated)
+
+
+class Talk:
+    """Commands with a sequence that counts."""
+
+    def __init__(self, calibrated: bool = True) -> None:
+        self.port = Port()
+        self.port.calibrated = calibrated
+        self.gripper = ElectricGripper(self.port)
+        self.sequence = 0
+
+    def say(self, command: str, args: Any = None, hardware: int = HARDWARE_ID) -> str:
+        """-> why it was refused, empty if it was not."""
+        self.sequence += 1
+        text = args if isinstance(args, str) else json.dumps(args) if args is not None else ""
+        self.gripper.hear(hardware, command, text, "me", self.sequence)
+        return self.gripper.report().refusal
+
+
+def test_says_its_state_in_percent_of_its_own_stroke() -> None:
+    talk = Talk()
+    talk.port.opening, talk.port.force = 0.2 * STROKE, 0.5 * FULL_FORCE
+    report = talk.gripper.report()
+    assert (report.stamp, report.calibrated, report.ready, report.moving) == (3.5, True, True, False)
+    assert report.position == pytest.approx(20.0) and report.force == pytest.approx(50.0)
+    assert report.gripping
+    assert (report.command, report.sender, report.sequence, json.loads(report.state)) == ("", "", 0, {})
+    talk.port.moving = True
+    moving = talk.gripper.report()
+    assert moving.moving and not moving.ready and not moving.gripping
+
+
+def test_go_is_refused_until_it_is_calibrated() -> None:
+    talk = Talk(calibrated=False)
+    assert "calibrated" in talk.say("go", {"position": 50})
+    report = talk.gripper.report()
+    assert (report.command, report.sender, report.sequence) == ("go", "me", 1)  # handled, all the same
+    assert "calibrated" in json.loads(report.state)["error"]
+    assert not talk.say("calibrate")
+    talk.port.calibrated = True
+    assert not talk.say("go", {"position": 50})
+    assert talk.port.done == ["calibrate", (0.5 * STROKE, 0.3 * FULL_FORCE)]
+
+
+def test_a_repeat_is_not_done_again() -> None:
+    talk = Talk()
+    for _ in range(3):
+        talk.gripper.hear(HARDWARE_ID, "go", '{"position": 50}', "me", 7)
+    assert len(talk.port.done) == 1
+    talk.gripper.hear(HARDWARE_ID, "go", '{"position": 50}', "you", 7)
+    talk.gripper.hear(HARDWARE_ID, "go", '{"position": 50}', "you", 8)
+    assert len(talk.port.done) == 3
+    assert (talk.gripper.report().sender, talk.gripper.report().sequence) == ("you", 8)
+
+
+def test_what_is_for_another_hardware_is_ignored() -> None:
+    talk = Talk()
+    talk.say("go", {"position": 50}, hardware=65540)
+    assert talk.port.done == [] and talk.gripper.report().sequence == 0
+
+
+def test_the_force_is_the_holding_force_as_configured() -> None:
+    talk = Talk()
+    assert not talk.say("configure", {"holding_force": 80.0, "moving_force": 10.0})
+    assert not talk.say("configure", {"velocity": 100.0})  # leaves the rest as it was
+    assert not talk.say("go", {"position": 0})
+    assert talk.port.done == [(0.0, 0.8 * FULL_FORCE)]
+
+
+@pytest.mark.parametrize(
+    "args", ["", "{", "[1]", "3", {}, {"position": "9"}, {"position": True}, '{"position": NaN}']
+)
+def test_a_senseless_go_is_refused(args: Any) -> None:
+    talk = Talk()
+    assert talk.say("go", args)
+    assert talk.port.done == []
+
+
+def test_a_senseless_configuration_changes_nothing() -> None:
+    talk = Talk()
+    assert talk.say("configure", {"holding_force": 90.0, "velocity": "fast"})
+    talk.say("go", {"position": 0})
+    assert talk.port.done == [(0.0, 0.3 * FULL_FORCE)]
+
+
+def test_a_position_beyond_its_stroke_is_its_end() -> None:
+    talk = Talk()
+    talk.say("go", {"position": 140.0})
+    talk.say("go", {"position": -3.0})
+    assert [opening for opening, _ in talk.port.done] == [STROKE, 0.0]
+
+
+def test_stop_stands_where_it_is_and_leaves_a_grip_alone() -> None:
+    talk = Talk()
+    assert not talk.say("stop")
+    assert talk.port.done == []
+    talk.port.moving, talk.port.opening = True, 0.013
+    talk.say("stop")
+    assert talk.port.done == [(0.013, 0.3 * FULL_FORCE)]
+
+
+def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> None:
+    talk = Talk()
+    assert "dance" in talk.say("dance")
+    talk.port.broken = True
+    assert talk.say("go", {"position": 1}) == "it is unplugged"
+    assert not talk.say("reset")
+    assert not talk.say("no_op")
+    assert talk.gripper.report().command == "no_op"

@@ -1,0 +1,149 @@
+"""What an emulated arm makes of joint commands: order, freshness, velocity, and what it does not obey."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from robots.baxter.emulator.limbs import TICK, Limb
+from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
+from robots.ports import Array, Side
+
+NAMES = [f"left_{joint}" for joint in ARM_JOINTS]
+Q = np.linspace(-0.3, 0.3, 7)
+ELSEWHERE = np.full(7, 0.5)
+
+
+def hear(limb: Limb, q: Array, at: float, mode: int = 1, now: float | None = None) -> str | None:
+    return limb.hear(mode, NAMES, list(q), at, at if now is None else now)
+
+
+def follow(limb: Limb, now: float) -> tuple[Array, Array]:
+    return limb.set_point(now, ELSEWHERE)
+
+
+@pytest.mark.parametrize("mode", [1, 4])
+def test_a_command_is_read_by_its_names_whatever_their_order(mode: int) -> None:
+    limb, order = Limb(Side.LEFT), [3, 0, 6, 2, 5, 1, 4]
+    assert limb.hear(mode, [NAMES[k] for k in order], [Q[k] for k in order], 1.0, 1.0) is None
+    q, qd = follow(limb, 1.0)
+    np.testing.assert_array_equal(q, Q)
+    np.testing.assert_array_equal(qd, np.zeros(7))  # one set-point has no velocity
+
+
+@pytest.mark.parametrize(
+    ("names", "values"),
+    [
+        (NAMES[:6], Q[:6]),
+        (NAMES, Q[:6]),
+        (NAMES, [*Q, 0.0]),
+        ([*NAMES, "left_w3"], [*Q, 0.0]),
+        ([*NAMES[:6], NAMES[0]], Q),
+        ([name.replace("left", "right") for name in NAMES], Q),
+        ([], []),
+        (NAMES, [*Q[:6], math.nan]),
+        (NAMES, [*Q[:6], math.inf]),
+    ],
+)
+@pytest.mark.parametrize("mode", [1, 2])
+def test_a_malformed_command_changes_nothing(names: list[str], values: Array, mode: int) -> None:
+    limb = Limb(Side.LEFT)
+    assert limb.hear(mode, names, list(values), 1.0, 1.0) is not None
+    assert not limb.fresh(1.0)
+    hear(limb, Q, 1.0)
+    assert limb.hear(mode, names, list(values), 1.1, 1.1) is not None
+    assert not limb.fresh(1.25)  # it did not renew the one before
+    np.testing.assert_array_equal(follow(limb, 1.1)[0], Q)
+
+
+def test_holds_for_the_timeout_and_then_where_it_was_sent() -> None:
+    limb = Limb(Side.LEFT)
+    assert not limb.fresh(0.0)
+    hear(limb, Q, 1.0)
+    assert limb.fresh(1.2) and not limb.fresh(1.21)
+    np.testing.assert_array_equal(follow(limb, 5.0)[0], Q)
+
+
+def test_the_timeout_can_be_told() -> None:
+    limb = Limb(Side.LEFT)
+    assert limb.hear_timeout(0.5) is None
+    hear(limb, Q, 1.0)
+    assert limb.fresh(1.5) and not limb.fresh(1.51)
+    for senseless in (0.0, -1.0, math.nan, math.inf):
+        assert limb.hear_timeout(senseless) is not None
+    assert limb.fresh(1.5) and not limb.fresh(1.51)
+
+
+def test_velocity_is_the_difference_of_the_last_two_over_their_time() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.0)
+    hear(limb, Q + 0.004, 1.02)
+    q, qd = follow(limb, 1.03)
+    np.testing.assert_allclose(q, Q + 0.004)
+    np.testing.assert_allclose(qd, np.full(7, 0.2))
+    hear(limb, Q + 0.008, 1.02)  # of the same moment: it takes the other's place
+    np.testing.assert_allclose(follow(limb, 1.03)[1], np.full(7, 0.4))
+
+
+def test_velocity_is_no_more_than_the_joints_can() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.0)
+    hear(limb, Q - 1.0, 1.01)
+    np.testing.assert_array_equal(follow(limb, 1.02)[1], -URDF_VELOCITY[:7])
+
+
+def test_set_points_far_apart_are_no_motion() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.0)
+    hear(limb, Q + 0.01, 1.06)
+    np.testing.assert_array_equal(follow(limb, 1.07)[1], np.zeros(7))
+
+
+def test_a_late_command_is_carried_on_for_two_ticks_and_then_held() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.00)
+    hear(limb, Q + 0.002, 1.01)
+    due = 1.01 + TICK
+    for late in (0.0, TICK, 2 * TICK):
+        q, qd = follow(limb, due + late)
+        np.testing.assert_allclose(q, Q + 0.002 + 0.2 * late)
+        np.testing.assert_allclose(qd, np.full(7, 0.2))
+    q, qd = follow(limb, due + 3 * TICK)
+    np.testing.assert_array_equal(q, Q + 0.002)
+    np.testing.assert_array_equal(qd, np.zeros(7))
+
+
+def test_without_a_command_it_stays_where_it_stood_when_that_was_first_asked() -> None:
+    limb = Limb(Side.LEFT)
+    np.testing.assert_array_equal(limb.set_point(1.0, Q)[0], Q)
+    np.testing.assert_array_equal(limb.set_point(1.01, Q - 0.01)[0], Q)  # sagging, it would creep away
+
+
+@pytest.mark.parametrize("mode", [2, 3, 0, 7])
+def test_another_mode_makes_it_hold(mode: int) -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.00)
+    hear(limb, Q + 0.002, 1.01)
+    assert "mode" in (hear(limb, ELSEWHERE, 1.02, mode) or "")
+    assert limb.fresh(1.22) and not limb.fresh(1.23)
+    q, qd = follow(limb, 1.03)
+    np.testing.assert_array_equal(q, Q + 0.002)
+    np.testing.assert_array_equal(qd, np.zeros(7))
+
+
+def test_what_ran_out_before_it_was_read_is_not_done() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.0)
+    hear(limb, ELSEWHERE, 1.1, now=4.0)
+    assert not limb.fresh(4.0)
+    np.testing.assert_array_equal(follow(limb, 4.0)[0], Q)
+
+
+def test_forgets() -> None:
+    limb = Limb(Side.LEFT)
+    hear(limb, Q, 1.0)
+    limb.forget()
+    assert not limb.fresh(1.0)
+    np.testing.assert_array_equal(follow(limb, 1.0)[0], ELSEWHERE)

@@ -1,0 +1,92 @@
+"""Enabling, stopping, resetting and the red button, over the fake cell's ports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robots.baxter.emulator.motors import Button, Motors, MotorState
+from robots.errors import DriverError, FailureKind
+from robots.ports import Array, JointSetpoint
+from tests.fakes import FakeCell
+
+HERE = np.zeros(14)
+
+
+@pytest.fixture
+def cell() -> FakeCell:
+    return FakeCell()
+
+
+@pytest.fixture
+def motors(cell: FakeCell) -> Motors:
+    ports = cell.ports()
+    return Motors(ports.arms, ports.stop)
+
+
+def command(motors: Motors) -> None:
+    motors.command(HERE, np.zeros(14))
+
+
+def test_off_until_enabled_and_off_again(motors: Motors, cell: FakeCell) -> None:
+    command(motors)
+    assert cell.commands == []
+    assert motors.enable()
+    assert motors.state() == MotorState(True, False, Button.UNPRESSED)
+    assert not motors.enable()  # nothing went on by it
+    command(motors)
+    assert len(cell.commands) == 1
+    motors.disable()
+    command(motors)
+    assert len(cell.commands) == 1 and not motors.state().enabled
+
+
+def test_a_stop_switches_off_and_a_reset_leaves_it_off(motors: Motors, cell: FakeCell) -> None:
+    motors.enable()
+    motors.stop("test")
+    assert motors.state() == MotorState(False, True, Button.UNPRESSED)
+    assert not motors.enable()
+    command(motors)  # the fake raises when a stopped robot is commanded
+    motors.reset(motors.stops)
+    assert motors.state() == MotorState(False, False, Button.UNPRESSED)
+    assert motors.enable()
+
+
+def test_a_reset_switches_off_a_robot_that_is_not_stopped(motors: Motors) -> None:
+    motors.enable()
+    motors.reset(motors.stops)
+    assert motors.state() == MotorState(False, False, Button.UNPRESSED)
+
+
+def test_no_reset_while_the_button_is_pressed(motors: Motors) -> None:
+    motors.enable()
+    motors.press()
+    assert motors.state() == MotorState(False, True, Button.PRESSED)
+    motors.reset(motors.stops)
+    assert motors.state() == MotorState(False, True, Button.PRESSED)
+    motors.release()
+    assert motors.state() == MotorState(False, True, Button.RELEASED)
+    motors.reset(motors.stops)
+    assert motors.state() == MotorState(False, False, Button.UNPRESSED)
+    motors.release()  # it is not pressed
+    assert motors.state().button is Button.UNPRESSED
+
+
+@pytest.mark.parametrize("how", ["stop", "press"])
+def test_a_reset_does_not_lift_a_stop_that_came_after_it_was_asked_for(motors: Motors, how: str) -> None:
+    asked = motors.stops
+    motors.stop("now") if how == "stop" else motors.press()
+    motors.release()
+    motors.reset(asked)
+    assert motors.state().stopped
+
+
+def test_arms_that_refuse_are_not_enabled(motors: Motors, cell: FakeCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    motors.enable()
+
+    def refuse(q: Array, qd: Array) -> JointSetpoint:
+        raise DriverError(FailureKind.HARDWARE_FAULT, "a board does not answer")
+
+    monkeypatch.setattr(motors._arms, "command", refuse)
+    command(motors)
+    assert not motors.state().enabled

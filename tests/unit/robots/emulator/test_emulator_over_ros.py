@@ -1,0 +1,605 @@
+"""The emulator over a real ROS: what any program of a Baxter sees and can do.
+
+Times are the cell's, heard on /clock; waits on the wall are only there so that a test ends.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.simulation import SimulationSettings, close_cell, open_cell
+from robots.baxter.emulator import Emulator
+from robots.baxter.model import ARM_JOINTS, JOINT_NAMES
+from robots.baxter.ros import topics
+from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
+from robots.baxter.ros.installation import import_ros
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import open_node
+from robots.baxter.ros.topics import CameraTopics
+from robots.errors import DriverError, FailureKind
+from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
+from tests.fakes import FakeCell
+
+PATIENCE = 60.0  # [s] on the wall
+QUIET = SimulationSettings(
+    garment="small_towel", render=False, robot_noise=False, camera_noise=False, garment_noise=False
+)
+
+pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]  # rospy's own
+
+
+def wait(condition: Callable[[], Any], what: str) -> None:
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until, f"never: {what}"
+        time.sleep(0.002)
+
+
+class Heard:
+    """All messages of a topic."""
+
+    def __init__(self) -> None:
+        self.all: list[Any] = []
+
+    @property
+    def newest(self) -> Any:
+        wait(lambda: self.all, "a first message")
+        return self.all[-1]
+
+
+class Program:
+    """An emulator in a thread of its own, and a ROS program beside it that knows topics and nothing else."""
+
+    def __init__(self, ports: Ports, **settings: Any) -> None:
+        self.m = load_messages()
+        self.told: list[str] = []
+        self.error: BaseException | None = None
+        self._node = open_node("emulator_test")
+        self.emulator = Emulator(ports, self._node, tell=self.told.append, **settings)
+        self._rospy = import_ros()
+        self._opened: list[Any] = []
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        self.clock = self.hear(topics.CLOCK, self.m.clock)
+        self.joints = self.hear(topics.JOINT_STATES, self.m.joint_state)
+        self.robot = self.hear(topics.ROBOT_STATE, self.m.assembly_state)
+
+    def _run(self) -> None:
+        try:
+            self.emulator.run(self._over)
+        except BaseException as error:
+            self.error = error
+
+    def hear(self, topic: str, kind: Any) -> Heard:
+        heard = Heard()
+        self._opened.append(self._rospy.Subscriber(topic, kind, heard.all.append, tcp_nodelay=True))
+        return heard
+
+    def publisher(self, topic: str, kind: Any) -> Any:
+        publisher = self._rospy.Publisher(topic, kind, queue_size=10, tcp_nodelay=True)
+        self._opened.append(publisher)
+        wait(lambda: publisher.get_num_connections(), f"a listener of {topic}")
+        return publisher
+
+    def deaf(self) -> None:
+        """Hear no more of what was opened last."""
+        self._opened.pop().unregister()
+
+    def now(self) -> float:
+        return self.clock.newest.clock.to_sec()
+
+    def let(self, seconds: float) -> None:
+        until = self.now() + seconds
+        wait(lambda: self.now() >= until - 1e-9 or self.error, f"{seconds} s of cell time")
+
+    def insist(self, publisher: Any, message: Any, condition: Callable[[], Any], what: str) -> None:
+        """As the SDK does it: again until the robot agrees."""
+
+        def agrees() -> bool:
+            if condition():
+                return True
+            publisher.publish(message)
+            self.let(0.02)
+            return False
+
+        wait(agrees, what)
+
+    def enable(self) -> None:
+        on = self.publisher(topics.ENABLE, self.m.bool)
+        self.insist(on, self.m.bool(True), lambda: self.robot.newest.enabled, "enabled")
+
+    def param(self, name: str) -> Any:
+        return self._rospy.get_param(name, None)
+
+    def end(self) -> None:
+        self._over.set()
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        self.end()
+        for opened in self._opened:
+            opened.unregister()
+        self._node.close()
+        if self.error is not None:
+            raise self.error
+
+
+Serve = Callable[..., Program]
+
+
+@pytest.fixture
+def last() -> Iterator[ExitStack]:
+    """What is closed when nobody serves it any more."""
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def serve(rosmaster: str, last: ExitStack) -> Iterator[Serve]:
+    programs: list[Program] = []
+
+    def begin(ports: Ports, **settings: Any) -> Program:
+        programs.append(Program(ports, **settings))
+        return programs[-1]
+
+    yield begin
+    for program in programs:
+        program.close()
+
+
+@pytest.fixture
+def cell() -> FakeCell:
+    return FakeCell(np.linspace(-0.6, 0.7, 14))
+
+
+@pytest.fixture
+def simulated(last: ExitStack) -> Ports:
+    ports = open_cell(QUIET, 1)
+    last.callback(close_cell, ports)
+    return ports
+
+
+def names(side: Side) -> list[str]:
+    return [f"{side}_{joint}" for joint in ARM_JOINTS]
+
+
+def vector(message: Any, field: str = "position") -> Array:
+    """(14,) of a JointState, by name."""
+    values = dict(zip(message.name, getattr(message, field), strict=True))
+    return np.array([values[name] for name in JOINT_NAMES])
+
+
+# what it says ------------------------------------------------------------------------------------------
+
+
+def test_says_where_the_arms_are_and_that_time_is_simulated(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    assert program.param("/use_sim_time") is True and program.param("/rethink/software_version") == "1.2.0"
+    message = program.joints.newest
+    assert message.name[:4] == ["head_nod", "head_pan", "left_e0", "left_e1"]
+    assert message.name[2:] == sorted(JOINT_NAMES)
+    np.testing.assert_array_equal(vector(message), cell.q)
+    program.let(0.1)
+    stamps = [m.header.stamp.to_sec() for m in program.joints.all]
+    assert np.diff(stamps).min() > 0.009
+    program.end()
+    assert program.param("/use_sim_time") is None
+
+
+def test_the_clock_is_the_cells_and_comes_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.let(0.2)
+    times = [m.clock.to_sec() for m in program.clock.all]
+    assert np.diff(times).min() > 0.009
+    np.testing.assert_allclose(np.array(times) / 0.01, np.round(np.array(times) / 0.01), atol=1e-6)
+    program.end()
+    assert program.clock.all[-1].clock.to_sec() <= cell.now
+
+
+def test_tells_what_the_pads_feel(serve: Serve, cell: FakeCell) -> None:
+    ports = cell.ports()
+    cells = np.arange(24.0).reshape(2, 4, 3) / 8
+
+    class Pad:
+        side = Side.RIGHT
+
+        def reading(self) -> TactileReading:
+            return TactileReading(0.25, Side.RIGHT, cells, np.array([0.5, 1.5]))
+
+    program = serve(replace(ports, tactile={**ports.tactile, Side.RIGHT: Pad()}))
+    message = program.hear(topics.tactile(Side.RIGHT), program.m.tactile_state).newest
+    channels = {c.name: list(c.values) for c in message.sensors}
+    assert channels == {"pad_0": list(cells[0].ravel()), "pad_1": list(cells[1].ravel()), "tips": [0.5, 1.5]}
+    assert message.header.stamp.to_sec() == 0.25
+
+
+# arms --------------------------------------------------------------------------------------------------
+
+AMPLITUDE = np.array([0.02, 0.04, 0.05, -0.05, 0.08, 0.06, 0.10, -0.02, 0.04, -0.05, -0.05, 0.08, 0.06, -0.10])
+OMEGA = 3.0  # [rad/s]
+
+
+def wave(t: float) -> Array:
+    return AMPLITUDE * (1.0 - math.cos(OMEGA * t))
+
+
+def shuffled(program: Program, side: Side, q: Array, mode: int = 4) -> Any:
+    order = [4, 2, 6, 0, 1, 5, 3]
+    part = q[arm_slice(side)]
+    return program.m.joint_command(mode, [part[k] for k in order], [names(side)[k] for k in order])
+
+
+def commanders(program: Program) -> dict[Side, Any]:
+    return {side: program.publisher(topics.joint_command(side), program.m.joint_command) for side in Side}
+
+
+def test_arms_follow_and_hold_when_nobody_commands_them_any_more(serve: Serve, simulated: Ports) -> None:
+    program = serve(simulated)
+    program.enable()
+    to = commanders(program)
+    q0, begin = vector(program.joints.newest), program.now()
+    sent, t, until = q0, begin, begin + 1.9
+    while t < until:
+        sent = q0 + wave(t - begin)
+        for side in Side:
+            to[side].publish(shuffled(program, side, sent))
+        wait(lambda last=t: program.now() > last, "the next tick")
+        t = program.now()
+    silent = program.now()
+    program.let(0.8)
+
+    moving = [m for m in program.joints.all if begin + 0.1 < m.header.stamp.to_sec() < silent]
+    error = [np.abs(vector(m) - q0 - wave(m.header.stamp.to_sec() - begin)).max() for m in moving]
+    late = OMEGA * np.abs(AMPLITUDE).max() * 0.04
+    assert len(moving) > 50 and max(error) < 0.007 + late  # the simulated arms' own error, and a few ticks
+    assert max(np.abs(vector(m) - q0).max() for m in moving) > 0.18
+
+    held = [m for m in program.joints.all if m.header.stamp.to_sec() > silent + 0.3]
+    assert len(held) > 30
+    assert max(np.abs(vector(m, "velocity")).max() for m in held) < 0.02
+    assert max(np.abs(vector(m) - sent).max() for m in held) < 0.01
+
+
+def test_an_arm_that_nobody_commands_stays(serve: Serve, simulated: Ports) -> None:
+    program = serve(simulated)
+    program.enable()
+    to = program.publisher(topics.joint_command(Side.RIGHT), program.m.joint_command)
+    q0 = vector(program.joints.newest)
+    goal = q0 + 0.05 * (np.arange(14) == 13)
+    right = arm_slice(Side.RIGHT)
+    command = program.m.joint_command(1, list(goal[right]), names(Side.RIGHT))
+    program.insist(to, command, lambda: abs(vector(program.joints.newest)[13] - goal[13]) < 0.01, "the goal")
+    assert max(np.abs(vector(m) - q0)[arm_slice(Side.LEFT)].max() for m in program.joints.all) < 0.01
+
+
+@pytest.mark.parametrize("timeout", [0.2, 0.4])
+def test_a_command_holds_for_the_timeout(serve: Serve, cell: FakeCell, timeout: float) -> None:
+    program = serve(cell.ports())
+    program.enable()
+    if timeout != 0.2:
+        limit = program.publisher(topics.command_timeout(Side.LEFT), program.m.float64)
+        limit.publish(program.m.float64(timeout))
+        wait(lambda: program.emulator._limbs[Side.LEFT].timeout == timeout, "the timeout is heard")
+    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    goal = cell.q + 0.01
+    to.publish(shuffled(program, Side.LEFT, goal))
+    wait(lambda: cell.commands, "a set-point")
+    program.let(timeout + 0.3)
+    times = [t for t, _ in cell.commands]
+    assert timeout - 0.015 <= times[-1] - times[0] <= timeout + 0.001
+    np.testing.assert_allclose(np.diff(times), 0.01, atol=1e-6)
+    for _, q in cell.commands:
+        np.testing.assert_allclose(q, np.concatenate((goal[:7], goal[7:] - 0.01)))
+
+
+def test_malformed_commands_change_nothing_and_are_told_once(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.enable()
+    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    head = program.publisher(topics.HEAD_COMMAND, program.m.head_pan_command)
+    limit = program.publisher(topics.command_timeout(Side.LEFT), program.m.float64)
+    for _ in range(3):
+        for wrong in (
+            program.m.joint_command(4, [0.0] * 7, names(Side.RIGHT)),
+            program.m.joint_command(4, [0.0] * 6, names(Side.LEFT)),
+            program.m.joint_command(4, [math.nan] * 7, names(Side.LEFT)),
+        ):
+            to.publish(wrong)
+            program.let(0.03)
+        head.publish(program.m.head_pan_command(math.nan, 1.0, 1))
+        limit.publish(program.m.float64(math.nan))
+    wait(lambda: len(program.told) > 4, "told")
+    program.let(0.1)
+    assert cell.commands == []
+    assert len(program.told) == 5 and len(set(program.told)) == 5
+    before = cell.q.copy()
+    to.publish(shuffled(program, Side.LEFT, cell.q))
+    wait(lambda: cell.commands, "a right one is obeyed")
+    np.testing.assert_array_equal(cell.q, before)
+
+
+def test_a_mode_that_it_has_not_holds_the_arm(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.enable()
+    to, before = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command), cell.q.copy()
+    for _ in range(2):
+        to.publish(program.m.joint_command(2, [0.5] * 7, names(Side.LEFT)))
+        program.let(0.1)
+    wait(lambda: cell.commands, "it holds")
+    np.testing.assert_array_equal(cell.q, before)
+    assert len(program.told) == 1 and "mode 2" in program.told[0]
+
+
+# motors and stop ---------------------------------------------------------------------------------------
+
+
+def test_nothing_moves_while_the_motors_are_off(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    for _ in range(5):
+        to.publish(shuffled(program, Side.LEFT, cell.q + 0.01))
+        program.let(0.05)
+    assert not program.robot.newest.enabled and not program.robot.newest.ready
+    program.enable()
+    assert program.robot.newest.ready
+    program.let(0.1)
+    assert cell.commands == []  # what was commanded before is forgotten
+    off = program.publisher(topics.ENABLE, program.m.bool)
+    program.insist(off, program.m.bool(False), lambda: not program.robot.newest.enabled, "disabled")
+    for _ in range(5):
+        to.publish(shuffled(program, Side.LEFT, cell.q + 0.01))
+        program.let(0.05)
+    assert cell.commands == []
+
+
+def test_a_stop_is_at_once_though_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.enable()
+    stop = program.publisher(topics.STOP, program.m.empty)
+    busy, go_on = threading.Event(), threading.Event()
+
+    def work() -> str:
+        busy.set()
+        assert go_on.wait(PATIENCE)
+        return cell.stop_reason
+
+    future = program.emulator.perform(work)
+    assert busy.wait(PATIENCE)
+    try:
+        stop.publish(program.m.empty())
+        wait(lambda: cell.stop_reason, "stopped")
+    finally:
+        go_on.set()
+    assert topics.STOP in future.result(PATIENCE)
+    wait(lambda: program.robot.newest.stopped, "it says so")
+    state = program.robot.newest
+    assert not state.enabled and not state.ready
+    assert (state.estop_button, state.estop_source) == (state.ESTOP_BUTTON_UNKNOWN, state.ESTOP_SOURCE_UNKNOWN)
+    reset = program.publisher(topics.RESET, program.m.empty)
+    program.insist(reset, program.m.empty(), lambda: not program.robot.newest.stopped, "reset")
+    assert not program.robot.newest.enabled
+    assert program.robot.newest.estop_button == state.ESTOP_BUTTON_UNPRESSED
+
+
+def test_no_reset_while_the_button_is_pressed(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    reset = program.publisher(topics.RESET, program.m.empty)
+    on = program.publisher(topics.ENABLE, program.m.bool)
+    program.emulator.press_button()
+    wait(lambda: program.robot.newest.stopped, "stopped")
+    for _ in range(10):
+        reset.publish(program.m.empty())
+        on.publish(program.m.bool(True))
+        program.let(0.03)
+    state = program.robot.newest
+    assert state.stopped and not state.enabled
+    assert (state.estop_button, state.estop_source) == (state.ESTOP_BUTTON_PRESSED, state.ESTOP_SOURCE_USER)
+    program.emulator.release_button()
+    wait(lambda: program.robot.newest.estop_button == state.ESTOP_BUTTON_RELEASED, "released")
+    assert program.robot.newest.stopped
+    program.insist(reset, program.m.empty(), lambda: not program.robot.newest.stopped, "reset")
+    program.enable()
+
+
+# hands, head, camera -----------------------------------------------------------------------------------
+
+
+def test_the_gripper_is_calibrated_configured_and_closes(serve: Serve, simulated: Ports) -> None:
+    program, side = serve(simulated), Side.LEFT
+    heard = program.hear(topics.gripper_state(side), program.m.end_effector_state)
+    to = program.publisher(topics.gripper_command(side), program.m.end_effector_command)
+    assert heard.newest.id == HARDWARE_ID and heard.newest.calibrated == 0
+    sequence = 0
+
+    def say(command: str, args: str = "") -> Any:
+        nonlocal sequence
+        sequence += 1
+        message = program.m.end_effector_command(HARDWARE_ID, command, args, "test", sequence)
+
+        def echoed() -> bool:
+            return (heard.newest.command_sender, heard.newest.command_sequence) == ("test", sequence)
+
+        program.insist(to, message, echoed, f"{command} handled")
+        return heard.newest
+
+    assert say("go", '{"position": 30.0}').error == 1
+    assert say("calibrate").error == 0
+    wait(lambda: heard.newest.calibrated == 1 and not heard.newest.moving, "calibrated")
+    assert heard.newest.position == pytest.approx(100.0, abs=2.0)
+    say("configure", '{"holding_force": 40.0}')
+    assert say("go", '{"position": 30.0}').error == 0
+    wait(lambda: not heard.newest.moving, "there")
+    assert heard.newest.position == pytest.approx(30.0, abs=2.0) and heard.newest.ready == 1
+    assert heard.newest.force == pytest.approx(0.0, abs=1.0)
+    opening = program.emulator.perform(lambda: simulated.grippers[side].state().opening).result(PATIENCE)
+    assert opening == pytest.approx(0.3 * simulated.grippers[side].max_opening, abs=1e-3)
+
+
+def test_the_force_reaches_the_port(serve: Serve, cell: FakeCell) -> None:
+    ports, told = cell.ports(), []
+
+    class Gripper:
+        side, max_opening = Side.RIGHT, 0.03
+        state = staticmethod(ports.grippers[Side.RIGHT].state)
+
+        def calibrate(self) -> None: ...
+
+        def command(self, opening: float, force: float) -> None:
+            told.append((opening, force))
+
+    program = serve(replace(ports, grippers={**ports.grippers, Side.RIGHT: Gripper()}))
+    to = program.publisher(topics.gripper_command(Side.RIGHT), program.m.end_effector_command)
+    to.publish(program.m.end_effector_command(HARDWARE_ID, "configure", '{"holding_force": 40}', "test", 1))
+    for _ in range(3):
+        to.publish(program.m.end_effector_command(HARDWARE_ID, "go", '{"position": 50}', "test", 2))
+    to.publish(program.m.end_effector_command(HARDWARE_ID + 1, "go", '{"position": 60}', "test", 3))
+    to.publish(program.m.end_effector_command(HARDWARE_ID, "go", '{"position": 70}', "test", 4))
+    wait(lambda: len(told) > 1, "both")
+    assert told == [pytest.approx((0.015, 0.4 * FULL_FORCE)), pytest.approx((0.021, 0.4 * FULL_FORCE))]
+
+
+def test_the_head_turns(serve: Serve, simulated: Ports) -> None:
+    program = serve(simulated)
+    heard = program.hear(topics.HEAD_STATE, program.m.head_state)
+    program.enable()
+    to = program.publisher(topics.HEAD_COMMAND, program.m.head_pan_command)
+    disabled = program.m.head_pan_command(-0.2, 0.5, program.m.head_pan_command.REQUEST_PAN_DISABLE)
+    to.publish(disabled)
+    program.let(0.2)
+    assert abs(heard.newest.pan) < 0.005
+    turn = program.m.head_pan_command(0.2, 0.5, program.m.head_pan_command.REQUEST_PAN_ENABLE)
+    program.insist(to, turn, lambda: abs(heard.newest.pan - 0.2) < 0.005, "turned")
+    assert any(m.isTurning for m in heard.all)
+    assert program.joints.newest.position[1] == pytest.approx(0.2, abs=0.006)
+
+
+class Shutter:
+    """A camera whose pictures differ, with holes in their depth."""
+
+    def __init__(self, cell: FakeCell) -> None:
+        self._cell, self.frames = cell, []
+        self.silent = False
+
+    def capture(self) -> CameraFrame:
+        if self.silent:
+            raise DriverError(FailureKind.CAMERA_FAULT, "silent")
+        n = len(self.frames)
+        rgb = np.arange(60, dtype=np.uint8).reshape(4, 5, 3) + np.uint8(n)
+        depth = np.linspace(0.5, 1.5, 20, dtype=np.float32).reshape(4, 5)
+        depth[1, n % 5] = np.nan
+        self.frames.append(CameraFrame(self._cell.now, n, rgb, depth, Intrinsics(5, 4, 6.0, 7.0, 2.5, 1.5)))
+        return self.frames[-1]
+
+
+def test_a_picture_is_taken_only_while_somebody_looks(serve: Serve, cell: FakeCell) -> None:
+    shutter, named = Shutter(cell), CameraTopics("/eye/rgb", "/eye/depth", "/eye/info")
+    program = serve(replace(cell.ports(), camera=shutter), camera=named)
+    depth = program.hear(named.depth, program.m.image)
+    info = program.hear(named.info, program.m.camera_info)
+    program.let(0.5)
+    assert shutter.frames == []
+    rgb = program.hear(named.rgb, program.m.image)
+    wait(lambda: len(rgb.all) > 2 and len(depth.all) > 2 and len(info.all) > 2, "pictures")
+    taken = np.array([frame.stamp for frame in shutter.frames])
+    assert np.diff(taken).min() > 0.2 - 1e-6
+    frames = {round(frame.stamp, 6): frame for frame in shutter.frames}
+    for message in rgb.all[:3]:
+        frame = frames[round(message.header.stamp.to_sec(), 6)]
+        assert (message.encoding, message.height, message.width, message.step) == ("rgb8", 4, 5, 15)
+        assert message.data == frame.rgb.tobytes()
+    for message in depth.all[:3]:
+        frame = frames[round(message.header.stamp.to_sec(), 6)]
+        assert (message.encoding, message.height, message.width, message.step) == ("32FC1", 4, 5, 20)
+        np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(4, 5), frame.depth)
+    stamps = {m.header.stamp for m in rgb.all}
+    assert stamps & {m.header.stamp for m in depth.all} & {m.header.stamp for m in info.all}
+    assert list(info.newest.K) == [6.0, 0.0, 2.5, 0.0, 7.0, 1.5, 0.0, 0.0, 1.0]
+    assert list(info.newest.P) == [6.0, 0.0, 2.5, 0.0, 0.0, 7.0, 1.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+    shutter.silent = True
+    program.let(0.3)
+    count = len(shutter.frames)
+    program.let(0.5)
+    assert len(shutter.frames) == count and program.error is None
+    shutter.silent = False
+    wait(lambda: len(shutter.frames) > count, "the camera answers again")
+
+    program.deaf()
+    program.let(0.3)  # it takes a while until they have parted
+    count = len(shutter.frames)
+    program.let(1.0)
+    assert len(shutter.frames) <= count + 1
+
+
+# work on the loop's thread -----------------------------------------------------------------------------
+
+
+def test_work_is_done_between_ticks_and_told_when_the_topics_know(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    goal = cell.q + 0.4
+    done_at: list[float] = []
+    told_at: list[float] = []
+
+    def work() -> str:
+        cell.q = goal
+        cell.now += 1000.0  # an attendant at work: nobody waits for the wall afterwards
+        done_at.append(cell.now)
+        return threading.current_thread().name
+
+    future = program.emulator.perform(work)
+    future.add_done_callback(lambda _: told_at.append(cell.now))
+    assert future.result(PATIENCE) == program._thread.name
+    wait(lambda: told_at, "told")
+    assert told_at[0] - done_at[0] == pytest.approx(0.05, abs=0.011)
+    wait(lambda: np.array_equal(vector(program.joints.newest), goal), "the topics know")
+    failed = program.emulator.perform(lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        failed.result(PATIENCE)
+    program.let(0.05)  # the loop goes on
+    program.end()
+    assert program.emulator.perform(lambda: None).cancelled()
+
+
+def test_commands_that_came_while_the_loop_was_busy_have_run_out(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.enable()
+    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    busy, go_on = threading.Event(), threading.Event()
+
+    def work() -> None:
+        busy.set()
+        assert go_on.wait(PATIENCE)
+        cell.now += 3.0
+
+    future = program.emulator.perform(work)
+    assert busy.wait(PATIENCE)
+    to.publish(shuffled(program, Side.LEFT, cell.q + 0.01))
+    wait(lambda: program.emulator._heard, "heard")
+    go_on.set()
+    future.result(PATIENCE)
+    program.let(0.1)
+    assert cell.commands == []
+    program.insist(to, shuffled(program, Side.LEFT, cell.q), lambda: cell.commands, "a new one is obeyed")
+
+
+def test_goes_no_faster_than_it_is_told(serve: Serve, cell: FakeCell) -> None:
+    free, held = FakeCell(), cell
+    program = serve(held.ports(), pace=1.0)
+    program.let(0.1)
+    wall, begin = time.monotonic(), held.now
+    program.let(1.0)
+    assert held.now - begin <= time.monotonic() - wall + 0.05  # a slow machine is only slower
+    program.end()
+    program = serve(free.ports(), pace=None)
+    wait(lambda: free.now > 5.0, "time flies")
