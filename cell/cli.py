@@ -113,6 +113,7 @@ def build_parser() -> argparse.ArgumentParser:
         _report,
         _replay,
         _resume,
+        _reset,
         _bench,
         _doctor,
     ):
@@ -426,6 +427,13 @@ def _replay(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
     _logs_option(parser)
+    _json_option(parser)
+
+
+def _reset(commands: Commands) -> None:
+    parser = _add(commands, "reset", "reset", "leave the robot's stop, once its cause is cleared (driver ros)")
+    parser.add_argument("--yes", action="store_true", help="the cause is cleared and nobody is near: do not ask")
+    _cell_option(parser)
     _json_option(parser)
 
 

@@ -54,6 +54,7 @@ def examine(logs: Path) -> list[Check]:
         _cores,
         _garments,
         _viewer,
+        _ros,
     ]
     return [check for work in checks for check in _safely(work)]
 
@@ -258,3 +259,18 @@ def _viewer() -> Iterable[Check]:
     found = str(beside) if beside.is_file() else shutil.which("rerun")
     hint = "" if found else "pip install rerun-sdk; without it recordings are written but cannot be opened here"
     yield Check("viewer", Verdict.GOOD if found else Verdict.WARNING, found or "no rerun program", hint)
+
+
+def _ros() -> Iterable[Check]:
+    """Only drivers `ros` and `emulator` need it."""
+    from robots.baxter.ros.installation import PACKAGES, find_ros
+    from robots.baxter.ros.messages import load_messages
+
+    folder = find_ros()
+    if folder is None:
+        hint = f"only for --driver ros and emulator: apt-get install {PACKAGES}"
+        yield Check("ROS 1", Verdict.WARNING, "not installed", hint)
+        return
+    load_messages()
+    uri = os.environ.get("ROS_MASTER_URI")
+    yield Check("ROS 1", Verdict.GOOD, f"{folder}; ROS_MASTER_URI " + (uri or "not set: no robot is named"))

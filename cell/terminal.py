@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from threading import Thread
-from typing import TextIO
+from threading import Lock, Thread
+from typing import ClassVar, TextIO
+from weakref import WeakKeyDictionary
 
 from cell.commands import CommandQueue
 from cell.states import Event
@@ -27,8 +28,46 @@ KEYS: Mapping[str, Event] = {
 HELP = "  ".join(f"{key} {event.value}" for key, event in KEYS.items()) + "  Ctrl-C stop"
 
 
+class _Lines:
+    """What is typed into a source, read on a thread of its own, which never keeps the process alive. It is given
+    to whoever listens at that moment: the next run's operator follows the last one's."""
+
+    _of: ClassVar[WeakKeyDictionary[TextIO, _Lines]] = WeakKeyDictionary()
+
+    def __init__(self, source: TextIO) -> None:
+        self._listener: TerminalOperator | None = None
+        self._lock = Lock()
+        self._ended = False
+        self.thread = Thread(target=self._read, args=(source,), name="terminal-operator", daemon=True)
+
+    @classmethod
+    def of(cls, source: TextIO) -> _Lines:
+        return cls._of.setdefault(source, cls(source))
+
+    def tell(self, operator: TerminalOperator) -> None:
+        """From now on; at once that it has ended, if it has."""
+        with self._lock:
+            self._listener, begin, ended = operator, self.thread.ident is None, self._ended
+        if begin:
+            self.thread.start()
+        elif ended:
+            operator.left()
+
+    def _read(self, source: TextIO) -> None:
+        with suppress(OSError, ValueError):  # closed under our feet
+            for line in source:
+                with self._lock:
+                    listener = self._listener
+                if listener is not None:
+                    listener.take(line.strip().lower())
+        with self._lock:
+            self._ended, listener = True, self._listener
+        if listener is not None:
+            listener.left()
+
+
 class TerminalOperator:
-    """Reads lines from `source` on a thread of its own, which never keeps the process alive.
+    """Takes the lines that are typed into `source` from when it starts until another one does.
 
     When the source ends (the terminal was closed) nobody is left to answer: the run is told to end, unless
     somebody sits elsewhere (`alone` is false).
@@ -36,28 +75,24 @@ class TerminalOperator:
 
     def __init__(self, commands: CommandQueue, source: TextIO, answers: TextIO, alone: bool = True) -> None:
         self._commands, self._alone = commands, alone
-        self._source = source
+        self._lines = _Lines.of(source)
         self._answers = answers
-        self._thread = Thread(target=self._read, name="terminal-operator", daemon=True)
 
     def start(self) -> None:
         self._say(f"keys (then Enter): {HELP}")
-        self._thread.start()
+        self._lines.tell(self)
 
     def join(self, timeout: float | None = None) -> None:
         """Wait until the source has ended."""
-        self._thread.join(timeout)
+        self._lines.thread.join(timeout)
 
-    def _read(self) -> None:
-        try:
-            for line in self._source:
-                self._take(line.strip().lower())
-        except (OSError, ValueError):  # closed under our feet
-            pass
+    def left(self) -> None:
+        """The source has ended."""
         if self._alone:
             self._commands.put(Event.ABORT)
 
-    def _take(self, word: str) -> None:
+    def take(self, word: str) -> None:
+        """A line that was typed."""
         if not word:
             return
         event = KEYS.get(word) or next((e for e in KEYS.values() if e.value == word), None)

@@ -86,7 +86,8 @@ def perform_script(
         own = check_script(script, settings, driver)
         request = FoldRequest(
             garment=script.garment_named, seed=script.seed, driver=driver, settings=own, settings_path=None,
-            logs=logs, live=live, approve=script.attended, terminal=False, realtime=realtime, world=world,
+            logs=logs, live=live, approve=script.attended,
+            terminal=not is_simulated(driver), realtime=realtime, world=world,
             quiet=True,
         )  # fmt: skip
         director = Director(script, load_robot(own).q_park, tell)

@@ -98,3 +98,22 @@ def test_progress_survives_a_reader_that_is_gone() -> None:
         lines.entered(1.0, STEP)
         with suppress(BrokenPipeError):
             stream.close()
+
+
+def test_the_next_runs_operator_follows_at_the_same_terminal() -> None:
+    """Runs of a campaign share a terminal: a line goes to the run that is under way."""
+    ours, theirs = os.pipe()
+    first, second = CommandQueue(), CommandQueue()
+    with os.fdopen(ours) as source, os.fdopen(theirs, "w") as keyboard:
+        TerminalOperator(first, source, io.StringIO()).start()
+        print("a", file=keyboard, flush=True)
+        assert first.wait({Event.APPROVE}, 10.0) is Event.APPROVE
+        last = TerminalOperator(second, source, io.StringIO())
+        last.start()
+        print("r", file=keyboard, flush=True)
+        assert second.wait({Event.RETRY}, 10.0) is Event.RETRY and first.take(OPERATOR_EVENTS) is None
+        keyboard.close()
+        assert second.wait({Event.ABORT}, 10.0) is Event.ABORT and first.take(OPERATOR_EVENTS) is None
+        third = CommandQueue()
+        TerminalOperator(third, source, io.StringIO()).start()
+        assert third.wait({Event.ABORT}, 10.0) is Event.ABORT, "nobody is left to answer"
