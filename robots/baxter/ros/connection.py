@@ -14,10 +14,10 @@ from robots.baxter.ros.clock import TopicClock, cell_clock
 from robots.baxter.ros.gripper import RosGripper
 from robots.baxter.ros.head import RosHead
 from robots.baxter.ros.hearing import Hearing
-from robots.baxter.ros.node import master_address, open_node
+from robots.baxter.ros.node import Node, master_address, open_node
 from robots.baxter.ros.stop import RosStop
 from robots.baxter.ros.tactile import RosTactile
-from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics
+from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics, joint_command
 from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Side, Stop
@@ -46,11 +46,13 @@ def connected(
     """The ports of the robot that ROS_MASTER_URI names. limits: that no set-point leaves. attendant: made with the
     stop, which ends its waiting. simulated: what answers is no robot; results are labelled by it.
 
-    Raises ConfigurationError: no ROS, no master, something that does not answer, or more than one robot.
+    Raises ConfigurationError: no ROS, no master, something that does not answer, more than one robot, or another
+    program that commands its arms.
     """
     node = open_node("foldcell")
     with ExitStack() as closing:
         closing.callback(node.close)
+        _refuse_others(node)
         clock = cell_clock(node)
         stop = RosStop(node, clock)
         closing.callback(stop.close)
@@ -71,9 +73,9 @@ def connected(
                 f"address; the master is {master_address()[0]}",
             )
         robots = node.publishers(ROBOT_STATE)
-        if robots != 1:
+        if len(robots) != 1:
             raise ConfigurationError(
-                f"{robots} nodes say what state the robot is in",
+                f"{len(robots)} nodes say what state the robot is in ({', '.join(robots)})",
                 "leave one robot, real or emulated, at this master",
             )
         yield Ports(
@@ -87,6 +89,16 @@ def connected(
             camera=camera,
             stop=stop,
             attendant=attendant(stop),
+        )
+
+
+def _refuse_others(node: Node) -> None:
+    """Before anything is published: two programs would pull at one arm."""
+    others = {name for side in Side for name in node.publishers(joint_command(side))} - {node.name}
+    if others:
+        raise ConfigurationError(
+            f"other programs command the robot's arms: {', '.join(sorted(others))}",
+            "end them (rosnode kill NAME), a trajectory action server too",
         )
 
 

@@ -81,10 +81,29 @@ class Node:
         if self._rospy.has_param(name):
             self._rospy.delete_param(name)
 
-    def publishers(self, topic: str) -> int:
-        """How many nodes the master knows to publish it."""
+    @property
+    def name(self) -> str:
+        """This process's."""
+        return str(self._rospy.get_name())
+
+    def publishers(self, topic: str) -> list[str]:
+        """The nodes that publish it. The master still knows those that died: they are left out."""
         known = self._rospy.get_master().getSystemState()[2][0]
-        return next((len(nodes) for name, nodes in known if name == topic), 0)
+        nodes: list[str] = next((nodes for name, nodes in known if name == topic), [])
+        return [node for node in nodes if node == self.name or self._lives(node)]
+
+    def _lives(self, node: str) -> bool:
+        code, _, uri = self._rospy.get_master().lookupNode(node)
+        address = urlparse(uri) if code == 1 else None
+        if address is None or address.hostname is None or address.port is None:
+            return False
+        try:
+            socket.create_connection((address.hostname, address.port), ANSWER_S).close()
+        except (ConnectionError, TimeoutError):
+            return False
+        except OSError:  # a name that is not known here: nobody can tell
+            return True
+        return True
 
     def close(self) -> None:
         self._stack.close()

@@ -1,0 +1,70 @@
+"""What a driver may send: inside the joints' ranges, within reach of what holds now."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from robots.model import JointLimits
+from robots.ports import Array
+from robots.setpoint import JUMP_TIME, clip_setpoint
+
+UPPER = np.linspace(0.5, 3.0, 14)
+VELOCITY = np.linspace(1.0, 4.0, 14)
+LIMITS = JointLimits(-0.8 * UPPER, UPPER, VELOCITY, VELOCITY * 5.0, VELOCITY * 50.0)
+REACH = VELOCITY * JUMP_TIME
+ROUNDING = 1e-12
+
+
+def vectors(least: float, most: float) -> st.SearchStrategy[Array]:
+    return arrays(np.float64, 14, elements=st.floats(least, most))
+
+
+def between(lower: Array, upper: Array) -> st.SearchStrategy[Array]:
+    return vectors(0.0, 1.0).map(lambda share: lower + share * (upper - lower))
+
+
+inside = between(LIMITS.lower, LIMITS.upper)
+anywhere = vectors(-1e6, 1e6)
+
+
+@given(q=anywhere | inside, qd=anywhere, before=between(LIMITS.lower - REACH, LIMITS.upper + REACH))
+def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: Array) -> None:
+    sent = clip_setpoint(q, qd, before, LIMITS, 1.0)
+    assert np.all((sent.q >= LIMITS.lower) & (sent.q <= LIMITS.upper))
+    assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
+    assert np.all(np.abs(sent.qd) <= LIMITS.velocity)
+    assert sent.stamp == 1.0
+
+
+@given(before=inside, share=vectors(-0.99, 0.99), qd=between(-VELOCITY, VELOCITY))
+def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array) -> None:
+    q = np.clip(before + share * REACH, LIMITS.lower, LIMITS.upper)
+    sent = clip_setpoint(q, qd, before, LIMITS, 0.0)
+    np.testing.assert_array_equal(sent.q, q)
+    np.testing.assert_array_equal(sent.qd, qd)
+    assert not sent.clipped
+
+
+@given(q=inside | anywhere, qd=between(-2.0 * VELOCITY, 2.0 * VELOCITY), before=inside)
+def test_says_whether_it_changed_anything(q: Array, qd: Array, before: Array) -> None:
+    sent = clip_setpoint(q, qd, before, LIMITS, 0.0)
+    assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
+
+
+@given(q=anywhere, before=inside)
+def test_goes_towards_what_was_asked_for(q: Array, before: Array) -> None:
+    sent = clip_setpoint(q, np.zeros(14), before, LIMITS, 0.0)
+    assert np.all(np.sign(q - before) * (sent.q - before) >= -ROUNDING)
+    nearer = np.minimum(np.abs(q - before), REACH)
+    free = (sent.q > LIMITS.lower) & (sent.q < LIMITS.upper)
+    np.testing.assert_allclose(np.abs(sent.q - before)[free], nearer[free], atol=ROUNDING)
+
+
+def test_is_nobodys_to_change() -> None:
+    q = np.zeros(14)
+    sent = clip_setpoint(q, q, q, LIMITS, 0.0)
+    q[0] = 1.0
+    assert sent.q[0] == 0.0 and not sent.q.flags.writeable and not sent.qd.flags.writeable

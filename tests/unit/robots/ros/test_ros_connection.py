@@ -1,0 +1,201 @@
+"""Opening a cell: everything answers, or it is said what does not; and all is let go again."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+import textwrap
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from puppet import CAMERA, COMMANDS, HAND, JOINTS, LIMB, PADS, STATE, Connect, Puppet, wait
+
+from robots.baxter.ros import connection
+from robots.baxter.ros import node as node_module
+from robots.baxter.ros.node import Node, master_address, open_node
+from robots.errors import ConfigurationError
+from robots.ports import Side
+from tests.rosmaster import free_port
+
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+LEFT, RIGHT = Side.LEFT, Side.RIGHT
+HEARD = [JOINTS, STATE, *(HAND[s] + "state" for s in Side), *(PADS[s] for s in Side)]
+
+
+def refusal(connect: Connect, **settings: object) -> ConfigurationError:
+    with pytest.raises(ConfigurationError) as caught, connect(**settings):
+        pass
+    return caught.value
+
+
+def test_a_robot_that_answers_is_a_cell(connect: Connect) -> None:
+    with connect() as ports:
+        assert ports.driver == "ros" and not ports.simulated
+        assert ports.arms.state().stamp <= ports.clock.now()
+        assert not ports.stop.state().stopped
+        for side in Side:
+            assert ports.grippers[side].side is ports.tactile[side].side is side
+            assert np.isfinite(ports.grippers[side].state().opening)
+            assert ports.tactile[side].reading().cells.shape == (2, 4, 3)
+
+
+def test_all_that_is_silent_is_named_in_one_error(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+    monkeypatch.setattr(connection, "ANSWER_S", 2.5)
+    silent = {STATE, HAND[RIGHT] + "state", PADS[LEFT]}
+    puppet.silent = set(silent)
+    error = refusal(connect)
+    assert {topic for topic in HEARD if topic in error.what} == silent
+    assert master_address()[0] in error.hint
+
+
+def test_a_robot_that_says_nothing_at_all(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+    monkeypatch.setattr(connection, "ANSWER_S", 0.4)
+    puppet.silent = set(HEARD)
+    error = refusal(connect)
+    assert all(topic in error.what for topic in HEARD)
+
+
+def test_pads_of_another_kind_are_as_good_as_silent(connect: Connect, monkeypatch) -> None:
+    monkeypatch.setattr(connection, "ANSWER_S", 2.5)
+    error = refusal(connect, tactile_rows=5)
+    assert [topic for topic in HEARD if topic in error.what] == [PADS[LEFT], PADS[RIGHT]]
+
+
+def test_simulated_time_that_nobody_tells_is_named(node: Node, connect: Connect, monkeypatch) -> None:
+    monkeypatch.setattr(connection, "ANSWER_S", 2.5)
+    node.set_parameter("/use_sim_time", True)
+    try:
+        error = refusal(connect)
+    finally:
+        node.delete_parameter("/use_sim_time")
+    assert "/clock" in error.what and not any(topic in error.what for topic in HEARD)
+
+
+@pytest.fixture
+def second_robot(rosmaster: str) -> Iterator[None]:
+    program = textwrap.dedent("""
+        import sys
+        from robots.baxter.ros.installation import import_ros
+        from robots.baxter.ros.messages import load_messages
+        rospy = import_ros()
+        rospy.init_node("second_robot", disable_signals=True, disable_rosout=True, disable_rostime=True)
+        publisher = rospy.Publisher("/robot/state", load_messages().assembly_state, queue_size=1)
+        print("ready", flush=True)
+        sys.stdin.read()
+        rospy.signal_shutdown("over")
+    """)
+    robot = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert robot.stdin is not None and robot.stdout is not None
+    try:
+        assert robot.stdout.readline() == b"ready\n"
+        yield
+    finally:
+        robot.stdin.close()
+        robot.wait(60.0)
+        robot.stdout.close()
+
+
+@pytest.mark.usefixtures("second_robot")
+def test_of_two_robots_none_is_taken(connect: Connect) -> None:
+    error = refusal(connect)
+    assert error.what.startswith("2 nodes") and "one robot" in error.hint
+
+
+def test_without_a_master_it_says_where_it_looked(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+    uri = f"http://127.0.0.1:{free_port()}"
+    monkeypatch.setattr(node_module, "_opened", None)
+    monkeypatch.setenv("ROS_MASTER_URI", uri)
+    with pytest.raises(ConfigurationError, match="no ROS master answers") as caught:
+        open_node("anybody")
+    assert uri in caught.value.what and "ROS_MASTER_URI" in caught.value.hint
+
+
+def test_a_process_is_a_node_of_one_master(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    with pytest.raises(ConfigurationError, match="cannot be one of") as caught:
+        open_node("anybody")
+    assert master_address()[0] in caught.value.what
+
+
+@pytest.mark.parametrize("uri", ["localhost", "localhost:11311", "http://localhost", "http://localhost:port"])
+def test_what_is_no_address_is_no_master(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", uri)
+    with pytest.raises(ConfigurationError, match="is no address"):
+        master_address()
+
+
+def test_without_a_word_it_looks_where_ros_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_MASTER_URI", raising=False)
+    assert master_address() == ("http://localhost:11311", "localhost", 11311)
+
+
+def left_over(puppet: Puppet, node: Node) -> list[str]:
+    commands = [topic for topic in COMMANDS if node.publishers(topic)]
+    heard = [topic for topic in [*HEARD, *CAMERA.values()] if puppet.listeners(topic)]
+    return commands + heard
+
+
+@pytest.mark.parametrize("way", ["ends", "fails", "is refused"])
+def test_all_is_let_go(puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str) -> None:
+    before = threading.active_count()
+    if way == "is refused":
+        monkeypatch.setattr(connection, "ANSWER_S", 0.4)
+        puppet.silent.add(STATE)
+        refusal(connect)
+        puppet.silent.clear()
+    elif way == "fails":
+        with pytest.raises(ZeroDivisionError), connect():
+            raise ZeroDivisionError
+    else:
+        with connect():
+            assert left_over(puppet, node) == [*COMMANDS, *HEARD]
+    wait(lambda: left_over(puppet, node) == [], "nobody speaks or listens")
+    assert not any(thread.name == "stop" for thread in threading.enumerate())
+    wait(lambda: threading.active_count() <= before, "its threads have ended")
+
+
+def test_it_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
+    for n in range(3):
+        with connect() as ports:
+            ports.arms.enable()
+            q = puppet.q + 0.01
+            ports.arms.command(q, np.zeros(14))
+            heard = puppet.heard[LIMB[LEFT] + "joint_command"]
+            wait(lambda n=n, heard=heard: len(heard) == n + 1, "a command")
+            ports.stop.trigger("a test")
+            wait(lambda: puppet.stopped, "stopped")
+            ports.stop.reset()
+
+
+def test_nothing_complains_when_it_ends_in_the_middle_of_something(
+    puppet: Puppet, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what is heard while it closes nothing is answered any more."""
+    complaints: list[str] = []
+
+    class Ear(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            complaints.append(record.getMessage())
+
+    ear = Ear(logging.WARNING)
+    logging.getLogger("rosout").addHandler(ear)
+    monkeypatch.setattr("robots.baxter.ros.gripper.REPEAT_S", 0.0)
+    monkeypatch.setattr("robots.baxter.ros.head.REPEAT_S", 0.0)
+    puppet.deaf.add("/robot/head/command_head_pan")
+    for hand in puppet.hands.values():
+        hand.deaf = True
+    try:
+        for _ in range(5):
+            with connect() as ports:
+                ports.head.command_pan(1.0)
+                for gripper in ports.grippers.values():
+                    gripper.calibrate()
+                ports.stop.trigger("a test")
+    finally:
+        logging.getLogger("rosout").removeHandler(ear)
+    assert complaints == []

@@ -1,0 +1,63 @@
+"""Who else is at the robot: another program that commands its arms is refused, one that died is not in the way."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from puppet import Connect, wait
+
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.topics import joint_command
+from robots.errors import ConfigurationError
+from robots.ports import Side
+
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+TOPIC = joint_command(Side.LEFT)
+OTHER = f"""
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import open_node
+node = open_node("other_program")
+node.publisher({TOPIC!r}, load_messages().joint_command)
+print("there", flush=True)
+input()
+node.close()
+"""
+
+
+@contextmanager
+def another_program() -> Iterator[subprocess.Popen[str]]:
+    program = subprocess.Popen(
+        [sys.executable, "-c", OTHER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert program.stdout is not None and program.stdout.readline() == "there\n"
+        yield program
+    finally:
+        program.kill()
+        program.communicate()
+
+
+def test_another_program_at_the_arms_is_refused_by_name(connect: Connect) -> None:
+    with another_program() as program:
+        refused = "other programs command the robot's arms: /other_program"
+        with pytest.raises(ConfigurationError, match=refused), connect():
+            raise AssertionError("two programs at one arm")
+        program.communicate("leave\n")
+    with connect():
+        pass
+
+
+def test_one_that_was_killed_is_not_in_the_way(connect: Connect, node: Node) -> None:
+    """The master goes on naming it."""
+    with another_program() as program:
+        wait(lambda: len(node.publishers(TOPIC)) == 1, "the other program is known")
+        program.send_signal(signal.SIGKILL)
+        program.wait()
+        assert node.publishers(TOPIC) == []
+        with connect():
+            pass
