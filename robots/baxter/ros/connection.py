@@ -56,9 +56,13 @@ def connected(
         clock = cell_clock(node)
         stop = RosStop(node, clock)
         closing.callback(stop.close)
-        head = RosHead(node, clock)
+
+        def stopped() -> bool:
+            return stop.state().stopped
+
+        head = RosHead(node, clock, stopped)
         arms = RosArms(node, clock, stop, limits, settings.raw_position, head.watch)
-        grippers = {side: RosGripper(node, clock, side) for side in Side}
+        grippers = {side: RosGripper(node, clock, side, stopped) for side in Side}
         camera = RosCamera(node, clock, settings.camera)
         closing.callback(camera.close)
         pads = {side: RosTactile(node, clock, side, settings.tactile_rows) for side in Side}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any
@@ -45,11 +46,14 @@ class _Order:
 
 
 class RosGripper:
-    """One gripper, `side`'s. max_opening [m]."""
+    """One gripper, `side`'s. max_opening [m]. stopped: whether the robot is; orders that wait are void then."""
 
-    def __init__(self, node: Node, clock: RosClock, side: Side) -> None:
+    def __init__(
+        self, node: Node, clock: RosClock, side: Side, stopped: Callable[[], bool] = lambda: False
+    ) -> None:
         messages = load_messages()
         self.side, self.max_opening = side, FULL_OPENING
+        self._stopped = stopped
         self._clock, self._kind = clock, messages.end_effector_command
         # the robot echoes the last command of whoever was here before: it is never taken for one of these
         self._sender, self._sequence = f"foldcell_{side}_{uuid4().hex[:12]}", 0
@@ -69,23 +73,27 @@ class RosGripper:
         )
 
     def calibrate(self) -> None:
-        """What is commanded meanwhile follows after it."""
+        """What is commanded meanwhile follows after it. Raises DriverError(STOPPED)."""
+        self._refuse_stopped()
         with self._lock:
-            self._waiting.clear()
-            self._calibrating, self._force, self._last = False, None, None
+            self._forget()
             self._refused = None
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
-        """Raises DriverError(GRIPPER_FAULT): no numbers, not calibrated, or a gripper that does not answer."""
+        """Raises DriverError: STOPPED; GRIPPER_FAULT for no numbers, and when it is not calibrated, does not answer
+        or refused what it was told before."""
+        self._refuse_stopped()
         if not (math.isfinite(opening) and math.isfinite(force)):
             raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")
         with self._lock:
             now = self._clock.now()
             if self._waiting and now - self._begun > (CALIBRATION_S if self._calibrating else DEAF_S):
+                what = self._waiting[0].what
+                self._forget()
                 raise DriverError(
                     FailureKind.GRIPPER_FAULT,
-                    f"the {self.side} gripper does not do what it is told ({self._waiting[0].what})",
+                    f"the {self.side} gripper does not do what it is told ({what})",
                     "see whether the gripper is plugged in and free to move, then start again",
                 )
             heard = self.hearing.newest
@@ -122,6 +130,17 @@ class RosGripper:
             moving=bool(self._waiting) or message.moving == 1, calibrated=message.calibrated == 1,
         )  # fmt: skip
 
+    def _refuse_stopped(self) -> None:
+        if self._stopped():
+            raise DriverError(
+                FailureKind.STOPPED, f"the {self.side} gripper stays as it is: stopped", "reset the stop first"
+            )
+
+    def _forget(self) -> None:
+        """What was not handled is not wanted any more."""
+        self._waiting.clear()
+        self._calibrating, self._force, self._last = False, None, None
+
     def _add(self, what: str, arguments: str = "", force: float | None = None) -> None:
         self._sequence = self._sequence % 0x7FFFFFFF + 1
         message = self._kind(HARDWARE_ID, what, arguments, self._sender, self._sequence)
@@ -141,6 +160,8 @@ class RosGripper:
         """After each state of the gripper: on to the next command, or the same once more."""
         message, _ = heard
         with self._lock:
+            if self._waiting and self._stopped():
+                self._forget()  # else it would be done whenever the robot can do it again
             if not self._waiting:
                 return
             first = self._waiting[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from robots.baxter.ros.clock import RosClock
 from robots.baxter.ros.messages import load_messages
@@ -23,10 +24,10 @@ THERE = 0.005
 
 
 class RosHead:
-    """A command is repeated until the head is there, as the robot wants it."""
+    """A command is repeated until the head is there, as the robot wants it, or the robot is stopped."""
 
-    def __init__(self, node: Node, clock: RosClock) -> None:
-        self._clock, self._messages = clock, load_messages()
+    def __init__(self, node: Node, clock: RosClock, stopped: Callable[[], bool] = lambda: False) -> None:
+        self._clock, self._messages, self._stopped = clock, load_messages(), stopped
         self._publisher = node.publisher(HEAD_COMMAND, self._messages.head_pan_command)
         self._goal = math.nan
         self._asked = self._told = -math.inf
@@ -40,6 +41,8 @@ class RosHead:
 
     def watch(self, state: JointState) -> None:
         """Is shown each joint state."""
+        if self._stopped():
+            self._goal = math.nan
         wanted = self._clock.now() - self._asked < GIVE_UP_S and abs(state.head_pan - self._goal) > THERE
         if wanted and self._clock.now() - self._told >= REPEAT_S:
             self._tell()

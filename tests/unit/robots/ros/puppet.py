@@ -105,7 +105,7 @@ class Puppet:
         rospy = import_ros()
         self.q, self.qd, self.effort = np.linspace(-0.6, 0.7, 14), np.linspace(0.1, 0.2, 14), np.arange(14.0)
         self.pan = 0.125
-        self.enabled = self.stopped = self.error = False
+        self.enabled = self.stopped = self.error = self.lasting_error = False
         self.button = self.source = 0
         self.silent: set[str] = set()
         self.deaf: set[str] = set()
@@ -171,7 +171,7 @@ class Puppet:
             self.say(JOINTS, m().joint_state(name=FINGERS, position=nines, velocity=nines, effort=nines))
         self.say(JOINTS, self.joints())
         self.say(STATE, m().assembly_state(
-            self.enabled, self.enabled, self.stopped, self.error, self.button, self.source
+            self.enabled, self.enabled, self.stopped, self.error or self.lasting_error, self.button, self.source
         ))  # fmt: skip
         for side in Side:
             self.hands[side].tick()

@@ -138,3 +138,12 @@ def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node
     puppet.silent.add(PADS[LEFT])
     reading = RosTactile(node, HandClock(), LEFT, 4).reading()
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
+
+
+def test_a_head_that_was_stopped_on_its_way_is_not_told_again(puppet: Puppet, ports: Ports) -> None:
+    puppet.deaf.add(HEAD)
+    ports.head.command_pan(0.4)
+    wait(lambda: len(puppet.heard[HEAD]) >= 2, "it is told again")
+    ports.stop.trigger("a test")
+    puppet.let(10)
+    puppet.stays(lambda: len(puppet.heard[HEAD]))

@@ -340,3 +340,13 @@ def test_a_fault_that_stays_is_told(puppet: Puppet, stop: RosStop, monkeypatch) 
     wait(lambda: stop.state().stopped, "seen")
     with pytest.raises(DriverError, match="display"):
         stop.reset()
+
+
+def test_an_error_that_outlives_the_stop_does_not_keep_it(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+    """A robot can be enabled with one: it is the robot's to refuse."""
+    monkeypatch.setattr(stop_module, "RESET_S", 0.3)
+    stop.trigger("a test")
+    wait(lambda: puppet.stopped, "stopped")
+    puppet.lasting_error = True
+    stop.reset()
+    assert not stop.state().stopped and stop.robot.newest.error
