@@ -3,6 +3,8 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+# Tests on all cores, a file on one: its tests share what is slow to make.
+PARALLEL := -n auto --dist loadfile
 
 .PHONY: setup fold test quick lint hil docs clean
 
@@ -21,10 +23,10 @@ test: setup            ## lint, types, import floors and the whole test suite
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
 
 quick: setup           ## the tests without the whole runs
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/lint-imports && $(BIN)/mypy

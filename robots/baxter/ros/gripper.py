@@ -81,8 +81,8 @@ class RosGripper:
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
-        """Raises DriverError: STOPPED; GRIPPER_FAULT for no numbers, and when it is not calibrated, does not answer
-        or refused what it was told before."""
+        """Raises DriverError: STOPPED; GRIPPER_FAULT for no numbers, and when it is not calibrated, does not
+        answer, or refused what it was told before."""
         self._refuse_stopped()
         if not (math.isfinite(opening) and math.isfinite(force)):
             raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")

@@ -191,6 +191,8 @@ def test_nothing_complains_when_it_ends_in_the_middle_of_something(
         hand.deaf = True
     try:
         for _ in range(5):
+            puppet.stopped = False
+            puppet.let(5)
             with connect() as ports:
                 ports.head.command_pan(1.0)
                 for gripper in ports.grippers.values():
