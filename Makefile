@@ -3,8 +3,8 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
-# Tests on all cores, a file on one: its tests share what is slow to make.
-PARALLEL := -n auto --dist loadfile
+# Tests on all cores, neighbours on one: they share what is slow to make.
+PARALLEL := -n auto --dist worksteal
 
 .PHONY: setup fold test quick lint hil docs clean
 

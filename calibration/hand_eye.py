@@ -167,8 +167,10 @@ def _views_in(
     if not holding:
         what = f"the {side} hand reaches none of {len(poses)} poses before the camera"
         return Outcome(failure=Failure(FailureKind.UNREACHABLE, what, "clear the table's surroundings"))
+    taken = yield from bring(BoardPlace.AWAY)  # before the hand lets go: it would fall
+    if taken.failure:
+        return Outcome(failure=taken.failure)
     yield from grip(side, 0.02, settings.grip_force)
-    yield from bring(BoardPlace.AWAY)
     if len(views) < settings.views:
         what = f"the board was seen in {len(views)} poses of the {side} hand; {settings.views} are needed"
         hint = "see that the whole card is printed side up and lit; or ask for fewer with --views"

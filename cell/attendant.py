@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cell.commands import CommandQueue
+from cell.commands import ABORTED, CommandQueue
 from cell.states import Event
-from robots.ports import BoardPlace, Stop
+from robots.errors import DriverError, FailureKind
+from robots.ports import BoardPlace, Clock, Stop
 
 __all__ = ["PersonAttendant"]
 
 POLL_S = 0.1
 BOARD = {
-    BoardPlace.AWAY: "take the calibration board away",
+    BoardPlace.AWAY: "take hold of the calibration board: a hand that has it lets go when you have approved",
     BoardPlace.SHOWN: "hold the calibration board before the camera, in another pose than before",
     BoardPlace.LEFT_HAND: "put the calibration board between the left gripper's pads",
     BoardPlace.RIGHT_HAND: "put the calibration board between the right gripper's pads",
@@ -20,11 +21,13 @@ BOARD = {
 
 
 class PersonAttendant:
-    """ask: shows what is asked for, None when it is not any more. An answer is APPROVE; who stops or ends the run
-    instead is not waited for any longer, and the runner meets that next."""
+    """ask: shows what is asked for, None when it is not any more. The answer is APPROVE. Who ends the run or stops
+    the cell instead has not done it: DriverError, ABORTED or STOPPED."""
 
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
         self._commands, self._stop, self._ask = commands, stop, ask
+        self.clock: Clock | None = None
+        """What a script is carried out on the way of, while somebody is waited for."""
 
     def lay_garment(self) -> None:
         self._wait_for("lay the garment flat on the table and step back")
@@ -39,8 +42,13 @@ class PersonAttendant:
             while not self._stop.state().stopped:
                 said = self._commands.wait({Event.APPROVE, Event.ABORT}, POLL_S)
                 if said is Event.ABORT:
-                    self._commands.put(Event.ABORT)
+                    raise DriverError(FailureKind.ABORTED, ABORTED.what, ABORTED.hint)
                 if said is not None:
                     return
+                if self.clock is not None:
+                    self.clock.sleep_until(self.clock.now() + POLL_S)
+            raise DriverError(
+                FailureKind.STOPPED, f"stopped before it was done: {what}", "reset the stop, then start again"
+            )
         finally:
             self._ask(None)

@@ -433,7 +433,6 @@ def _replay(commands: Commands) -> None:
 def _reset(commands: Commands) -> None:
     parser = _add(commands, "reset", "reset", "leave the robot's stop, once its cause is cleared (driver ros)")
     parser.add_argument("--yes", action="store_true", help="the cause is cleared and nobody is near: do not ask")
-    _cell_option(parser)
     _json_option(parser)
 
 

@@ -235,6 +235,7 @@ class RosConfig(_Group):
         "closely",
     )
     tactile_rows: int = _count(1, 64, "rows of pressure cells on each pad")
+    camera_settle: float = _number(0.0, 5.0, "s", "how long the camera streams before a picture counts")
     camera_rgb: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour picture")
     camera_depth: str = Field(pattern=_TOPIC, strict=True, description="topic of the depth, registered to it")
     camera_info: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour camera's figures")
@@ -245,7 +246,7 @@ class RosConfig(_Group):
         from robots.baxter.ros.topics import CameraTopics
 
         camera = CameraTopics(self.camera_rgb, self.camera_depth, self.camera_info)
-        return RosSettings(camera, self.raw_position, self.tactile_rows)
+        return RosSettings(camera, self.raw_position, self.tactile_rows, self.camera_settle)
 
 
 class RecorderConfig(_Group):

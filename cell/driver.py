@@ -11,7 +11,7 @@ from cell.simulation import SimulationSettings, check_settings, close_cell, open
 from robots.errors import ConfigurationError
 from robots.ports import Attendant, Ports, Stop
 
-__all__ = ["DRIVERS", "PersonAt", "check_cell", "is_simulated", "opened_cell"]
+__all__ = ["DRIVERS", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
 
 DRIVERS = {
     "sim": "the simulated cell, as fast as it goes and the same for each seed",
@@ -57,6 +57,15 @@ def opened_cell(
             yield ports
         finally:
             gc.unfreeze()
+
+
+@contextmanager
+def stop_circuit() -> Iterator[Stop]:
+    """Of the robot alone, whatever else of the cell answers. Raises ConfigurationError: no ROS, no robot."""
+    from robots.baxter.ros.connection import connected_stop
+
+    with connected_stop() as stop:
+        yield stop
 
 
 def _opened(

@@ -261,6 +261,15 @@ class PathClock:
     def go(self) -> None:
         self._change(1.0, self._control.go)
 
+    def begin_again(self) -> bool:
+        """After a stall the arms stand: from the last set-point on, the clock runs up as after a pause. -> False
+        for one that runs down or rests already."""
+        if self._goal != 1.0:
+            return False
+        self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0
+        self.go()
+        return True
+
     def _rate(self) -> tuple[float, float]:
         if self._warp is None:
             return self._goal, 0.0
@@ -326,9 +335,10 @@ class _Motion:
             if self._control:
                 self._control.sent.q = q
             k += 1
-            ticks.wait()
+            stalled = ticks.wait()
             if self._path:
-                self._path.advance()
+                if not (stalled and self._path.begin_again()):
+                    self._path.advance()
                 t = self._path.t
             else:
                 t = k * TICK_S

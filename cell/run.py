@@ -47,7 +47,7 @@ from cell.simulation import SimulationSettings, checkpoint, restore
 from cell.states import Event, State
 from cell.terminal import TerminalOperator, in_foreground
 from cell.whole_file import write_whole
-from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
+from robots.errors import ConfigurationError, DriverError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
@@ -195,7 +195,8 @@ def _perform(
 
     def ask(what: str | None) -> None:
         if what is not None:
-            lines.note(f"{what}, then approve" + (" (a, Enter)" if request.terminal else ""))
+            told = f"{what}, then approve" + (" (a, Enter)" if request.terminal else "")
+            _say(told) if request.quiet else lines.note(told)
         if supervision:
             supervision.board.ask(what)
 
@@ -212,6 +213,8 @@ def _perform(
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
             used = (prelude(ports, commands) if prelude is not None else None) or ports
+            if isinstance(ports.attendant, PersonAttendant):
+                ports.attendant.clock = used.clock
             heard = stenographer.between(used, commands)
             cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
             cell = replace(cell, watched_stop=used.stop)
@@ -229,7 +232,7 @@ def _perform(
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
                 supervision.board.finish(end.state, failure, run.directory)
-            score = witness.score() if witness else None
+            score = _score(witness)
     finally:
         kept, unkept = recorder.close(), stenographer.close()
     errors = [*kept.errors, *([unkept] if unkept else [])]
@@ -302,6 +305,15 @@ def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:
     from cell.simulation.witness import Witness
 
     return Witness(ports, recorder, request)
+
+
+def _score(witness: Any) -> dict[str, Any] | None:
+    """None where there is nothing to score, or nobody left who knows what is true."""
+    try:
+        return witness.score() if witness else None
+    except DriverError as e:
+        _say(f"not scored: {e.what}")
+        return None
 
 
 def _result(

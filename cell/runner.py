@@ -176,6 +176,8 @@ class Runner:
             self._keep(context)
         except StorageError:
             raise
+        except DriverError as e:  # a simulated cell that is gone cannot be kept
+            raise StorageError(f"what is believed cannot be kept: {e.what}", e.hint) from e
         except Exception as e:  # what cannot be gone on with is as bad as what cannot be told
             bug = "this is a bug: keep the run folder and report it"
             raise StorageError(f"what is believed cannot be kept: {type(e).__name__}: {e}", bug) from e

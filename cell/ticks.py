@@ -7,6 +7,7 @@ from robots.ports import Clock
 __all__ = ["TICK_S", "Ticks"]
 
 TICK_S = 0.01
+STALL_S = 0.05
 
 
 class Ticks:
@@ -17,11 +18,12 @@ class Ticks:
         self._clock = clock
         self._origin, self._count = clock.now(), 0
 
-    def wait(self) -> None:
-        """Until the next one."""
+    def wait(self) -> bool:
+        """Until the next one; -> whether it came so late that arms which follow no more have come to rest."""
         self._count += 1
         due = self._origin + self._count * TICK_S
         self._clock.sleep_until(due)
         late = self._clock.now() - due
         if late > TICK_S:
             self._origin += late
+        return late > STALL_S

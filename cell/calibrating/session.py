@@ -25,7 +25,7 @@ from cell.commands import CommandQueue
 from cell.compiling import compiling_told
 from cell.config import CellSettings
 from cell.context import Context
-from cell.driver import opened_cell
+from cell.driver import is_simulated, opened_cell
 from cell.effects.moving import hold_still, make_safe, prepare
 from cell.interrupts import stop_on_signals
 from cell.journal import Journal, RunJournal, to_json
@@ -35,10 +35,18 @@ from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.run import VERSIONED
 from cell.simulation import SimulationSettings, Truth, truth
-from cell.terminal import TerminalOperator
+from cell.terminal import TerminalOperator, in_foreground
 from cell.whole_file import write_whole
 from cell.workcell import Workcell
-from robots.errors import CellError, DriverError, Failure, FailureKind, RecordError, StorageError
+from robots.errors import (
+    CellError,
+    ConfigurationError,
+    DriverError,
+    Failure,
+    FailureKind,
+    RecordError,
+    StorageError,
+)
 from robots.ports import Ports, Stop
 from skills.vocabulary import Outcome
 
@@ -112,6 +120,9 @@ def calibrate(
     Raises ConfigurationError and StorageError before anything moves.
     """
     began = time.monotonic()
+    typed = sys.stdin
+    if not is_simulated(request.driver) and (typed is None or (typed.isatty() and not in_foreground(typed))):
+        raise ConfigurationError("nobody can say that the board is there", "calibrate in a terminal's foreground")
     with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
         run = journal.begin_run(
             garment=f"calibrate-{request.name}",

@@ -10,6 +10,7 @@ from cell.context import Context, Result
 from cell.execution import PathControl, come_to_rest, fresh_state, hold, stopped, stream, wait
 from cell.hands import command_grip, each_hand, telemetry
 from cell.states import Event
+from cell.ticks import TICK_S
 from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
@@ -36,6 +37,9 @@ __all__ = [
 
 HEAD_TURN_S = 1.5
 OPENING_S = 0.8
+SLOW_OPENING_S = 2.0
+"""A gripper that still moves may open yet."""
+CALIBRATION_S = 12.0
 LET_GO = 0.010
 """What the pads hold has fallen out of them when they are so far apart [m]."""
 PREGRASP_OPENING = PadGeometry().stroke
@@ -79,7 +83,8 @@ def prepare(cell: Workcell, context: Context) -> Result:
             gripper.calibrate()
         _open(cell)
         control = pausable(cell)
-        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _park(cell, control)
+        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _calibrated(cell)
+        failure = failure or _park(cell, control)
         context = waited(context, control)
     return _ended(context, failure)
 
@@ -176,8 +181,28 @@ def waited(context: Context, control: PathControl) -> Context:
 
 def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
     _open(cell)
-    failure = wait(cell.ports, opening_s, telemetry(cell), cell.sent)
+    failure = wait(cell.ports, opening_s, telemetry(cell), cell.sent) or _calibrated(cell)
+    if failure is None and _still_closed(cell) and any(g.state().moving for g in cell.ports.grippers.values()):
+        failure = wait(cell.ports, SLOW_OPENING_S, telemetry(cell), cell.sent)
     return failure or _still_closed(cell) or _park(cell, control)
+
+
+def _calibrated(cell: Workcell) -> Failure | None:
+    """Wait for grippers that are still being calibrated: their pads go where they like."""
+    deadline = cell.ports.clock.now() + CALIBRATION_S
+    while True:
+        busy = [side.value for side, g in cell.ports.grippers.items() if not g.state().calibrated]
+        if not busy:
+            return None
+        if cell.ports.clock.now() > deadline:
+            return Failure(
+                FailureKind.GRIPPER_FAULT,
+                f"the {' and the '.join(busy)} gripper is not calibrated after {CALIBRATION_S:.0f} s",
+                "see whether it is plugged in and free to move",
+            )
+        failure = wait(cell.ports, TICK_S, sent=cell.sent)
+        if failure:
+            return failure
 
 
 def _still_closed(cell: Workcell) -> Failure | None:

@@ -144,6 +144,7 @@ class _World:
     def _answer(self, seconds: float) -> Any:
         try:
             if not self._connection.poll(seconds):
+                self._connection.close()  # a late answer would be taken for the next one
                 raise self._gone(f"no answer in {seconds:.0f} s")
             answer = self._connection.recv()
         except (EOFError, OSError) as error:
@@ -179,7 +180,8 @@ def _start_master() -> None:
         os.environ.pop("ROS_HOSTNAME", None)
         _master = subprocess.Popen(
             [sys.executable, "-m", "cell.simulation.ros_master", str(port)],
-            env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+            env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )  # fmt: skip
         assert _master.stdout is not None
         if _master.stdout.readline().strip() != b"ready":

@@ -5,11 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from cell.attendant import PersonAttendant
-from cell.commands import CommandQueue
-from cell.config import load_settings
-from cell.driver import opened_cell
-from cell.simulation import SimulationSettings
+from cell.driver import stop_circuit
 from cell.subcommands.output import print_json
 from robots.errors import DriverError, FailureKind
 from robots.ports import Stop
@@ -19,24 +15,26 @@ __all__ = ["run"]
 
 def run(options: argparse.Namespace) -> int:
     """0: it is not stopped any more; 2: it still is, since nobody agreed or the robot does not leave its stop."""
-    settings = load_settings(options.cell)
-    with opened_cell("ros", SimulationSettings(), 0, settings, _nobody) as ports:
-        stop = ports.stop.state()
-        if not stop.stopped:
+    with stop_circuit() as stop:
+        before = stop.state()
+        if not before.stopped:
             return _told(options, "not stopped", "the robot is not stopped")
-        if not (options.yes or _agreed(stop.reason)):
-            return _told(options, "stopped", f"left stopped: {stop.reason}")
+        if not (options.yes or _agreed(before.reason)):
+            return _told(options, "stopped", f"left stopped: {before.reason}")
+        if _pressed_since(stop, before.reason):
+            return _told(options, "stopped", f"stopped anew meanwhile: {stop.state().reason}")
         try:
-            ports.stop.reset()
+            stop.reset()
         except DriverError as e:
             if e.kind is not FailureKind.STOPPED:
                 raise
             return _told(options, "stopped", f"{e.what}; {e.hint}")
-        return _told(options, "reset", f"reset ({stop.reason}); the motors stay off until the next run")
+        return _told(options, "reset", f"reset ({before.reason}); the motors stay off until the next run")
 
 
-def _nobody(stop: Stop) -> PersonAttendant:
-    return PersonAttendant(CommandQueue(), stop, lambda _: None)
+def _pressed_since(stop: Stop, reason: str) -> bool:
+    """Whether it is another stop by now than the one that was agreed to leave."""
+    return stop.state().reason != reason
 
 
 def _agreed(reason: str) -> bool:

@@ -78,8 +78,10 @@ def _watch(reading: HandReading, state: CloseState) -> CloseState:
         state = replace(state, tactile_stamp=reading.tactile.stamp, count=state.count + 1 if pressed else 0)
     stamp = reading.gripper.stamp
     if not state.openings or stamp > state.openings[-1][0]:
-        kept = tuple(p for p in state.openings if p[0] > stamp - s.still_window)
-        state = replace(state, openings=(*kept, (stamp, reading.gripper.opening)))
+        seen = (*state.openings, (stamp, reading.gripper.opening))
+        kept = tuple(p for p in seen if p[0] > stamp - s.still_window)
+        # a slow gripper says less in the window than it takes to tell a speed: then its last words count
+        state = replace(state, openings=kept if len(kept) >= FEWEST_SAMPLES else seen[-FEWEST_SAMPLES:])
     return state
 
 

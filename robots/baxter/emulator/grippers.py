@@ -8,13 +8,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.ros.electric_gripper import CALIBRATE, CONFIGURE, FULL_FORCE, GO, HARDWARE_ID, STOP
+from robots.baxter.ros.electric_gripper import (
+    CALIBRATE,
+    CLEAR_CALIBRATION,
+    CONFIGURE,
+    FULL_FORCE,
+    GO,
+    HARDWARE_ID,
+    RESET,
+    STOP,
+)
 from robots.errors import DriverError
 from robots.ports import Gripper
 
 __all__ = ["ElectricGripper", "GripperReport"]
 
-RESET = "reset"
 NO_OP = "no_op"
 PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
 """The SDK's defaults [%]."""
@@ -59,8 +67,11 @@ class ElectricGripper:
         self._last: tuple[str, int] | None = None
         self._command = ""
         self._refusal = ""
+        self._cleared = False
+        """Whether the calibration that the port has was cleared."""
         self._done: Mapping[str, Callable[[str], None]] = {
-            CALIBRATE: lambda _: self._port.calibrate(),
+            CALIBRATE: lambda _: self._calibrate(),
+            CLEAR_CALIBRATION: lambda _: self._clear(),
             CONFIGURE: self._configure,
             GO: self._go,
             STOP: lambda _: self._stop(),
@@ -88,8 +99,8 @@ class ElectricGripper:
         sender, sequence = self._last or ("", 0)
         return GripperReport(
             stamp=state.stamp,
-            calibrated=state.calibrated,
-            ready=state.calibrated and not state.moving,
+            calibrated=self._calibrated(),
+            ready=self._calibrated() and not state.moving,
             moving=state.moving,
             gripping=not state.moving and force > GRIPPING,
             position=_share(state.opening, self._port.max_opening),
@@ -110,9 +121,19 @@ class ElectricGripper:
         if "position" not in told:
             raise _RefusedError(f"go where? {arguments}")
         position = _percent(told["position"], "position")
-        if not self._port.state().calibrated:
+        if not self._calibrated():
             raise _RefusedError("not calibrated")
         self._port.command(position / 100.0 * self._port.max_opening, self._holding())
+
+    def _calibrated(self) -> bool:
+        return self._port.state().calibrated and not self._cleared
+
+    def _calibrate(self) -> None:
+        self._cleared = False
+        self._port.calibrate()
+
+    def _clear(self) -> None:
+        self._cleared = True
 
     def _stop(self) -> None:
         state = self._port.state()

@@ -90,7 +90,8 @@ class RosArms:
         )  # fmt: skip
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Raises DriverError: STOPPED; HARDWARE_FAULT when the motors are off, or for what is no joint vector."""
+        """Raises DriverError: STOPPED; STALE_STATE when the joints were not heard of late; HARDWARE_FAULT when the
+        motors are off, and for what is no joint vector."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
             raise DriverError(FailureKind.HARDWARE_FAULT, f"no joint vectors of 14: shapes {q.shape}, {qd.shape}")
@@ -102,6 +103,10 @@ class RosArms:
             )
         if not robot.enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the motors are off", "enable them first")
+        if now - self.state().stamp > COMMAND_TIMEOUT:  # what is sent would come when nobody expects it any more
+            raise DriverError(
+                FailureKind.STALE_STATE, "nobody knows where the arms stand", "check the network to the robot"
+            )
         before = self._last(now)
         setpoint = clip_setpoint(q, qd, before.q, self._limits, now)
         for side in Side:
@@ -120,12 +125,7 @@ class RosArms:
         """The set-point that holds, or where the arms stand when none does any more."""
         if self._sent is not None and now - self._sent.stamp <= COMMAND_TIMEOUT:
             return self._sent
-        state = self.state()
-        if now - state.stamp > COMMAND_TIMEOUT:
-            raise DriverError(
-                FailureKind.STALE_STATE, "nobody knows where the arms stand", "check the network to the robot"
-            )
-        return JointSetpoint(now, state.q, frozen(np.zeros(14)), False)
+        return JointSetpoint(now, self.state().q, frozen(np.zeros(14)), False)
 
     def _point(self, setpoint: JointSetpoint, before: JointSetpoint, part: slice) -> Any:
         step = setpoint.stamp - before.stamp

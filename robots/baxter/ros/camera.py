@@ -5,7 +5,11 @@ It is listened to only while a picture is wanted: openni2 publishes nothing that
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from threading import Condition
 from typing import Any
@@ -24,6 +28,9 @@ __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 
 ANSWER_S = 4.0
 """On the wall."""
+POLL_S = 0.02
+GRACE_S = 1.0
+"""Beyond which whoever fetches a picture is stuck."""
 GLIMPSE_AGE_S = 0.5
 """Of the cell's clock: an older one was meant for another moment."""
 TOGETHER_S = 0.025
@@ -52,22 +59,45 @@ class _Shots:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
 
-class RosCamera:
-    def __init__(self, node: Node, clock: RosClock, topics: CameraTopics) -> None:
-        self._node, self._clock, self._topics = node, clock, topics
-        self._sequence = 0
-        self._aside = ThreadPoolExecutor(1, "glimpse")
-        self._glimpse: Future[CameraFrame] | None = None
+    def chosen(self, which: int, settle: float) -> tuple[float, float, Any, Any] | None:
+        """The which-th pair, or the first one so long after the first [s], whichever is later; None: not yet."""
+        if self.info is None:
+            return None
+        late = (p for p in self.pairs[which - 1 :] if p[1] >= self.pairs[0][1] + settle)
+        return next(late, None)
 
-    def close(self) -> None:
-        """No more glimpses."""
-        self._aside.shutdown(wait=False, cancel_futures=True)
+
+class RosCamera:
+    """settle [s]: for so long the camera streams before a picture counts: its exposure settles. stopped: whether
+    the robot is, which ends the waiting. A picture is fetched on a thread of its own: a master that has gone holds
+    up nobody else."""
+
+    def __init__(
+        self,
+        node: Node,
+        clock: RosClock,
+        topics: CameraTopics,
+        settle: float = 0.0,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._node, self._clock, self._topics = node, clock, topics
+        self._settle, self._stopped = settle, stopped
+        # never the same as in another process: a picture that comes again is told by its number
+        self._numbers = itertools.count(time.time_ns() // 1_000_000)
+        self._glimpse: Future[CameraFrame] | None = None
 
     def capture(self) -> CameraFrame:
         """A picture that was taken after it was asked for: the second one that comes, since the first may have
         been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot be
         read."""
-        return self._picture(2)
+        picture = self._fetched(2, self._settle)
+        until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
+        while not wait([picture], POLL_S).done:
+            if self._stopped():
+                raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
+            if time.monotonic() > until:
+                raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
+        return picture.result()
 
     def glimpse(self) -> CameraFrame | None:
         """Taken on a thread of its own: at once None, until it is there."""
@@ -77,11 +107,24 @@ class RosCamera:
             if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
                 return frame
         if self._glimpse is None:
-            self._glimpse = self._aside.submit(self._picture, 1)
+            self._glimpse = self._fetched(1, 0.0)
         return None
 
-    def _picture(self, which: int) -> CameraFrame:
-        """The first, second, ... that comes from now on."""
+    def _fetched(self, which: int, settle: float) -> Future[CameraFrame]:
+        """What `_picture` gives, later."""
+        picture: Future[CameraFrame] = Future()
+
+        def fetch() -> None:
+            try:
+                picture.set_result(self._picture(which, settle))
+            except BaseException as error:
+                picture.set_exception(error)
+
+        threading.Thread(target=fetch, name="picture", daemon=True).start()
+        return picture
+
+    def _picture(self, which: int, settle: float) -> CameraFrame:
+        """The first, second, ... that comes from now on, and later than `settle` seconds after the first."""
         shots, messages = _Shots(), load_messages()
 
         def colour(message: Any) -> None:
@@ -101,13 +144,15 @@ class RosCamera:
             self._node.listening(self._topics.rgb, messages.image, colour, queue=4),
             shots.arrived,
         ):
-            shots.arrived.wait_for(lambda: shots.info is not None and len(shots.pairs) >= which, ANSWER_S)
-        if shots.info is None or len(shots.pairs) < which:
+            shots.arrived.wait_for(
+                lambda: shots.chosen(which, settle) is not None or self._stopped(), ANSWER_S + settle
+            )
+            chosen = shots.chosen(which, settle)
+        if chosen is None:
             raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
-        _, arrived, rgb, depths = shots.pairs[which - 1]
-        self._sequence += 1
+        _, arrived, rgb, depths = chosen
         return CameraFrame(
-            arrived, self._sequence, frozen(read_colour(rgb)), frozen(read_depth(depths, rgb)),
+            arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(read_depth(depths, rgb)),
             read_intrinsics(shots.info, rgb),
         )  # fmt: skip
 

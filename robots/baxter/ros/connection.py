@@ -10,7 +10,7 @@ from typing import Any
 
 from robots.baxter.ros.arms import RosArms
 from robots.baxter.ros.camera import RosCamera
-from robots.baxter.ros.clock import TopicClock, cell_clock
+from robots.baxter.ros.clock import TopicClock, WallClock, cell_clock
 from robots.baxter.ros.gripper import RosGripper
 from robots.baxter.ros.head import RosHead
 from robots.baxter.ros.hearing import Hearing
@@ -22,7 +22,7 @@ from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Side, Stop
 
-__all__ = ["RosSettings", "connected"]
+__all__ = ["RosSettings", "connected", "connected_stop"]
 
 ANSWER_S = 5.0
 """On the wall, in which everything has to be heard of once."""
@@ -31,11 +31,12 @@ ANSWER_S = 5.0
 @dataclass(frozen=True)
 class RosSettings:
     """raw_position: the robot's own collision avoidance is off and its inverse dynamics are fed forward: it
-    follows more closely. tactile_rows: of cells on each pad."""
+    follows more closely. tactile_rows: of cells on each pad. camera_settle [s]: before a picture counts."""
 
     camera: CameraTopics = field(default_factory=CameraTopics)
     raw_position: bool = False
     tactile_rows: int = 4
+    camera_settle: float = 0.5
 
 
 @contextmanager
@@ -63,13 +64,11 @@ def connected(
         head = RosHead(node, clock, stopped)
         arms = RosArms(node, clock, stop, limits, settings.raw_position, head.watch)
         grippers = {side: RosGripper(node, clock, side, stopped) for side in Side}
-        camera = RosCamera(node, clock, settings.camera)
-        closing.callback(camera.close)
+        camera = RosCamera(node, clock, settings.camera, settings.camera_settle, stopped)
         pads = {side: RosTactile(node, clock, side, settings.tactile_rows) for side in Side}
         hands: list[Hearing[Any]] = [gripper.hearing for gripper in grippers.values()]
         hands += [pad.hearing for pad in pads.values()]
-        clocks = [clock] if isinstance(clock, TopicClock) else []
-        silent = _silent([*clocks, stop.robot, arms.joints, *hands])
+        silent = _silent([*_topics_of(clock), stop.robot, arms.joints, *hands])
         if silent:
             raise ConfigurationError(
                 f"nothing (or nothing that is understood) came from {', '.join(silent)} within {ANSWER_S:.0f} s",
@@ -96,6 +95,24 @@ def connected(
         )
 
 
+@contextmanager
+def connected_stop() -> Iterator[RosStop]:
+    """The robot's stop circuit alone. Raises ConfigurationError: no ROS, no master, a robot that is silent."""
+    node = open_node("foldcell")
+    with ExitStack() as closing:
+        closing.callback(node.close)
+        clock = cell_clock(node)
+        stop = RosStop(node, clock)
+        closing.callback(stop.close)
+        if _silent([*_topics_of(clock), stop.robot]):
+            raise ConfigurationError(
+                f"nothing came from {ROBOT_STATE} within {ANSWER_S:.0f} s",
+                f"see whether the robot is on, and ROS_IP is this machine's address; the master is "
+                f"{master_address()[0]}",
+            )
+        yield stop
+
+
 def _refuse_others(node: Node) -> None:
     """Before anything is published: two programs would pull at one arm."""
     others = {name for side in Side for name in node.publishers(joint_command(side))} - {node.name}
@@ -104,6 +121,11 @@ def _refuse_others(node: Node) -> None:
             f"other programs command the robot's arms: {', '.join(sorted(others))}",
             "end them (rosnode kill NAME), a trajectory action server too",
         )
+
+
+def _topics_of(clock: WallClock | TopicClock) -> list[TopicClock]:
+    """What has to be heard before the time is known."""
+    return [clock] if isinstance(clock, TopicClock) else []
 
 
 def _silent(hearings: Sequence[TopicClock | Hearing[Any]]) -> list[str]:

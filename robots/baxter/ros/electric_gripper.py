@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-__all__ = ["CALIBRATE", "CONFIGURE", "FULL_FORCE", "FULL_OPENING", "GO", "HARDWARE_ID", "STOP"]
+__all__ = [
+    "CALIBRATE",
+    "CLEAR_CALIBRATION",
+    "CONFIGURE",
+    "FULL_FORCE",
+    "FULL_OPENING",
+    "GO",
+    "HARDWARE_ID",
+    "RESET",
+    "STOP",
+]
 
 HARDWARE_ID = 65538
 FULL_OPENING = 0.0416
@@ -16,3 +26,6 @@ CONFIGURE = "configure"
 GO = "go"
 """args: JSON {"position": 0-100}, 0 closed. Refused until it is calibrated."""
 STOP = "stop"
+RESET = "reset"
+"""Clears an error."""
+CLEAR_CALIBRATION = "clear_calibration"

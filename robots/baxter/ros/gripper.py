@@ -16,7 +16,16 @@ from typing import Any
 from uuid import uuid4
 
 from robots.baxter.ros.clock import RosClock
-from robots.baxter.ros.electric_gripper import CALIBRATE, CONFIGURE, FULL_FORCE, FULL_OPENING, GO, HARDWARE_ID
+from robots.baxter.ros.electric_gripper import (
+    CALIBRATE,
+    CLEAR_CALIBRATION,
+    CONFIGURE,
+    FULL_FORCE,
+    FULL_OPENING,
+    GO,
+    HARDWARE_ID,
+    RESET,
+)
 from robots.baxter.ros.hearing import Hearing
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
@@ -78,6 +87,11 @@ class RosGripper:
         with self._lock:
             self._forget()
             self._refused = None
+            heard = self.hearing.newest
+            if heard is not None and heard[0].error == 1:
+                self._add(RESET)
+            if heard is not None and heard[0].calibrated == 1:
+                self._add(CLEAR_CALIBRATION)  # else nobody could tell when the new one is done
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
@@ -106,7 +120,7 @@ class RosGripper:
                 why, self._refused = self._refused, None
                 raise DriverError(
                     FailureKind.GRIPPER_FAULT, f"the {self.side} gripper refused to {why}",
-                    "see whether it is free to move; it is calibrated anew by the next run",
+                    "see whether it is free to move; the next run resets and calibrates it",
                 )  # fmt: skip
             if self._last == (opening, force):
                 return
@@ -127,7 +141,8 @@ class RosGripper:
         message, stamp = heard
         return GripperState(
             stamp, self.side, message.position / 100.0 * FULL_OPENING, message.force / 100.0 * FULL_FORCE,
-            moving=bool(self._waiting) or message.moving == 1, calibrated=message.calibrated == 1,
+            moving=bool(self._waiting) or message.moving == 1,
+            calibrated=message.calibrated == 1 and all(order.what != CALIBRATE for order in tuple(self._waiting)),
         )  # fmt: skip
 
     def _refuse_stopped(self) -> None:
@@ -169,11 +184,11 @@ class RosGripper:
             handled = theirs == (self._sender, first.message.sequence)
             if handled and first.what == CALIBRATE:
                 self._calibrating = True
-                handled = message.calibrated == 1 and message.moving != 1
+                handled = message.calibrated == 1 and message.moving != 1 and message.ready != 0
             if handled:
                 self._calibrating = False
                 self._waiting.popleft()
-                if message.error == 1:
+                if message.error == 1 and first.what == GO:
                     self._refused, self._last = f"{first.what}: {message.state or 'no reason given'}", None
                 self._force = self._force if first.force is None else first.force
                 if self._waiting:

@@ -33,7 +33,9 @@ class RosHead:
         self._asked = self._told = -math.inf
 
     def command_pan(self, angle: float) -> None:
-        """Raises DriverError(HARDWARE_FAULT) for what is no angle."""
+        """Raises DriverError: STOPPED; HARDWARE_FAULT for what is no angle."""
+        if self._stopped():
+            raise DriverError(FailureKind.STOPPED, "the head stays as it is: stopped", "reset the stop first")
         if not math.isfinite(angle):
             raise DriverError(FailureKind.HARDWARE_FAULT, f"no angle for the head: {angle}")
         self._goal, self._asked = min(max(angle, -LIMIT), LIMIT), self._clock.now()

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from threading import Lock
 from typing import Any
 from urllib.parse import urlparse
 
@@ -22,9 +22,10 @@ __all__ = ["Node", "Publisher", "master_address", "open_node"]
 MASTER = "http://localhost:11311"
 """Where ROS looks for its master unless ROS_MASTER_URI says otherwise."""
 ANSWER_S = 3.0
+CLOSE_S = 3.0
 
 _opened: str | None = None
-_opening = Lock()
+_opening = threading.Lock()
 
 
 class Publisher:
@@ -106,7 +107,10 @@ class Node:
         return True
 
     def close(self) -> None:
-        self._stack.close()
+        """All topics, unless the master is gone: nothing waits for it for longer than a few seconds."""
+        closing = threading.Thread(target=self._stack.close, name="signing off", daemon=True)
+        closing.start()
+        closing.join(CLOSE_S)
 
 
 def open_node(name: str) -> Node:

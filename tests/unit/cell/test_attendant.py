@@ -14,6 +14,7 @@ from cell.commands import CommandQueue
 from cell.console.board import Board
 from cell.executive import Step
 from cell.states import Effect, Event, State
+from robots.errors import DriverError, FailureKind
 from robots.ports import BoardPlace
 from tests.fakes import FakeCell
 
@@ -24,10 +25,17 @@ class Asked:
     def __init__(self) -> None:
         self.cell, self.commands = FakeCell(), CommandQueue()
         self.asked: list[str | None] = []
+        self.refused: DriverError | None = None
         self.person = PersonAttendant(self.commands, self.cell.ports().stop, self.asked.append)
 
     def ask(self, what: Callable[[], None]) -> threading.Thread:
-        thread = threading.Thread(target=what, daemon=True)
+        def asking() -> None:
+            try:
+                what()
+            except DriverError as e:
+                self.refused = e
+
+        thread = threading.Thread(target=asking, daemon=True)
         thread.start()
         until(lambda: self.asked)
         return thread
@@ -66,19 +74,31 @@ def test_what_was_approved_before_is_no_answer(asked: Asked) -> None:
     assert not thread.is_alive()
 
 
-def test_who_ends_the_run_is_heard_by_the_runner(asked: Asked) -> None:
-    thread = asked.ask(asked.person.lay_garment)
+def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
+    """Else the next effect follows: pads that close on fingers."""
+    thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
+    assert "left gripper" in str(asked.asked[0])
     asked.commands.put(Event.ABORT)
     thread.join(10.0)
-    assert not thread.is_alive() and asked.commands.take({Event.ABORT}) is Event.ABORT
+    assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
+    assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, "it is said once"
 
 
 def test_a_stop_ends_the_waiting(asked: Asked) -> None:
-    thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
-    assert "left gripper" in str(asked.asked[0])
+    thread = asked.ask(asked.person.lay_garment)
     asked.cell.stop_reason = "the button"
     thread.join(10.0)
-    assert not thread.is_alive() and asked.asked[-1] is None
+    assert asked.refused is not None and asked.refused.kind is FailureKind.STOPPED and asked.asked[-1] is None
+
+
+def test_a_script_goes_on_while_somebody_is_waited_for(asked: Asked) -> None:
+    """It is carried out on the way of the cell's clock."""
+    clock = asked.cell.ports().clock
+    asked.person.clock = clock
+    asked.cell.at(0.5, lambda: asked.commands.put(Event.APPROVE) and None)
+    thread = asked.ask(asked.person.lay_garment)
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.refused is None and clock.now() >= 0.5
 
 
 def test_the_page_asks_and_takes_the_answer() -> None:

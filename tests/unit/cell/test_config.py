@@ -292,10 +292,11 @@ def test_the_shipped_thresholds_are_those_that_the_skills_were_tested_with() -> 
 
 def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text(
-        "ros: {raw_position: true, tactile_rows: 6, camera_rgb: /a/b, camera_depth: /c, camera_info: /d/e_1}"
+        "ros: {raw_position: true, tactile_rows: 6, camera_settle: 1.5, "
+        "camera_rgb: /a/b, camera_depth: /c, camera_info: /d/e_1}"
     )
     camera = CameraTopics("/a/b", "/c", "/d/e_1")
-    assert load_settings(tmp_path / "cell.yaml").ros.settings() == RosSettings(camera, True, 6)
+    assert load_settings(tmp_path / "cell.yaml").ros.settings() == RosSettings(camera, True, 6, 1.5)
 
 
 @pytest.mark.parametrize("topic", ["camera/rgb", "/", "/a//b", "/1a", "/a b", ""])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -293,3 +295,30 @@ def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
 def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, Sent()) is None and cell.now == 0.0
+
+
+@pytest.mark.parametrize("at", [0.1, 0.5, 0.9])
+def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
+    """The arms have come to rest meanwhile: the path's speed would be a jump."""
+    cell = FakeCell()
+    ports, stalls = cell.ports(), [at]
+
+    class Stalling:
+        def now(self) -> float:
+            return ports.clock.now()
+
+        def sleep_until(self, t: float) -> None:
+            late = stalls and t > stalls[0]
+            ports.clock.sleep_until(t + (0.15 if late else 0.0))
+            if late:
+                stalls.pop()
+
+    outcome = stream(replace(ports, clock=Stalling()), ramp(), LIMITS, control=control())
+    assert outcome.ok and cell.q == pytest.approx(0.5) and not stalls
+    q = np.array([q[0] for _, q in cell.commands])
+    gap = int(np.argmax(np.diff([t for t, _ in cell.commands]) > 0.1)) + 1
+    assert 0 < gap < len(q) - 10
+    after = np.diff(q[gap - 1 :]) / TICK_S
+    assert abs(after[0]) < 0.05, "as slow as after a pause"
+    assert np.abs(np.diff(after)).max() / TICK_S <= PROTECTIVE.acceleration[0]
+    assert np.diff(q).min() > -1e-12 and np.abs(after).max() <= PLANNING.velocity[0]

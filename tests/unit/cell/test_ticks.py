@@ -40,3 +40,8 @@ def test_a_long_stall_is_not_caught_up_with() -> None:
     """One set-point a tick, whatever happened: the arms have not gone on meanwhile."""
     seen = beats(Late(0.0, 0.3), 5)
     assert seen == pytest.approx([0.01, 0.32, 0.33, 0.34, 0.35])
+
+
+def test_a_stall_after_which_the_arms_stand_is_told() -> None:
+    ticks = Ticks(Late(0.0, 0.03, 0.0, 0.2, 0.0))
+    assert [ticks.wait() for _ in range(5)] == [False, False, False, True, False]

@@ -41,7 +41,7 @@ def limits() -> JointLimits:
 def connect(puppet: Puppet, limits: JointLimits) -> Connect:
     @contextmanager
     def opened(**settings: Any) -> Iterator[Ports]:
-        chosen = RosSettings(camera=CameraTopics(**CAMERA), **settings)
+        chosen = RosSettings(camera=CameraTopics(**CAMERA), **{"camera_settle": 0.0, **settings})
         with connected(chosen, limits, lambda stop: Person(), driver="ros", simulated=False) as ports:
             wait(lambda: all(puppet.hears(topic) for topic in COMMANDS), "its commands are heard")
             yield ports

@@ -61,7 +61,7 @@ class Hand:
     def __init__(self, puppet: Puppet, side: Side) -> None:
         self._puppet = puppet
         self.deaf = False
-        self.calibrated, self.moving = 0, 0
+        self.calibrated, self.moving, self.error = 0, 0, 0
         self.position, self.force = 37.0, 0.0
         self.echo = "", 0
         self.handled: list[Any] = []
@@ -79,6 +79,10 @@ class Hand:
         self.handled.append(message)
         if message.command == "calibrate":
             self.calibrated, self.moving, self.calibrating = 0, 1, self.calibration_ticks
+        elif message.command == "clear_calibration":
+            self.calibrated = 0
+        elif message.command == "reset":
+            self.error = 0
         elif message.command == "go" and self.calibrated:
             self.position = json.loads(message.args)["position"]
         self.echo = message.sender, message.sequence
@@ -91,8 +95,8 @@ class Hand:
 
     def state(self) -> Any:
         return m().end_effector_state(
-            id=65538, enabled=1, calibrated=self.calibrated, ready=1, moving=self.moving, position=self.position,
-            force=self.force, command_sender=self.echo[0], command_sequence=self.echo[1],
+            id=65538, enabled=1, calibrated=self.calibrated, error=self.error, ready=1, moving=self.moving,
+            position=self.position, force=self.force, command_sender=self.echo[0], command_sequence=self.echo[1],
         )  # fmt: skip
 
 

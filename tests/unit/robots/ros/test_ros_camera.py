@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
+from robots.ports import CameraFrame
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:notifyAll"),  # rospy's own
@@ -102,11 +105,13 @@ def fault(act: Callable[[], Any]) -> str:
 
 
 def test_a_picture_that_was_under_way_is_not_returned(film: Film, camera: RosCamera) -> None:
-    for n in range(1, 4):
+    number = 0
+    for _ in range(3):
         film.taken = 0
         frame = camera.capture()
         assert frame.rgb.max() >= 1
-        assert frame.sequence == n and frame.stamp == 100.0
+        assert frame.sequence > number and frame.stamp == 100.0
+        number = frame.sequence
         wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
 
 
@@ -234,3 +239,65 @@ def test_cut_off_pictures_are_not_read() -> None:
 @pytest.mark.parametrize("wrong", [{"width": 5}, {"height": 2}, {"fx": 0.0}, {"fy": 0.0}])
 def test_figures_of_another_picture_do_not_fit(wrong: dict) -> None:
     assert "figures" in fault(lambda: read_intrinsics(figures(**wrong), image(RGB, "rgb8")))
+
+
+def test_a_picture_counts_once_the_exposure_has_settled(film: Film, node: Node) -> None:
+    clock = HandClock()
+    camera = RosCamera(node, clock, CameraTopics(**CAMERA), settle=0.5)
+    taken: list[CameraFrame] = []
+    thread = threading.Thread(target=lambda: taken.append(camera.capture()), daemon=True)
+    thread.start()
+    wait(lambda: film.puppet.listeners(CAMERA["rgb"]), "it looks")
+    film.puppet.let(20)
+    assert not taken
+    clock.time += 0.6
+    thread.join(30.0)
+    assert taken and taken[0].stamp == clock.time
+
+
+def test_a_stop_ends_the_waiting_for_a_picture(film: Film, node: Node) -> None:
+    stopped = threading.Event()
+    camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), settle=60.0, stopped=stopped.is_set)
+    threading.Timer(0.3, stopped.set).start()
+    with pytest.raises(DriverError) as caught:
+        camera.capture()
+    assert caught.value.kind is FailureKind.STOPPED
+    wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
+
+
+def test_a_glimpse_never_waits_and_is_never_old(film: Film, node: Node) -> None:
+    clock = HandClock()
+    camera = RosCamera(node, clock, CameraTopics(**CAMERA))
+    assert camera.glimpse() is None
+    seen: list[CameraFrame] = []
+
+    def looked() -> bool:
+        frame = camera.glimpse()
+        seen.extend([] if frame is None else [frame])
+        return bool(seen)
+
+    wait(looked, "it is there")
+    assert seen[0].stamp == clock.time
+    camera.glimpse()
+    film.puppet.let(20)
+    clock.time += 5.0
+    assert camera.glimpse() is None, "it was meant for another moment"
+    wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
+
+
+def test_a_master_that_hangs_holds_nobody_up(film: Film, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_module, "ANSWER_S", 0.2)
+    monkeypatch.setattr(camera_module, "GRACE_S", 0.2)
+    released = threading.Event()
+
+    @contextmanager
+    def stuck(*_: object, **__: object) -> Iterator[None]:
+        released.wait(60.0)
+        yield
+
+    monkeypatch.setattr(node, "listening", stuck)
+    try:
+        with pytest.raises(DriverError, match="cannot be reached"):
+            RosCamera(node, HandClock(), CameraTopics(**CAMERA)).capture()
+    finally:
+        released.set()

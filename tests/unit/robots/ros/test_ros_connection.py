@@ -201,3 +201,30 @@ def test_nothing_complains_when_it_ends_in_the_middle_of_something(
     finally:
         logging.getLogger("rosout").removeHandler(ear)
     assert complaints == []
+
+
+def test_the_stop_is_left_though_nothing_else_answers(puppet: Puppet, monkeypatch) -> None:
+    puppet.silent |= {JOINTS, *(HAND[s] + "state" for s in Side), *(PADS[s] for s in Side)}
+    puppet.stopped = True
+    with connection.connected_stop() as stop:
+        wait(lambda: stop.state().stopped, "it is seen")
+        stop.reset()
+        assert not stop.state().stopped
+    assert not puppet.stopped and not puppet.enabled
+    monkeypatch.setattr(connection, "ANSWER_S", 0.3)
+    puppet.silent.add(STATE)
+    with pytest.raises(ConfigurationError, match=STATE), connection.connected_stop():
+        pass
+
+
+def test_a_simulated_robots_stop_is_left_by_its_own_time(
+    puppet: Puppet, node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time is known before anything is timed by it: a clock that is first heard later jumps."""
+    monkeypatch.setattr(connection, "ANSWER_S", 0.3)
+    node.set_parameter("/use_sim_time", True)
+    try:
+        with pytest.raises(ConfigurationError), connection.connected_stop():
+            pass
+    finally:
+        node.delete_parameter("/use_sim_time")

@@ -37,10 +37,9 @@ class Bench:
 
     def handled(self) -> list[tuple]:
         """What the gripper did, with the figures."""
-        figures = {"calibrate": lambda a: (), "go": lambda a: (a["position"],), "configure": lambda a: (
-            a["moving_force"], a["holding_force"],
-        )}  # fmt: skip
-        return [(m.command, *figures[m.command](json.loads(m.args or "{}"))) for m in self.hand.handled]
+        figures = {"go": ("position",), "configure": ("moving_force", "holding_force")}
+        told = [(m.command, json.loads(m.args or "{}")) for m in self.hand.handled]
+        return [(what, *(values[name] for name in figures.get(what, ()))) for what, values in told]
 
     def pass_time(self, seconds: float, step: float = 0.06) -> None:
         """A little at a time, and the gripper speaks in between."""
@@ -179,7 +178,8 @@ def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(bench: 
     bench.calibrate()
     bench.port.command(0.02, 6.0)
     bench.done()
-    assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"] * 2
+    done = [h[0] for h in bench.handled()]
+    assert done == ["calibrate", "configure", "go", "clear_calibration", "calibrate", "configure", "go"]
 
 
 def test_more_than_it_can_is_as_much_as_it_can(bench: Bench) -> None:
@@ -273,9 +273,9 @@ def test_what_was_handled_for_another_is_not_taken_for_ones_own(puppet: Puppet, 
             puppet.let(10)
             assert ports.grippers[Side.LEFT].state().moving == hand.deaf
             hand.deaf = False
-            wait(lambda n=n: len(hand.handled) == n, "it is calibrated")
+            wait(lambda n=n: len(hand.handled) == 2 * n - 1, "it is calibrated")
             wait(lambda ports=ports: not ports.grippers[Side.LEFT].state().moving, "it is done")
-    assert [m.command for m in hand.handled] == ["calibrate"] * 2
+    assert [m.command for m in hand.handled] == ["calibrate", "clear_calibration", "calibrate"]
 
 
 def test_each_side_is_its_own(puppet: Puppet, connect: Connect) -> None:
@@ -306,3 +306,23 @@ def test_what_was_not_done_before_a_stop_is_not_done_after_it(puppet: Puppet, po
     hand.deaf = False
     puppet.let(20)
     assert hand.handled == before and hand.position == 37.0
+
+
+def test_a_gripper_in_error_is_reset_before_it_is_calibrated(bench: Bench, puppet: Puppet) -> None:
+    bench.hand.error = 1
+    puppet.let(5)
+    bench.calibrate()
+    assert [h[0] for h in bench.handled()] == ["reset", "calibrate"]
+
+
+def test_while_it_is_calibrated_it_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    assert bench.port.state().calibrated
+    bench.hand.deaf = True
+    bench.port.calibrate()
+    puppet.let(5)
+    assert not bench.port.state().calibrated and bench.port.state().moving
+    bench.hand.deaf = False
+    bench.pass_time(0.5)
+    bench.done()
+    assert bench.port.state().calibrated
