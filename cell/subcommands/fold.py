@@ -63,7 +63,8 @@ def _summary(figures: dict) -> None:
     result = str(figures.get("result"))
     if figures.get("state") == "stopped":
         words[result] = "STOPPED (the arms hold; the hands keep what they hold)"
-    print(f"\n{figures.get('garment')}, seed {figures.get('seed')}: {words.get(result, result)}")
+    drawn = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has none
+    print(f"\n{figures.get('garment')}{drawn}: {words.get(result, result)}")
     if figures.get("resumed_from"):
         print(f"  went on with {figures['resumed_from']}")
     failure = figures.get("failure")

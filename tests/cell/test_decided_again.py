@@ -217,7 +217,7 @@ def test_another_program_is_told_where_it_decides(
     assert main(["replay", "last", "--decide", "--logs", str(seen.request.logs)]) == 2
     text = capsys.readouterr().out
     assert "ANOTHER DECISION at 1.00 s, state preparing, effect prepare" in text
-    assert "then   a set-point for the arms" in text and "now    a reading of the arms" in text
+    assert "then   a set-point for the arms" in text and "now    a look at the clock" in text
 
 
 def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: Any) -> None:

@@ -58,7 +58,6 @@ class _Shots:
             if near is not None and abs(near - t) <= TOGETHER_S and max(self.depth) >= t:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
-
     def chosen(self, which: int, settle: float) -> tuple[float, float, Any, Any] | None:
         """The which-th pair, or the first one so long after the first [s], whichever is later; None: not yet."""
         if self.info is None:
@@ -93,8 +92,7 @@ class RosCamera:
         picture = self._fetched(2, self._settle)
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
-            if self._stopped():
-                raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
+            self._not_stopped()
             if time.monotonic() > until:
                 raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
         return picture.result()
@@ -149,12 +147,17 @@ class RosCamera:
             )
             chosen = shots.chosen(which, settle)
         if chosen is None:
+            self._not_stopped()
             raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
         _, arrived, rgb, depths = chosen
         return CameraFrame(
             arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(read_depth(depths, rgb)),
             read_intrinsics(shots.info, rgb),
         )  # fmt: skip
+
+    def _not_stopped(self) -> None:
+        if self._stopped():
+            raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
 
     def _put(self, shots: _Shots, where: dict[float, Any], message: Any) -> None:
         with shots.arrived:
