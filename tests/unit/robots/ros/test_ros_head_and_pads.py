@@ -44,6 +44,7 @@ def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
     wait(lambda: puppet.hears(HEAD), "it is heard")
     head.watch(standing(0.0))
     head.command_pan(0.4)
+    wait(lambda: len(puppet.heard[HEAD]) == 1, "it is told")  # a newer order would replace it
     for n in range(1, 40):
         clock.time += 0.125
         head.watch(standing(0.0))
