@@ -27,7 +27,8 @@ from cell.garments import list_garments, load_garment
 from cell.simulation.score import FinalGarment, fold_mesh, named_edge_pairs, score
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_points, outline_of, target_vertices
 from skills.planning.plan import plan_folds

@@ -21,7 +21,7 @@ from cell.garments import load_garment
 from cell.simulation.score import Score, score_plan
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.cloth.solver import SolverSettings
+from skills.cloth.settings import SolverSettings
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.frame import frames_of

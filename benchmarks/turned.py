@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import Array, FoldLine, Material
 

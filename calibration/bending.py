@@ -23,7 +23,8 @@ from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
 __all__ = ["BendingCalibration", "bending_length", "calibrate_bending", "cantilever", "peirce"]

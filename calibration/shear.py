@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import REFERENCE_DROP, Material
 
 __all__ = [

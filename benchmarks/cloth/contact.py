@@ -24,7 +24,8 @@ from cell.garments import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
 SHARP = np.deg2rad(60.0)

@@ -12,7 +12,8 @@ from calibration.bending import cantilever
 from robots.ports import Array
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings, ToolMotion
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation, ToolMotion
 
 PATCH = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 CREEP_RATIO, SLIDE_RATIOS = 0.98, (1.02, 1.1, 1.5)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Array, Material
 
 __all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body"]

@@ -10,7 +10,8 @@ import numpy as np
 from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material, ToolPath, tool_rotation
 
 __all__ = ["FoldPrediction", "predict_fold"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from robots.errors import ConfigurationError, InternalError
+from robots.errors import InternalError
 from robots.ports import Array
 from skills.cloth import kernel
 from skills.cloth.contact import PHASE
@@ -19,63 +19,34 @@ from skills.cloth.elastic import (
     build_rub,
     flexural_rigidity,
     membrane_modulus,
-    stretch_excess,
     turns,
 )
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.patches import Patches
+from skills.cloth.pairs import CALM_SLACK, SLACK
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
+from skills.cloth.state import (
+    AWAKE,
+    FITTED,
+    HANDS,
+    Body,
+    Holds,
+    Pairs,
+    Rules,
+    State,
+    new_holds,
+    new_pairs,
+    new_state,
+)
 from skills.cloth.topology import topology_of
 from skills.cloth.untangle import Tangles, no_tangles
 from skills.vocabulary import Material
 
-__all__ = ["CapsuleMotion", "ClothSimulation", "SolverSettings", "ToolMotion"]
+__all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
 
-HANDS = 2
-MAX_HELD = 128
 MOST_PAIRS = 120
 """For each vertex, that may touch: folded stacks have some 10. With more the cloth has lost its shape, and the
 lists would grow until the memory is full."""
-
-
-@dataclass(frozen=True)
-class SolverSettings:
-    """How the cloth is solved, and what of a fabric a lab does not measure.
-
-    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
-    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would
-    be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet.
-    gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at
-    which the material's stretch_fraction was measured (0.6 where the garment's own is not given). stretch_damping,
-    bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
-    so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
-    sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest and costs nothing
-    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a twelfth of an edge).
-    anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
-    the cloth's. residual_curvature [1/m]: friction in bending, as the curvature that it can keep in cloth that is
-    let go: hysteresis HB over rigidity B of the KES-F test, where the loop is 2 HB high (six denims: 23 to 54,
-    Journal of Textiles 2016, 4614168); 0 to 1000, and 0 is cloth that forgets how it was bent.
-    """
-
-    frame_rate: int = 60
-    substeps: int | None = None
-    stretch_tolerance: float | None = None
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
-    reference_drop: float = 0.6
-    stretch_damping: float = 0.002
-    bend_damping: float = 0.01
-    drag: float = 0.05
-    max_speed: float = 4.0
-    sleep_distance: float = 1e-3
-    sleep_frames: int = 10
-    anisotropy: float = 1.0
-    seam_factor: float = 1.0
-    residual_curvature: float = 0.0
-
-    @property
-    def frame(self) -> float:
-        """[s]"""
-        return 1.0 / self.frame_rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +83,6 @@ SLEEP_SHARE = 1.0 / 12.0
 IN_PLANE = 0.2
 """Quadratic hinges resist gradients of strain in the plane too, and damping multiplies that. Beyond some 0.4 of
 the stiffness of the edges, sweeps over the two in turn drive each other (measured on edges of 4 to 15 mm)."""
-STRETCH_TOLERANCE = 1e-3  # of the length
-ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
-MOST_RESIDUAL = 1000.0  # [1/m]
-LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
 
 
 class ClothSimulation:
@@ -145,17 +112,17 @@ class ClothSimulation:
         self.settings = settings or SolverSettings()
         self.pads = pads or PadGeometry()
         self.time = 0.0
-        _check(material, self.settings, mesh)
-        self.substeps, self.stretch_error = _choose_substeps(mesh, material, self.settings)
+        check_cloth(material, self.settings, mesh)
+        self.substeps, self.stretch_error = choose_substeps(mesh, material, self.settings)
         self._body = _body(mesh, material, self.settings, self.substeps)
         if fixed is not None:
             self._body.w[fixed] = 0.0
         self._rules = _rules(mesh, material, self.settings, self.substeps, self.pads, table)
         n = len(mesh.rest)
         rubbing = len(self._body.rub.most)
-        self._state = _new_state(n, len(mesh.edges), len(mesh.hinges), rubbing, self._body.patches)
-        self._pairs = _new_pairs(16 * n, 12 * n)
-        self._holds = _new_holds()
+        self._state = new_state(n, len(mesh.edges), len(mesh.hinges), rubbing, self._body.patches)
+        self._pairs = new_pairs(16 * n, 12 * n)
+        self._holds = new_holds()
         self._tangles = no_tangles(n)
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
@@ -208,7 +175,7 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[kernel.AWAKE] = len(free)
+        s.counts[AWAKE] = len(free)
         for part in self._tangles:
             part[...] = 0
         self._holds.hand[:] = -1
@@ -220,8 +187,8 @@ class ClothSimulation:
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._rules.sleep_frames
         s.base[:], s.course[:] = s.x[self._body.patches.corner].T, 0.0
-        s.slack[:] = min(kernel.SLACK, kernel.CALM_SLACK * self.material.thickness)
-        s.counts[kernel.AWAKE] = 0
+        s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
+        s.counts[AWAKE] = 0
         if len(s.slip):
             s.slip[:], s.held[:] = turns(self._body.hinge, s.x), 0.0
 
@@ -338,99 +305,29 @@ class ClothSimulation:
         def part(name: str) -> dict[str, Any]:
             return {k.split(".")[1]: v.copy() for k, v in saved.items() if k.startswith(name + ".")}
 
-        self._state = kernel.State(**part("state"))
-        self._pairs = kernel.Pairs(**part("pairs"))
-        self._holds = kernel.Holds(**part("holds"))
+        self._state = State(**part("state"))
+        self._pairs = Pairs(**part("pairs"))
+        self._holds = Holds(**part("holds"))
         self._tangles = Tangles(**part("tangles"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
-        self._state.counts[kernel.FITTED] = 0  # the patches are not part of it
+        self._state.counts[FITTED] = 0  # the patches are not part of it
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
         old = self._pairs
-        new = _new_pairs(2 * len(old.vt), 2 * len(old.ee))
+        new = new_pairs(2 * len(old.vt), 2 * len(old.ee))
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
 
 
-def _check(material: Material, settings: SolverSettings, mesh: ClothMesh) -> None:
-    bounds = {
-        "areal_mass": (0.01, 5.0),
-        "stretch_fraction": (1e-4, 0.5),
-        "bending_length": (1e-3, 0.5),
-        "thickness": (1e-4, 0.02),
-        "friction_static": (0.0, 5.0),
-        "friction_dynamic": (0.0, material.friction_static),
-        "friction_layers": (0.0, 5.0),
-    }
-    for name, (low, high) in bounds.items():
-        value = getattr(material, name)
-        if not low <= value <= high:
-            raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
-    if not 0.0 <= settings.residual_curvature <= MOST_RESIDUAL:
-        raise ConfigurationError(
-            f"residual_curvature = {settings.residual_curvature} is out of range",
-            f"0 to {MOST_RESIDUAL:g}",
-            value=settings.residual_curvature,
-        )
-    n = settings.substeps
-    if settings.frame_rate <= 0 or (n is not None and (n % PHASE or n <= 0)):
-        raise ConfigurationError(
-            f"substeps must be a positive multiple of {PHASE}",
-            "",
-            substeps=n,
-            frame_rate=settings.frame_rate,
-        )
-    if mesh.area.min() <= 0.0:
-        raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))
-    if mesh.edge_length.min() < material.thickness:
-        raise ConfigurationError(
-            "the mesh is finer than the cloth is thick",
-            "use a longer edge length",
-            shortest_edge=float(mesh.edge_length.min()),
-            thickness=material.thickness,
-        )
-
-
-def _choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
-    """Substeps of a frame and the error that they leave in the stretch (see SolverSettings)."""
-
-    def error(n: int) -> float:
-        step = settings.frame / n
-        return stretch_excess(
-            mesh, material, step, settings.reference_drop, settings.anisotropy, settings.seam_factor
-        )
-
-    tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
-    if not tolerance > 0.0:
-        raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
-    n = settings.substeps
-    if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
-        return n, error(n)
-    needed = LEAST_SUBSTEPS
-    while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
-        needed += PHASE
-    if n is None and needed <= MOST_SUBSTEPS:
-        return needed, error(needed)
-    raise ConfigurationError(
-        f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
-        f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",
-        stretch_fraction=material.stretch_fraction,
-        stretch_tolerance=tolerance,
-        stretch_error=error(n or MOST_SUBSTEPS),
-        needed_substeps=needed,
-        edge_length=float(np.median(mesh.edge_length)),
-    )
-
-
-def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> kernel.Body:
+def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> Body:
     h = settings.frame / substeps
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * PHASE * h * w[e.edge].sum(axis=1))
     topology = topology_of(mesh)
-    return kernel.Body(
+    return Body(
         w,
         e.edge,
         topology.edge_tri,
@@ -453,14 +350,14 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
 
 def _rules(
     mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
-) -> kernel.Rules:
+) -> Rules:
     h = settings.frame / substeps
     edge = float(mesh.edge_length.mean())
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # along one of the two directions
     modulus = softer * membrane_modulus(material, settings.reference_drop)
     most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity
-    return kernel.Rules(
+    return Rules(
         h=h,
         substeps=substeps,
         gx=gx,
@@ -477,103 +374,6 @@ def _rules(
         sleep_frames=settings.sleep_frames if settings.sleep_frames > 0 else 2**30,
         table=table,
         hold_compliance=pads.compliance,
-    )
-
-
-def _new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -> kernel.State:
-    m, corners = len(patches.tri), len(patches.corner)
-
-    def f(*shape: int) -> Array:
-        return np.zeros(shape)
-
-    return kernel.State(
-        x=f(n, 3),
-        xp=f(n, 3),
-        v=f(n, 3),
-        u=f(n, 3),
-        ref=f(n, 3),
-        last=f(n, 3),
-        base=np.zeros((3, corners), np.float32),
-        course=np.zeros((3, corners), np.float32),
-        slack=np.zeros(m, np.float32),
-        born=np.zeros(m, np.int32),
-        moving=np.zeros(m, np.bool_),
-        expired=np.ones(m, np.bool_),
-        watched=np.zeros(m, np.int32),
-        turned=np.zeros(n, np.bool_),
-        wa=f(n),
-        press=f(n, 3),
-        quiet=np.zeros(n, np.int32),
-        still=np.zeros(n, np.bool_),
-        awake=np.ones(n, np.bool_),
-        stirred=np.zeros(n, np.bool_),
-        last_row=np.full(n, -1, np.int32),
-        near=np.zeros(n, np.bool_),
-        awake_list=np.zeros(n, np.int32),
-        counts=np.zeros(16, np.int64),
-        edge=np.zeros((edges, 2), np.int32),
-        length=f(edges),
-        wi=f(edges),
-        wj=f(edges),
-        rate=f(edges),
-        hinge=np.zeros((hinges, 4), np.int32),
-        weight=f(hinges, 4),
-        inverse=f(hinges),
-        which=np.zeros(rubbing, np.int32),
-        slip=f(rubbing),
-        held=f(rubbing + 1),
-        axis=f(rubbing, 6),
-        foot=f(rubbing, 2),
-        turn=f(rubbing),
-        rub_inverse=f(rubbing),
-        moment=f(rubbing),
-    )
-
-
-def _new_pairs(vt: int, ee: int) -> kernel.Pairs:
-    m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
-    return kernel.Pairs(
-        np.zeros((vt, 2), np.int32),
-        np.zeros(vt, np.int8),
-        np.zeros(vt, np.int32),
-        np.zeros((vt, 3)),
-        np.zeros((ee, 2), np.int32),
-        np.zeros(ee, np.bool_),
-        np.zeros((ee, 3)),
-        np.zeros(ee, np.int32),
-        np.zeros((ee, 3)),
-        np.zeros((vt, 2), np.int32),
-        np.zeros((ee, 2), np.int32),
-        np.zeros(table, np.int64),
-        np.zeros(table, np.int32),
-        np.zeros((m, 6)),
-        np.zeros((m, 4), np.int32),
-        np.zeros((m, 4)),
-        np.zeros((m, 3)),
-        np.zeros(m),
-        np.zeros(m),
-        np.zeros((m, 3)),
-        np.zeros((m, 3)),
-        np.zeros(m, np.int32),
-        np.zeros((m, 4)),
-        np.zeros(m, np.int32),
-        np.zeros(m, np.int32),
-        np.zeros(m),
-    )
-
-
-def _new_holds() -> kernel.Holds:
-    return kernel.Holds(
-        np.zeros((MAX_HELD, 3), np.int32),
-        np.zeros((MAX_HELD, 3)),
-        np.zeros((MAX_HELD, 3)),
-        np.zeros(MAX_HELD),
-        np.full(MAX_HELD, -1, np.int32),
-        np.zeros(HANDS),
-        np.zeros((HANDS, 3)),
-        np.zeros((HANDS, 3)),
-        np.zeros(HANDS),
-        np.zeros(HANDS, np.int64),
     )
 
 

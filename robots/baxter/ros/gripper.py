@@ -113,6 +113,7 @@ class RosGripper:
             heard = self.hearing.newest
             calibrated = heard is not None and heard[0].calibrated == 1
             if not calibrated and not any(order.what == CALIBRATE for order in self._waiting):
+                self._refuse_stopped()  # a stop that came meanwhile has made the order void
                 raise DriverError(
                     FailureKind.GRIPPER_FAULT, f"the {self.side} gripper is not calibrated", "calibrate it first"
                 )

@@ -10,7 +10,8 @@ from benchmarks.turned import turned_over
 from cell.garments import load_garment
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import FoldLine, frozen
 

@@ -15,7 +15,7 @@ from calibration.shear import calibrate_shear, clip_and_lowest, elongations, hun
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.solver import SolverSettings
+from skills.cloth.settings import SolverSettings
 from skills.vocabulary import REFERENCE_DROP, Material
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)

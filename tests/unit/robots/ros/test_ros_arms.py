@@ -30,7 +30,9 @@ class Arms:
         puppet.enabled = True
         self.stop = RosStop(node, self.clock)
         self.port = RosArms(node, self.clock, self.stop, limits, raw)
-        self._topics = [LIMB[s] + name for s in Side for name in ("joint_command", "inverse_dynamics_command")]
+        names = ("joint_command", "inverse_dynamics_command")
+        self._topics = [LIMB[s] + name for s in Side for name in names]
+        self._told = [LIMB[s] + name for s in Side for name in names[: 1 + raw]]
         wait(lambda: all(puppet.hears(topic) for topic in self._topics), "somebody commands")
         self.pass_time(0.0)
 
@@ -50,10 +52,10 @@ class Arms:
 
     def command(self, q: Array, qd: Array = ZERO):
         """The set-point, after the robot has heard it."""
-        before = [len(self.puppet.heard[topic]) for topic in self._topics[::2]]
+        before = [len(self.puppet.heard[topic]) for topic in self._told]
         sent = self.port.command(q, qd)
         wait(
-            lambda: [len(self.puppet.heard[topic]) for topic in self._topics[::2]] == [n + 1 for n in before],
+            lambda: [len(self.puppet.heard[topic]) for topic in self._told] == [n + 1 for n in before],
             "one command for each arm",
         )
         return sent

@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robots.ports import Side
-from skills.cloth import kernel
+from skills.cloth import state
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material, ToolPath
 
 MATERIAL = Material(
@@ -58,7 +59,7 @@ def test_a_new_search_does_not_move_layers_at_rest(folded):
         before = s.positions
         if again:
             s._state.expired[:] = True
-            s._state.counts[kernel.SEARCHED] = 0
+            s._state.counts[state.SEARCHED] = 0
         s.advance(6)
         moved.append(np.linalg.norm(s.positions - before, axis=1).max())
     assert moved[1] < moved[0] + 5e-5

@@ -8,7 +8,8 @@ from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
-from skills.cloth.solver import ClothSimulation, SolverSettings, ToolMotion
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation, ToolMotion
 from skills.vocabulary import Material, ToolPath
 
 MATERIAL = Material(

@@ -12,7 +12,8 @@ from robots.errors import ConfigurationError, InternalError
 from skills.cloth import kernel
 from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import MOST_PAIRS, ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import MOST_PAIRS, ClothSimulation
 from skills.vocabulary import Material
 
 MATERIAL = Material(

@@ -9,7 +9,8 @@ import pytest
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import CapsuleMotion, ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import CapsuleMotion, ClothSimulation
 from skills.vocabulary import Material
 
 MATERIAL = Material(

@@ -8,7 +8,8 @@ import pytest
 from robots.errors import ConfigurationError, InternalError
 from skills.cloth.elastic import flexural_rigidity, turns
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
 MATERIAL = Material(

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from skills.cloth import kernel
 from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.patches import build_patches, fit_patches, search_pairs
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
+from skills.cloth.state import EE, VT
 from skills.vocabulary import Material
 
 THICK, SLACK, HORIZON = 0.003, 0.001, 0.02
@@ -112,8 +113,8 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         before = sim.positions
         sim.advance(1)
         counts, pairs = sim._state.counts, sim._pairs
-        found_vt = {tuple(p) for p in pairs.vt[: counts[kernel.VT]].tolist()}
-        found_ee = {tuple(p) for p in pairs.ee[: counts[kernel.EE]].tolist()}
+        found_vt = {tuple(p) for p in pairs.vt[: counts[VT]].tolist()}
+        found_ee = {tuple(p) for p in pairs.ee[: counts[EE]].tolist()}
         awake = ~sim.asleep
         lost_vt, lost_ee, near = missing_pairs(
             mesh, edges, [before], found_vt, found_ee, lambda vertices, awake=awake: awake[vertices].any()

@@ -7,7 +7,8 @@ import pytest
 
 from skills.cloth.crossings import count_crossings, crosses, find_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.solver import ClothSimulation, SolverSettings
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.cloth.untangle import FAINT, GLANCE, PATIENCE, shorten
 from skills.vocabulary import Material
 

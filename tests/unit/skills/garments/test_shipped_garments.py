@@ -12,7 +12,7 @@ import shapely
 import yaml
 
 from cell.garments import list_garments, load_garment
-from skills.cloth.solver import SolverSettings
+from skills.cloth.settings import SolverSettings
 from skills.planning.plan import plan_folds
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}

@@ -1,0 +1,96 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Cloth between the pads: material points that follow the tools, and are lost when they are pulled too hard."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def hold(rules, state, holds, a, tool_p, tool_r, f):
+    """Draw the pinched points to where the tools have them, at the share a of frame f."""
+    frame = rules.h * rules.substeps
+    pose = np.empty((4, 3))
+    for hand in range(2):
+        if holds.points[hand] == 0:
+            continue
+        for d in range(3):
+            pose[0, d] = tool_p[f, hand, d] + a * (tool_p[f + 1, hand, d] - tool_p[f, hand, d])
+            for m in range(3):
+                pose[1 + m, d] = tool_r[f, hand, d, m] + a * (tool_r[f + 1, hand, d, m] - tool_r[f, hand, d, m])
+        ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
+        _hold_line(
+            hand,
+            pose,
+            ramp,
+            rules.hold_compliance / rules.h**2,
+            state.x,
+            state.wa,
+            holds.vertex,
+            holds.bary,
+            holds.offset,
+            holds.height,
+            holds.hand,
+            holds.impulse,
+        )
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
+    """One hand's points. Several layers are held as a stack that is free to turn about the line: they keep their
+    distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
+    # the middle height of the stack, and the moments of where its layers are about the line
+    mean = 0.0
+    n = 0
+    for k in range(len(owner)):
+        if owner[k] == hand:
+            mean += height[k]
+            n += 1
+    mean /= n
+    along, across = 0.0, 0.0
+    for k in range(len(owner)):
+        if owner[k] != hand:
+            continue
+        i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]
+        y, z = 0.0, -mean
+        for d in range(3):
+            p = bary[k, 0] * x[i, d] + bary[k, 1] * x[j, d] + bary[k, 2] * x[m, d] - pose[0, d]
+            y += p * pose[2, d]
+            z += p * pose[3, d]
+        along += (height[k] - mean) * z
+        across += (height[k] - mean) * y
+    size = np.sqrt(along * along + across * across)
+    c, s = (along / size, across / size) if size > 1e-12 else (1.0, 0.0)
+    for k in range(len(owner)):
+        if owner[k] != hand:
+            continue
+        i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]
+        bi, bj, bm = bary[k, 0], bary[k, 1], bary[k, 2]
+        inv = 1.0 / (wa[i] * bi * bi + wa[j] * bj * bj + wa[m] * bm * bm + soft)
+        r = height[k] - mean
+        ox, oy = offset[k, 0], s * r + (offset[k, 1] - s * r) * ramp
+        oz = mean + c * r + (offset[k, 2] - mean - c * r) * ramp
+        for d in range(3):
+            p = pose[0, d] + pose[1, d] * ox + pose[2, d] * oy + pose[3, d] * oz
+            g = (p - bi * x[i, d] - bj * x[j, d] - bm * x[m, d]) * inv
+            x[i, d] += wa[i] * bi * g
+            x[j, d] += wa[j] * bj * g
+            x[m, d] += wa[m] * bm * g
+            impulse[hand, d] -= g
+
+
+@njit(nogil=True)
+def let_go(holds):
+    """A pinch that is pulled harder than its pads can bear loses the cloth."""
+    for hand in range(2):
+        f2 = 0.0
+        for m in range(3):
+            f2 += holds.force[hand, m] ** 2
+        if f2 > holds.limit[hand] ** 2:
+            for k in range(len(holds.hand)):
+                if holds.hand[k] == hand:
+                    holds.hand[k] = -1
+            holds.points[hand] = 0

@@ -1,0 +1,236 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""The lists of pairs that may touch: when patches are searched anew, and what pairs keep from search to search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.contact import PARKED, PHASE
+from skills.cloth.patches import fit_patches, search_pairs
+from skills.cloth.state import EE, FITTED, NOW, SEARCHED, SEARCHES, VT, WATCHED
+
+SLACK = 0.0010  # [m] that a corner may stray from its straight course before its patch is searched anew
+CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
+STALE_SHARE = 0.8  # of SLACK: a patch that strayed by so much is searched along with those that must be
+HORIZON = 5  # narrow phases for which the search looks ahead
+RENEW = 4  # narrow phases after which a patch is searched along with others
+
+
+@njit(nogil=True)
+def needs_search(body, rules, state):
+    """Whether pairs may be missing from the lists."""
+    count = state.counts
+    must = _expire(
+        count[NOW],
+        rules.h,
+        count[WATCHED],
+        state.watched,
+        body.patches.corner,
+        body.patches.corner_start,
+        state.x,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        state.expired,
+    )
+    return must or count[SEARCHED] == 0
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, moving, expired):
+    """Whether a patch left the course that was foreseen for it, or its course has run out. Those of which this
+    is true, or soon will be, are marked."""
+    must = False
+    for row in range(n):
+        k = watched[row]
+        age = now - born[k]
+        after = np.float32(age * span)
+        most = np.float32(0.0)
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            dx = np.float32(x[i, 0]) - base[0, c] - after * course[0, c]
+            dy = np.float32(x[i, 1]) - base[1, c] - after * course[1, c]
+            dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
+            most = max(most, dx * dx + dy * dy + dz * dz)
+        strayed = np.sqrt(most) / slack[k]
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * PHASE)
+        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON * PHASE)
+    return must
+
+
+@njit(nogil=True)
+def search(body, rules, state, pairs):
+    """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
+    small."""
+    count, patches = state.counts, body.patches
+    now, ahead = count[NOW], 0.5 * HORIZON * PHASE * rules.h
+    _foresee(
+        now,
+        min(SLACK, CALM_SLACK * rules.thickness),
+        patches.corner,
+        patches.corner_start,
+        state.x,
+        state.v,
+        state.awake,
+        state.still,
+        state.turned,
+        state.expired,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        patches.stale,
+    )
+    fit_patches(
+        patches,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        now,
+        rules.h,
+        ahead,
+        count[FITTED] == 0,
+    )
+    n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
+    if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
+        return False
+    _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
+    _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
+    state.expired[:] = False
+    state.turned[:] = False
+    count[SEARCHED] = count[FITTED] = 1
+    count[SEARCHES] += 1
+    return True
+
+
+@njit(nogil=True)
+def _foresee(
+    now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
+):  # fmt: skip
+    """New courses for the patches that expired, or have a corner that woke, or move and have one that fell asleep:
+    they are stale."""
+    for k in range(len(stale)):
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            expired[k] = expired[k] or (turned[i] and (awake[i] or moving[k]))
+        stale[k] = expired[k]
+        if not stale[k]:
+            continue
+        born[k], moving[k] = now, False
+        for c in range(start[k], start[k + 1]):
+            i = corner[c]
+            calm = still[i] or not awake[i]
+            moving[k] = moving[k] or not calm
+            for d in range(3):
+                base[d, c] = x[i, d]
+                course[d, c] = 0.0 if calm else v[i, d]
+        slack[k] = SLACK if moving[k] else calm_slack
+
+
+@njit(nogil=True)
+def _renew_vertex_triangle(patches, width, pairs, count, n_new):
+    """Pairs of stale patches out, the new ones in, with the side of those that were there."""
+    vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    borne, memory = pairs.vt_j, pairs.kept
+    stale, of_vertex, of_tri = patches.stale, patches.of_vertex, patches.of_tri
+    kept = n = 0
+    for c in range(count[VT]):
+        if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
+            if side[c] != 0:
+                scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
+                for m in range(3):
+                    memory[kept, m] = borne[c, m]
+                kept += 1
+        elif side[c] != 0 or due[c] != PARKED:
+            if n < c:
+                vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
+            n += 1
+    size = _empty_table(pairs.key, kept)
+    key, row = pairs.key[:size], pairs.row[:size]
+    for c in range(kept):
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
+    for c in range(n_new):
+        vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
+        r = _get(key, row, vt[n, 0] * width + vt[n, 1], -1)
+        side[n] = scratch[r, 2] if r >= 0 else 0
+        for m in range(3):
+            borne[n, m] = memory[r, m] if r >= 0 else 0.0
+        due[n] = count[NOW]
+        n += 1
+    count[VT] = n
+
+
+@njit(nogil=True)
+def _renew_edge_edge(patches, width, pairs, count, n_new):
+    """The same for edges, with the normals of those that were near."""
+    ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
+    stale, of_edge, scratch, memory, borne = patches.stale, patches.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
+    kept = n = 0
+    for c in range(count[EE]):
+        if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
+            if near[c]:
+                scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
+                for m in range(3):
+                    memory[kept, m] = normal[c, m]
+                    memory[kept, m + 3] = borne[c, m]
+                kept += 1
+        elif near[c] or due[c] != PARKED:
+            if n < c:
+                ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
+                for m in range(3):
+                    borne[n, m] = borne[c, m]
+                    normal[n, m] = normal[c, m]
+            n += 1
+    size = _empty_table(pairs.key, kept)
+    key, row = pairs.key[:size], pairs.row[:size]
+    for c in range(kept):
+        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
+    for c in range(n_new):
+        ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
+        r = _get(key, row, ee[n, 0] * width + ee[n, 1], -1)
+        near[n] = r >= 0
+        for m in range(3):
+            borne[n, m] = memory[r, m + 3] if r >= 0 else 0.0
+            if r >= 0:
+                normal[n, m] = memory[r, m]
+        due[n] = count[NOW]
+        n += 1
+    count[EE] = n
+
+
+@njit(nogil=True)
+def _empty_table(key, kept):
+    size = 64
+    while size < 2 * kept:
+        size *= 2
+    key[:size] = -1
+    return size
+
+
+@njit(nogil=True)
+def _put(key, row, k, r):
+    mask = len(key) - 1
+    at = np.int64((k * 2654435761) & mask)
+    while key[at] >= 0:
+        at = (at + 1) & mask
+    key[at] = k
+    row[at] = r
+
+
+@njit(nogil=True)
+def _get(key, row, k, none):
+    mask = len(key) - 1
+    at = np.int64((k * 2654435761) & mask)
+    while key[at] >= 0:
+        if key[at] == k:
+            return row[at]
+        at = (at + 1) & mask
+    return none

@@ -1,0 +1,131 @@
+"""How the cloth is solved, with how many substeps, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.errors import ConfigurationError
+from skills.cloth.contact import PHASE
+from skills.cloth.elastic import stretch_excess
+from skills.cloth.mesh import ClothMesh
+from skills.vocabulary import Material
+
+__all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
+
+STRETCH_TOLERANCE = 1e-3  # of the length
+ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
+MOST_RESIDUAL = 1000.0  # [1/m]
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How the cloth is solved, and what of a fabric a lab does not measure.
+
+    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
+    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would
+    be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet.
+    gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at
+    which the material's stretch_fraction was measured (0.6 where the garment's own is not given). stretch_damping,
+    bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
+    so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
+    sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest and costs nothing
+    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a twelfth of an edge).
+    anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
+    the cloth's. residual_curvature [1/m]: friction in bending, as the curvature that it can keep in cloth that is
+    let go: hysteresis HB over rigidity B of the KES-F test, where the loop is 2 HB high (six denims: 23 to 54,
+    Journal of Textiles 2016, 4614168); 0 to 1000, and 0 is cloth that forgets how it was bent.
+    """
+
+    frame_rate: int = 60
+    substeps: int | None = None
+    stretch_tolerance: float | None = None
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    reference_drop: float = 0.6
+    stretch_damping: float = 0.002
+    bend_damping: float = 0.01
+    drag: float = 0.05
+    max_speed: float = 4.0
+    sleep_distance: float = 1e-3
+    sleep_frames: int = 10
+    anisotropy: float = 1.0
+    seam_factor: float = 1.0
+    residual_curvature: float = 0.0
+
+    @property
+    def frame(self) -> float:
+        """[s]"""
+        return 1.0 / self.frame_rate
+
+
+def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -> None:
+    """Raises ConfigurationError for what cannot be simulated."""
+    bounds = {
+        "areal_mass": (0.01, 5.0),
+        "stretch_fraction": (1e-4, 0.5),
+        "bending_length": (1e-3, 0.5),
+        "thickness": (1e-4, 0.02),
+        "friction_static": (0.0, 5.0),
+        "friction_dynamic": (0.0, material.friction_static),
+        "friction_layers": (0.0, 5.0),
+    }
+    for name, (low, high) in bounds.items():
+        value = getattr(material, name)
+        if not low <= value <= high:
+            raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
+    if not 0.0 <= settings.residual_curvature <= MOST_RESIDUAL:
+        raise ConfigurationError(
+            f"residual_curvature = {settings.residual_curvature} is out of range",
+            f"0 to {MOST_RESIDUAL:g}",
+            value=settings.residual_curvature,
+        )
+    n = settings.substeps
+    if settings.frame_rate <= 0 or (n is not None and (n % PHASE or n <= 0)):
+        raise ConfigurationError(
+            f"substeps must be a positive multiple of {PHASE}",
+            "",
+            substeps=n,
+            frame_rate=settings.frame_rate,
+        )
+    if mesh.area.min() <= 0.0:
+        raise ConfigurationError("the mesh has a triangle without area", "", index=int(mesh.area.argmin()))
+    if mesh.edge_length.min() < material.thickness:
+        raise ConfigurationError(
+            "the mesh is finer than the cloth is thick",
+            "use a longer edge length",
+            shortest_edge=float(mesh.edge_length.min()),
+            thickness=material.thickness,
+        )
+
+
+def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
+    """Substeps of a frame and the error that they leave in the stretch (see SolverSettings)."""
+
+    def error(n: int) -> float:
+        step = settings.frame / n
+        return stretch_excess(
+            mesh, material, step, settings.reference_drop, settings.anisotropy, settings.seam_factor
+        )
+
+    tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
+    if not tolerance > 0.0:
+        raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
+    n = settings.substeps
+    if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
+        return n, error(n)
+    needed = LEAST_SUBSTEPS
+    while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
+        needed += PHASE
+    if n is None and needed <= MOST_SUBSTEPS:
+        return needed, error(needed)
+    raise ConfigurationError(
+        f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
+        f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",
+        stretch_fraction=material.stretch_fraction,
+        stretch_tolerance=tolerance,
+        stretch_error=error(n or MOST_SUBSTEPS),
+        needed_substeps=needed,
+        edge_length=float(np.median(mesh.edge_length)),
+    )

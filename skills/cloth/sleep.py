@@ -1,0 +1,201 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""What is at rest sleeps and costs nothing: who wakes, who falls asleep, and the lists of what is awake."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.capsules import squared_distance
+from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, PACKED, SEARCHED, WATCHED
+
+STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
+NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
+
+
+@njit(nogil=True)
+def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
+    """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
+    count = state.counts
+    stirred, near = state.stirred, state.near
+    stirred[:] = False
+    _find_moving(
+        state.awake_list,
+        count[AWAKE],
+        state.x,
+        state.ref,
+        state.last,
+        state.quiet,
+        state.still,
+        rules.sleep_distance,
+        rules.sleep_frames,
+        stirred,
+    )
+    _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
+    near[:] = stirred
+    _grow(body.ring_start, body.ring, near, 2)
+    _stir_by_contact(count[ACTIVE], pairs.act_i, stirred, near)
+    hand, vertex = holds.hand, holds.vertex
+    for k in range(len(hand)):
+        if hand[k] >= 0:
+            for m in range(3):
+                near[vertex[k, m]] = True
+    changed, woke = _settle(
+        rules.sleep_frames,
+        near,
+        state.x,
+        state.xp,
+        state.u,
+        state.v,
+        state.ref,
+        state.last,
+        state.turned,
+        state.quiet,
+        state.awake,
+        state.wa,
+        body.w,
+    )
+    if changed:
+        count[PACKED] = 0
+    if woke:
+        count[SEARCHED] = 0
+
+
+@njit(nogil=True)
+def _find_moving(index, n_awake, x, ref, last, quiet, still, distance, frames, stirred):
+    """Mark awake vertices that left their reference point, which follows them; the others get quieter. What
+    gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean."""
+    for c in range(n_awake):
+        i = index[c]
+        away, step = 0.0, 0.0
+        for m in range(3):
+            away += (x[i, m] - ref[i, m]) ** 2
+            step += (x[i, m] - last[i, m]) ** 2
+            last[i, m] = x[i, m]
+        quiet[i] += 1
+        still[i] = step < STILL * STILL
+        gathers = quiet[i] >= frames and np.sqrt(step) * frames > 1.5 * np.sqrt(away) + 1e-4
+        if away > distance * distance or gathers:
+            stirred[i] = True
+            for m in range(3):
+                ref[i, m] = x[i, m]
+
+
+@njit(nogil=True)
+def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
+    for k in range(len(cap_r)):
+        travel = 0.0
+        for m in range(3):
+            travel = max(travel, abs(cap_p0[f + 1, k, m] - cap_p0[f, k, m]))
+            travel = max(travel, abs(cap_p1[f + 1, k, m] - cap_p1[f, k, m]))
+        if travel < 1e-7:
+            continue
+        reach = cap_r[k] + NEAR_CAPSULE + travel
+        for i in range(len(x)):
+            if squared_distance(x, i, cap_p0[f + 1, k], cap_p1[f + 1, k]) < reach * reach:
+                stirred[i] = True
+
+
+@njit(nogil=True)
+def _stir_by_contact(n, act_i, stirred, near):
+    for c in range(n):
+        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        if stirred[i] or stirred[j] or stirred[k] or stirred[m]:
+            near[i] = near[j] = near[k] = near[m] = True
+
+
+@njit(nogil=True)
+def _grow(start, ring, near, rings):
+    """Mark the neighbours of what is marked, `rings` times."""
+    last = near.copy()
+    for _ in range(rings):
+        for i in range(len(near)):
+            if last[i]:
+                for a in range(start[i], start[i + 1]):
+                    near[ring[a]] = True
+        last[:] = near
+
+
+@njit(nogil=True)
+def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa, w):
+    """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
+    changed, and whether something woke."""
+    changed = woke = False
+    for i in range(len(x)):
+        if near[i]:
+            quiet[i] = 0
+            if awake[i] or w[i] == 0.0:
+                continue
+            awake[i], wa[i], turned[i] = True, w[i], True
+            changed = woke = True
+            for m in range(3):
+                ref[i, m] = last[i, m] = xp[i, m] = x[i, m]
+                v[i, m] = 0.0
+        elif awake[i] and quiet[i] >= sleep_frames:
+            awake[i], wa[i], turned[i] = False, 0.0, True
+            changed = True
+            for m in range(3):
+                xp[i, m] = u[i, m] = x[i, m]
+                v[i, m] = 0.0
+    return changed, woke
+
+
+@njit(nogil=True)
+def pack(body, rules, state):
+    """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready. The shares are
+    those of the free masses: what a vertex feels must not change when its neighbour falls asleep."""
+    count, wa = state.counts, state.wa
+    n = 0
+    for i in range(len(wa)):
+        if state.awake[i]:
+            state.awake_list[n] = i
+            n += 1
+    count[AWAKE] = n
+    n = 0
+    inv_h2 = 1.0 / rules.h**2
+    for e in range(len(body.length)):
+        i, j = body.edge[e, 0], body.edge[e, 1]
+        if state.awake[i] or state.awake[j]:
+            inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
+            state.edge[n, 0], state.edge[n, 1] = i, j
+            state.length[n] = body.length[e]
+            state.wi[n], state.wj[n] = wa[i] * inv, wa[j] * inv
+            state.rate[n] = body.damping[e]
+            n += 1
+    count[EDGES] = n
+    n = 0
+    grow = 1.0 + rules.bend_gamma
+    for e in range(len(body.bend)):
+        some = False
+        den = 0.0
+        for m in range(4):
+            i = body.hinge[e, m]
+            some = some or state.awake[i]
+            den += grow * body.w[i] * body.weight[e, m] ** 2
+        if some:
+            for m in range(4):
+                state.hinge[n, m] = body.hinge[e, m]
+                state.weight[n, m] = body.weight[e, m]
+            state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
+            if len(body.rub.most):
+                state.which[n] = e
+            n += 1
+    count[HINGES] = n
+    count[WATCHED] = _watch(
+        body.patches.corner, body.patches.corner_start, state.awake, state.moving, state.watched
+    )
+    count[PACKED] = 1
+
+
+@njit(nogil=True)
+def _watch(corner, start, awake, moving, watched):
+    """Patches with a corner that is awake or was foreseen to move; -> their number."""
+    n = 0
+    for k in range(len(moving)):
+        some = moving[k]
+        for c in range(start[k], start[k + 1]):
+            some = some or awake[corner[c]]
+        if some:
+            watched[n] = k
+            n += 1
+    return n

@@ -1,0 +1,273 @@
+"""What the compiled loop works on: arrays that the caller owns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.cloth.elastic import Rub
+from skills.cloth.patches import Patches
+
+HANDS = 2
+MAX_HELD = 128
+
+# places in State.counts
+VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
+# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT = range(6, 16)
+
+
+class Body(NamedTuple):
+    """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
+    the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
+    rim: (e,) edges of hems and seams."""
+
+    w: Array
+    edge: NDArray[np.int32]
+    edge_tri: NDArray[np.int32]
+    rim: NDArray[np.bool_]
+    length: Array
+    compliance: Array
+    damping: Array
+    hinge: NDArray[np.int32]
+    weight: Array
+    bend: Array
+    rub: Rub
+    tri: NDArray[np.int32]
+    tri_edge: NDArray[np.int32]
+    ring_start: NDArray[np.int32]
+    ring: NDArray[np.int32]
+    ring_edge: NDArray[np.int32]
+    patches: Patches
+
+
+class Rules(NamedTuple):
+    """Numbers of the run. h: substep [s]."""
+
+    h: float
+    substeps: int
+    gx: float
+    gy: float
+    gz: float
+    thickness: float
+    mu_static: float
+    mu_dynamic: float
+    mu_layers: float
+    max_speed: float
+    drag: float
+    bend_gamma: float
+    sleep_distance: float
+    sleep_frames: int
+    table: bool
+    hold_compliance: float
+
+
+class State(NamedTuple):
+    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
+    press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
+    base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
+    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
+    turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
+    with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1. Of hinges that rub, else of no
+    length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
+    numbers of the packed hinges; axis, foot, turn, rub_inverse, moment: of these, as last measured."""
+
+    x: Array
+    xp: Array
+    v: Array
+    u: Array
+    ref: Array
+    last: Array
+    base: NDArray[np.float32]
+    course: NDArray[np.float32]
+    slack: NDArray[np.float32]
+    born: NDArray[np.int32]
+    moving: NDArray[np.bool_]
+    expired: NDArray[np.bool_]
+    watched: NDArray[np.int32]
+    turned: NDArray[np.bool_]
+    wa: Array
+    press: Array
+    quiet: NDArray[np.int32]
+    still: NDArray[np.bool_]
+    awake: NDArray[np.bool_]
+    stirred: NDArray[np.bool_]
+    last_row: NDArray[np.int32]
+    near: NDArray[np.bool_]
+    awake_list: NDArray[np.int32]
+    counts: NDArray[np.int64]
+    edge: NDArray[np.int32]
+    length: Array
+    wi: Array
+    wj: Array
+    rate: Array
+    hinge: NDArray[np.int32]
+    weight: Array
+    inverse: Array
+    which: NDArray[np.int32]
+    slip: Array
+    held: Array
+    axis: Array
+    foot: Array
+    turn: Array
+    rub_inverse: Array
+    moment: Array
+
+
+class Pairs(NamedTuple):
+    """Candidate pairs with their memory, and the contacts of the present narrow phase.
+
+    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
+    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; act_p: (m, 4) how far apart
+    its sides were when the substep began, and how far along its normal; inside: of a vertex over a triangle, the
+    least barycentric coordinate; new_vt, new_ee, key, row, kept, chain, better: scratch."""
+
+    vt: NDArray[np.int32]
+    side: NDArray[np.int8]
+    vt_due: NDArray[np.int32]
+    vt_j: Array
+    ee: NDArray[np.int32]
+    near: NDArray[np.bool_]
+    normal: Array
+    ee_due: NDArray[np.int32]
+    ee_j: Array
+    new_vt: NDArray[np.int32]
+    new_ee: NDArray[np.int32]
+    key: NDArray[np.int64]
+    row: NDArray[np.int32]
+    kept: Array
+    act_i: NDArray[np.int32]
+    act_b: Array
+    act_n: Array
+    act_d: Array
+    act_w: Array
+    act_j: Array
+    act_m: Array
+    act_c: NDArray[np.int32]
+    act_p: Array
+    chain: NDArray[np.int32]
+    better: NDArray[np.int32]
+    inside: Array
+
+
+class Holds(NamedTuple):
+    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame when the pads
+    met it; height: (m,) tool z at which it is held; hand: (m,), -1 unused.
+
+    age: (2,) [s] since each hand closed. impulse: (2, 3) summed over a frame; force: (2, 3) [N] mean of the
+    last frame on the hand. limit: (2,) [N], beyond which the pinch lets go. points: (2,) held.
+    """
+
+    vertex: NDArray[np.int32]
+    bary: Array
+    offset: Array
+    height: Array
+    hand: NDArray[np.int32]
+    age: Array
+    impulse: Array
+    force: Array
+    limit: Array
+    points: NDArray[np.int64]
+
+
+def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -> State:
+    """Of n vertices, all awake: nothing is known yet of where they are."""
+    m, corners = len(patches.tri), len(patches.corner)
+
+    def f(*shape: int) -> Array:
+        return np.zeros(shape)
+
+    return State(
+        x=f(n, 3),
+        xp=f(n, 3),
+        v=f(n, 3),
+        u=f(n, 3),
+        ref=f(n, 3),
+        last=f(n, 3),
+        base=np.zeros((3, corners), np.float32),
+        course=np.zeros((3, corners), np.float32),
+        slack=np.zeros(m, np.float32),
+        born=np.zeros(m, np.int32),
+        moving=np.zeros(m, np.bool_),
+        expired=np.ones(m, np.bool_),
+        watched=np.zeros(m, np.int32),
+        turned=np.zeros(n, np.bool_),
+        wa=f(n),
+        press=f(n, 3),
+        quiet=np.zeros(n, np.int32),
+        still=np.zeros(n, np.bool_),
+        awake=np.ones(n, np.bool_),
+        stirred=np.zeros(n, np.bool_),
+        last_row=np.full(n, -1, np.int32),
+        near=np.zeros(n, np.bool_),
+        awake_list=np.zeros(n, np.int32),
+        counts=np.zeros(16, np.int64),
+        edge=np.zeros((edges, 2), np.int32),
+        length=f(edges),
+        wi=f(edges),
+        wj=f(edges),
+        rate=f(edges),
+        hinge=np.zeros((hinges, 4), np.int32),
+        weight=f(hinges, 4),
+        inverse=f(hinges),
+        which=np.zeros(rubbing, np.int32),
+        slip=f(rubbing),
+        held=f(rubbing + 1),
+        axis=f(rubbing, 6),
+        foot=f(rubbing, 2),
+        turn=f(rubbing),
+        rub_inverse=f(rubbing),
+        moment=f(rubbing),
+    )
+
+
+def new_pairs(vt: int, ee: int) -> Pairs:
+    """Lists with room for so many pairs of a vertex and a triangle, and of edges."""
+    m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
+    return Pairs(
+        np.zeros((vt, 2), np.int32),
+        np.zeros(vt, np.int8),
+        np.zeros(vt, np.int32),
+        np.zeros((vt, 3)),
+        np.zeros((ee, 2), np.int32),
+        np.zeros(ee, np.bool_),
+        np.zeros((ee, 3)),
+        np.zeros(ee, np.int32),
+        np.zeros((ee, 3)),
+        np.zeros((vt, 2), np.int32),
+        np.zeros((ee, 2), np.int32),
+        np.zeros(table, np.int64),
+        np.zeros(table, np.int32),
+        np.zeros((m, 6)),
+        np.zeros((m, 4), np.int32),
+        np.zeros((m, 4)),
+        np.zeros((m, 3)),
+        np.zeros(m),
+        np.zeros(m),
+        np.zeros((m, 3)),
+        np.zeros((m, 3)),
+        np.zeros(m, np.int32),
+        np.zeros((m, 4)),
+        np.zeros(m, np.int32),
+        np.zeros(m, np.int32),
+        np.zeros(m),
+    )
+
+
+def new_holds() -> Holds:
+    """Nothing is held."""
+    return Holds(
+        np.zeros((MAX_HELD, 3), np.int32),
+        np.zeros((MAX_HELD, 3)),
+        np.zeros((MAX_HELD, 3)),
+        np.zeros(MAX_HELD),
+        np.full(MAX_HELD, -1, np.int32),
+        np.zeros(HANDS),
+        np.zeros((HANDS, 3)),
+        np.zeros((HANDS, 3)),
+        np.zeros(HANDS),
+        np.zeros(HANDS, np.int64),
+    )
