@@ -1,4 +1,5 @@
 """The calibration board: a ChArUco chessboard on A4 card, drawn and found again by the same description.
+`foldcell calibrate board` writes it as a sheet to print (calibration/board_sheet.py).
 
 Board frame: origin in the board's middle, x along its long side, y down its short side, z into the card
 (away from who looks at it). Below the pattern the card has a tab by which a gripper holds it.
@@ -14,7 +15,10 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 
-__all__ = ["BOARD", "Board", "BoardView", "draw_view", "find_board"]
+__all__ = ["BOARD", "DICTIONARY", "Board", "BoardView", "draw_view", "find_board"]
+
+DICTIONARY = "DICT_4X4_50"
+"""Of the markers, as OpenCV calls it."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class Board:
         return np.asarray(self._charuco().generateImage((w, h), marginSize=margin), dtype=np.uint8)
 
     def _charuco(self) -> cv2.aruco.CharucoBoard:
-        words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, words)
 
 

@@ -21,8 +21,8 @@ BOARD = {
 
 
 class PersonAttendant:
-    """ask: shows what is asked for, None when it is not any more. The answer is APPROVE. Who ends the run or stops
-    the cell instead has not done it: DriverError, ABORTED or STOPPED."""
+    """ask: shows what is asked for, None when it is not any more. The answer is APPROVE. Who ends the run, stops
+    the cell or has left instead has not done it: DriverError, ABORTED or STOPPED."""
 
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
         self._commands, self._stop, self._ask = commands, stop, ask
@@ -41,7 +41,7 @@ class PersonAttendant:
         try:
             while not self._stop.state().stopped:
                 said = self._commands.wait({Event.APPROVE, Event.ABORT}, POLL_S)
-                if said is Event.ABORT:
+                if said is Event.ABORT or (said is None and self._commands.deserted):
                     raise DriverError(FailureKind.ABORTED, ABORTED.what, ABORTED.hint)
                 if said is not None:
                     return

@@ -173,15 +173,16 @@ def _port(text: str) -> int:
     return int(text)
 
 
-def _driver_option(parser: argparse.ArgumentParser) -> None:
+def _driver_option(parser: argparse.ArgumentParser, real: bool = True) -> None:
+    robot = ", or the robot (ROS_MASTER_URI)" if real else ""
     parser.add_argument(
-        "--driver", choices=["sim", "emulator", "ros"], default="sim",
-        help="what moves: the simulated cell, the same behind ROS in real time, or the robot (ROS_MASTER_URI)",
+        "--driver", choices=["sim", "emulator", *(["ros"] if real else [])], default="sim",
+        help=f"what moves: the simulated cell, the same behind ROS in real time{robot}",
     )  # fmt: skip
 
 
-def _driver_options(parser: argparse.ArgumentParser) -> None:
-    _driver_option(parser)
+def _driver_options(parser: argparse.ArgumentParser, real: bool = True) -> None:
+    _driver_option(parser, real)
     parser.add_argument(
         "--world", choices=["xpbd", "mujoco"], default="xpbd",
         help="what the simulated cloth is: our solver, or MuJoCo (towels; slow; needs the extra peers)",
@@ -235,7 +236,7 @@ def _trials(commands: Commands) -> None:
     parser.add_argument("--n", type=_count, default=10, metavar="N", help="runs of each garment (10)")
     parser.add_argument("--first-seed", type=_seed, default=1, metavar="N", help="(1)")
     parser.add_argument("--workers", type=_count, default=1, metavar="N", help="runs at a time (1)")
-    _driver_options(parser)
+    _driver_options(parser, real=False)  # nobody lays garments out for hundreds of runs
     _cell_option(parser)
     _logs_option(parser)
     _json_option(parser)
@@ -317,6 +318,7 @@ def _calibrate(commands: Commands) -> None:
         )
         return action
 
+    _calibrate_board(actions)
     table = of_cell("table", "the table's height, touched off by both hands")
     table.add_argument("--points", type=_count, default=8, metavar="N", help="where it is touched, 3 to 10 (8)")
     camera = of_cell("camera", "the camera's focal lengths and centre, from views of the calibration board")
@@ -327,6 +329,18 @@ def _calibrate(commands: Commands) -> None:
     )
     of_cell("tactile", "the fingers' noise, drift and thresholds")
     _calibrate_material(actions)
+
+
+def _calibrate_board(actions: Commands) -> None:
+    """The sheet to print; no cell takes part."""
+    board = _add(
+        actions, "board", "calibrate_board", "write the calibration board as a page to print, A4 and true to scale"
+    )
+    board.set_defaults(action="board")
+    board.add_argument(
+        "--output", type=Path, required=True, metavar="FILE", help="the page: .pdf, or .png of 304.8 dots an inch"
+    )
+    _json_option(board)
 
 
 def _calibrate_material(actions: Commands) -> None:

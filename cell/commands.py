@@ -39,6 +39,8 @@ class CommandQueue:
         self._heard = heard
         self._queue: deque[Said] = deque()
         self._lock = Condition()
+        self.deserted = False
+        """Nobody is left who could say anything."""
 
     def put(self, command: Event) -> Said:
         """Raises ValueError for what is not an operator's to say."""
@@ -50,6 +52,11 @@ class CommandQueue:
             self._lock.notify_all()
         self._heard(command)
         return said
+
+    def desert(self) -> None:
+        """Whoever spoke here has left: the run is told to end, and what is asked from now on stays unanswered."""
+        self.deserted = True
+        self.put(Event.ABORT)
 
     def take(self, wanted: Set[Event]) -> Event | None:
         """The first command in the queue that is wanted now; what came before it is out of date and dropped."""

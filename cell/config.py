@@ -149,6 +149,7 @@ class GraspConfig(_Group):
     approach_speed: float = _number(0.005, 0.3, "m/s", "down to just above the garment")
     guarded_speed: float = _number(0.002, 0.1, "m/s", "from there to the contact")
     contact_force: float = _number(0.05, 20.0, "N", "rise of a tip's force that counts as contact")
+    press_force: float = _number(1.0, 60.0, "N", "rise of a tip's force at which a hand goes no deeper to grasp")
     grip_force: float = _number(1.0, 60.0, "N", "squeeze of the pads")
     held_force: float = _number(0.05, 20.0, "N", "least mean force on each pad of a grasp that holds")
     lift_height: float = _number(0.005, 0.15, "m", "how high a grasp is lifted to be confirmed")

@@ -19,7 +19,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.garments.garment import Garment
 from skills.grasping.confirm import Held
 from skills.grasping.zero import Zero
-from skills.motion.plan import FoldMotion
+from skills.motion.fold import FoldMotion
 from skills.motion.posture import Posture
 from skills.perception.inspect import Inspection
 from skills.perception.perceive import Perception
@@ -146,10 +146,6 @@ class Context:
         """The grasp that an arm takes in this try: the motion planner may have swapped them."""
         assert self.motion is not None and self.planned_step is not None
         return self.planned_step.grasps[self.motion.postures[arm].path]
-
-    def adjustments_of(self, *wanted: Adjustment) -> bool:
-        """Whether a recovery asked for any of these in this step."""
-        return any(a in self.adjustments for a in wanted)
 
     @property
     def recoveries_in_step(self) -> int:

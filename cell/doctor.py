@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from cell.paths import free_bytes, ledger_path, repository_root, user_cache
+from cell.viewer import find_viewer
 from robots.errors import CellError
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
@@ -255,10 +255,9 @@ def _garments() -> Iterable[Check]:
 
 
 def _viewer() -> Iterable[Check]:
-    beside = Path(sys.executable).parent / "rerun"
-    found = str(beside) if beside.is_file() else shutil.which("rerun")
+    found = find_viewer()
     hint = "" if found else "pip install rerun-sdk; without it recordings are written but cannot be opened here"
-    yield Check("viewer", Verdict.GOOD if found else Verdict.WARNING, found or "no rerun program", hint)
+    yield Check("viewer", Verdict.GOOD if found else Verdict.WARNING, str(found or "no rerun program"), hint)
 
 
 def _ros() -> Iterable[Check]:

@@ -7,8 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 from cell.config import CellSettings
+from cell.lock import OwnerLock
+from cell.paths import user_cache
 from cell.simulation import SimulationSettings, check_settings, close_cell, open_cell
 from robots.errors import ConfigurationError
+from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Stop
 
 __all__ = ["DRIVERS", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
@@ -80,9 +83,21 @@ def _opened(
         from cell.simulation.emulated import emulated_cell
 
         return emulated_cell(simulation, seed, settings.ros.settings(), limits)
-    from robots.baxter.ros.connection import connected
+    return _robot(settings, limits, person)
 
-    return connected(settings.ros.settings(), limits, person, driver="ros", simulated=False)
+
+@contextmanager
+def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
+    """The robot, which has one owner whatever folder the logs are in."""
+    from robots.baxter.ros.connection import connected
+    from robots.baxter.ros.node import master_address
+
+    uri, host, port = master_address()
+    with (
+        OwnerLock(user_cache() / f"robot-{host}-{port}.lock", f"the robot of {uri}", otherwise=""),
+        connected(settings.ros.settings(), limits, person, driver="ros", simulated=False) as ports,
+    ):
+        yield ports
 
 
 @contextmanager

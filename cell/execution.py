@@ -113,18 +113,18 @@ def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimit
         return read
     astray = _altered(sent, q, limits) or _straying(read.unwrap(), q, limits)
     if astray:
-        hold(ports)
+        hold(ports, limits)
         return Outcome(failure=astray)
     return read
 
 
-def hold(ports: Ports) -> None:
+def hold(ports: Ports, limits: ExecutionLimits) -> None:
     """Command the arms to stand where they are.
 
     Arms of which nothing recent is known are told nothing: where they last were may be far from where they are,
     and a driver that hears nothing for its command timeout holds them.
     """
-    read = fresh_state(ports, ExecutionLimits())
+    read = fresh_state(ports, limits)
     if read.ok:
         q = read.unwrap().q
         ports.arms.command(q, np.zeros_like(q))
@@ -143,22 +143,35 @@ def come_to_rest(ports: Ports, limits: ExecutionLimits, sent: Sent) -> Failure |
     return None
 
 
-def wait(ports: Ports, seconds: float, watch: Watch | None = None, sent: Sent | None = None) -> Failure | None:
-    """Hold where the arms stand for some cell time, watching. Ends early on a failure.
+def wait(
+    ports: Ports,
+    seconds: float,
+    limits: ExecutionLimits,
+    watch: Watch | None = None,
+    sent: Sent | None = None,
+) -> Failure | None:
+    """Hold where the arms stand for some cell time, watched as in a motion. Ends early on a failure: those of
+    `followed`, or what `watch` returned.
 
     Arms of which nothing recent is known are told nothing, as in `hold`: the next motion refuses them.
     """
     sent = sent or Sent()
-    read = fresh_state(ports, ExecutionLimits())
+    read = fresh_state(ports, limits)
     q = read.unwrap().q if read.ok else None
     offset = np.zeros(14) if q is None else sent.offset(q)
-    ticks = Ticks(ports.clock)
+    ticks = Ticks(ports)
     for k in range(max(1, round(seconds / TICK_S))):
-        if q is not None:
-            sent.q = q + faded(k) * offset
-            ports.arms.command(sent.q, np.zeros_like(q))
-        ticks.wait()
-        failure = stopped(ports) or (watch(Tick((k + 1) * TICK_S, ports.arms.state())) if watch else None)
+        if q is None:
+            ticks.wait()
+            failure = stopped(ports)
+        else:
+            sent.q = held = q + faded(k) * offset
+            told = ports.arms.command(held, np.zeros_like(q))
+            ticks.wait()
+            failure = followed(ports, held, told, limits).failure
+            if failure:
+                sent.q = None
+        failure = failure or (watch(Tick((k + 1) * TICK_S, ports.arms.state())) if watch else None)
         if failure:
             return failure
     return None
@@ -325,7 +338,7 @@ class _Motion:
 
     def run(self) -> Outcome[JointState]:
         ports = self._ports
-        ticks, k, t = Ticks(ports.clock), 0, 0.0
+        ticks, k, t = Ticks(ports), 0, 0.0
         offset = self._control.sent.offset(self._trajectory.q[0]) if self._control else np.zeros(14)
         while True:
             q, qd = self._path.setpoint() if self._path else self._trajectory.at(t)
@@ -369,7 +382,7 @@ class _Motion:
         """Run the clock down, then end with `failure`. Without a clock of its own the motion ends at once."""
         assert failure is not None
         if self._path is None:
-            hold(self._ports)
+            hold(self._ports, self._limits)
             return Outcome(failure=failure)
         if self._ending is None:
             self._ending = failure

@@ -21,7 +21,7 @@ from skills.motion.follow import Follower, follow
 from skills.motion.ik import tool_pose
 from skills.vocabulary import Outcome
 
-__all__ = ["command_grip", "each_hand", "lowered", "read_hand", "telemetry", "tool_height"]
+__all__ = ["comes_to_rest", "command_grip", "each_hand", "lowered", "read_hand", "telemetry", "tool_height"]
 
 S = TypeVar("S")
 V = TypeVar("V")
@@ -39,6 +39,12 @@ def tool_height(cell: Workcell, side: Side, q: Array) -> float:
 def lowered(hand: Follower, depth: float, speed: float) -> Follower:
     """A hand's set-point a tick later, on its way to a depth [m] that grows at `speed` [m/s]."""
     return follow(hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK)
+
+
+def comes_to_rest(hand: Follower) -> float:
+    """About where a set-point that is on its way ends when it brakes from now on [m]."""
+    v = hand.velocity
+    return hand.position + 0.5 * v * (abs(v) / HAND_ACCELERATION + HAND_ACCELERATION / HAND_JERK)
 
 
 def read_hand(cell: Workcell, side: Side, state: JointState) -> HandReading:
@@ -91,7 +97,7 @@ def each_hand(
     first = arms(running) if arms else still
     offset = cell.sent.offset(first)
     q = first + offset
-    ticks = Ticks(ports.clock)
+    ticks = Ticks(ports)
     for k in range(1, round(LONGEST_LOOP_S / TICK_S)):
         goal = (still if not arms else first if k == 1 else arms(running)) + faded(k - 1) * offset
         sent = ports.arms.command(goal, (goal - q) / TICK_S if arms else np.zeros_like(q))

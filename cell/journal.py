@@ -55,7 +55,7 @@ CREATE TABLE events (
     cell_time REAL NOT NULL,         -- seconds of the cell's clock
     wall_time REAL NOT NULL,         -- seconds since 1970
     state TEXT NOT NULL,
-    kind TEXT NOT NULL CHECK (kind IN ('event', 'intent', 'result', 'command')),
+    kind TEXT NOT NULL CHECK (kind IN ('event', 'intent', 'result')),
     name TEXT NOT NULL,
     answers INTEGER,                 -- of a result: the sequence of its intent
     payload TEXT NOT NULL,           -- JSON with 'schema'
@@ -67,7 +67,7 @@ CREATE UNIQUE INDEX one_result ON events (run, answers) WHERE answers IS NOT NUL
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a run. cell_time and wall_time [s]; kind: event, intent, result or command."""
+    """One line of a run. cell_time and wall_time [s]; kind: event, intent or result."""
 
     sequence: int
     cell_time: float
@@ -230,6 +230,10 @@ class Journal:
         results = self._read("SELECT * FROM events WHERE run = ? AND answers = ?", (run, begun.sequence))
         return Intent(begun, _entry(results[0]) if results else None)
 
+    def began_to_act(self, run: str) -> bool:
+        """Whether a run came so far that the cell was open: one that was refused before has done nothing."""
+        return bool(self._read("SELECT 1 FROM events WHERE run = ? AND kind = 'intent' LIMIT 1", (run,)))
+
     def check(self) -> str:
         """SQLite's own check of the file: 'ok' or what is wrong."""
         return str(self._read("PRAGMA quick_check", ())[0][0])
@@ -296,10 +300,6 @@ class RunJournal:
     def event(self, t: float, state: str, name: str, payload: Mapping[str, Any] | None = None) -> int:
         """Something that happened at cell time `t` [s]: a transition, a choice. Returns its sequence."""
         return self._append("event", t, state, name, payload)
-
-    def command(self, t: float, state: str, name: str, payload: Mapping[str, Any] | None = None) -> int:
-        """Something that an operator or a script asked for."""
-        return self._append("command", t, state, name, payload)
 
     def intent(self, t: float, state: str, effect: str, payload: Mapping[str, Any] | None = None) -> int:
         """An effect that is about to begin. Returns the id that its `result` needs."""

@@ -33,9 +33,12 @@ class OwnerLock:
     Raises CellBusyError when another owner holds it, StorageError when the file cannot be made.
     """
 
-    def __init__(self, path: Path, what: str = "the cell") -> None:
+    def __init__(
+        self, path: Path, what: str = "the cell", otherwise: str = ", or give this run another --logs DIR"
+    ) -> None:
+        """otherwise: what else a refused owner can do."""
         self.path = path
-        self.what = what
+        self.what, self.otherwise = what, otherwise
         self._file: int | None = None
 
     @property
@@ -94,7 +97,7 @@ class OwnerLock:
                     f"{self.what} is in use by process {pid or 'unknown'} ({self.path})",
                     "wait for it or stop it"
                     + (f" (kill -TERM {pid} makes the cell safe first)" if pid else "")
-                    + ", or give this run another --logs DIR",
+                    + self.otherwise,
                     pid=pid,
                     path=str(self.path),
                 ) from e

@@ -26,7 +26,6 @@ class Adjustment(StrEnum):
     OPTIMISE = "optimise"  # do not take the library's trajectory
     PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
     OTHER_SEARCH = "other_search"  # another draw of the motion planner
-    FOLLOW_DRIFT = "follow_drift"  # move what is left of the plan to where the garment lies now
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ _GRASP_AGAIN = (
 _MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
 _OTHER_WAY = (Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH), Recovery(Event.GRASP_AGAIN, A.INWARD))
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, A.FOLLOW_DRIFT, between_folds=True, least_overlap=0.85),)
+_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, least_overlap=0.85),)
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
@@ -81,7 +80,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SLIPPED: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON, A.FOLLOW_DRIFT),),
+    K.DRIFT: (Recovery(Event.CARRY_ON),),  # the right shape in another place, which the plan follows: folded
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,

@@ -8,7 +8,7 @@ from cell.driver import is_simulated
 from cell.journal import Journal
 from robots.errors import ConfigurationError
 
-__all__ = ["BELIEF", "CONTEXT", "RESUMED_FROM", "check_resumable", "has_belief", "resumable"]
+__all__ = ["BELIEF", "CONTEXT", "RESUMED_FROM", "check_resumable", "has_belief", "last_begun", "resumable"]
 
 RESUMED_FROM = "resumed_from"
 """The event in the ledger of a run that goes on with another one."""
@@ -32,6 +32,12 @@ def resumable(journal: Journal, name: str) -> bool:
     return True
 
 
+def last_begun(journal: Journal) -> str:
+    """The newest run that came so far as to do something; the newest of all where none did."""
+    runs = journal.runs()
+    return next((run.id for run in reversed(runs) if journal.began_to_act(run.id)), journal.run("last").id)
+
+
 def check_resumable(journal: Journal, name: str) -> None:
     """Raises ConfigurationError, with the reason, for a run (its id) that cannot be gone on with."""
     runs = journal.runs()
@@ -49,7 +55,11 @@ def check_resumable(journal: Journal, name: str) -> None:
     if successors:
         newest = successors[-1]
         raise ConfigurationError(f"the run {name} was gone on with as {newest}", f"foldcell resume {newest}")
-    used = [other.id for other in later if other.driver == record.driver and not is_simulated(record.driver)]
+    used = [
+        other.id
+        for other in later
+        if other.driver == record.driver and not is_simulated(record.driver) and journal.began_to_act(other.id)
+    ]
     if used:
         raise ConfigurationError(
             f"the cell has done other runs since {name} (the last is {used[-1]})",

@@ -21,7 +21,7 @@ from cell.frame_store import FRAMES, FrameStore
 from cell.journal import Journal
 from cell.request_file import load_request
 from cell.requests import FoldRequest
-from cell.resumable import BELIEF, check_resumable
+from cell.resumable import BELIEF, check_resumable, last_begun
 from cell.states import REENTRIES, Event, State
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, StorageError
@@ -63,9 +63,10 @@ class Keeper:
 
 
 def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
-    """The run `name` as it can be gone on with; changes: of its request. Raises ConfigurationError for a run that
+    """The run `name` as it can be gone on with (`last`: one that was refused before it did anything does not
+    count); changes: of its request. Raises ConfigurationError for a run that
     cannot be, StorageError for one whose files are damaged."""
-    record = journal.run(name)
+    record = journal.run(last_begun(journal) if name == "last" else name)
     check_resumable(journal, record.id)
     request = load_request(record.directory, logs, **changes)
     asked = request.settings.fingerprint(), request.seed, request.driver

@@ -7,7 +7,6 @@ signal trigger the stop circuit, and the machine ends in a declared state.
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +28,8 @@ from cell.compiling import compiling_told
 from cell.context import Context
 from cell.driver import PersonAt, check_cell, is_simulated, opened_cell
 from cell.effects import EFFECTS
-from cell.interrupts import stop_on_signals
+from cell.fold_result import fold_result, told
+from cell.interrupts import Interrupts, taking_signals
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
 from cell.observers import RecorderObserver, Remark, Remarks
@@ -45,9 +45,9 @@ from cell.resuming import Interrupted, Keeper
 from cell.runner import Observer, RunEnd, Runner
 from cell.simulation import SimulationSettings, checkpoint, restore
 from cell.states import Event, State
-from cell.terminal import TerminalOperator, in_foreground
+from cell.terminal import TerminalOperator, check_terminal, in_foreground
 from cell.whole_file import write_whole
-from robots.errors import ConfigurationError, DriverError, Failure, FailureKind, StorageError
+from robots.errors import CellError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
@@ -57,12 +57,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
-RESULTS = {
-    State.FOLDED: "folded",
-    State.NOT_FOLDED: "not_folded",
-    State.STOPPED: "not_folded",
-    State.FAULT: "fault",
-}
 VERSIONED = (
     "foldcell", "pin", "coal", "ruckig", "toppra", "numpy", "scipy", "numba", "opencv-python-headless", "pybullet",
     "transitions", "rerun-sdk",
@@ -87,9 +81,10 @@ def fold_once(
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
     asks = request.approve or not is_simulated(request.driver)
-    if asks and request.terminal and not request.page and sys.stdin is None:
-        raise ConfigurationError("nobody can answer: there is no terminal", "use the operator's page: supervise")
+    if asks and request.terminal and not request.page:
+        check_terminal(sys.stdin)
     with (
+        taking_signals() as interrupts,
         OwnerLock(request.logs / "cell.lock"),
         Journal.open(ledger_path(request.logs)) as journal,
         _listener(request) as listener,
@@ -104,14 +99,14 @@ def fold_once(
             versions={name: metadata.version(name) for name in _versioned(request)},
         )
         try:
-            ended = _perform(request, run, began, prelude, bystanders, listener, interrupted)
+            ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
         except BaseException:
             run.abandon()
             raise
         result = _ended_in_ledger(run, ended.result)
         if result.result == "folded":
             Keeper(run.directory, None).forget()
-    return _with_files(run.directory, request, replace(ended, result=result))
+        return _with_files(run.directory, request, replace(ended, result=result))
 
 
 def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
@@ -120,7 +115,7 @@ def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
         run.end(result.result, result.as_json())
     except StorageError as e:
         run.abandon()
-        failure = _failure(Failure(FailureKind.UNRECORDED, e.what, e.hint))
+        failure = told(Failure(FailureKind.UNRECORDED, e.what, e.hint))
         if result.failure is None or result.failure["kind"] == FailureKind.UNRECORDED:
             return replace(result, result="fault", failure=result.failure or failure)
         return replace(result, result="fault", unwritten=(e.what,))
@@ -173,6 +168,7 @@ def _perform(
     bystanders: Sequence[Observer],
     listener: socket | None,
     interrupted: Interrupted | None,
+    interrupts: Interrupts,
 ) -> _Ended:
     keep_request(run.directory, request)
     if request.record:
@@ -209,7 +205,7 @@ def _perform(
             compiling_told(lines.note),
             _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, ask)) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
-            stop_on_signals(ports) as received,
+            interrupts.stop(ports, asked=request.approve or not ports.simulated),
             supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
         ):
             used = (prelude(ports, commands) if prelude is not None else None) or ports
@@ -237,10 +233,10 @@ def _perform(
         kept, unkept = recorder.close(), stenographer.close()
     errors = [*kept.errors, *([unkept] if unkept else [])]
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
-    result = replace(
-        _result(request, run, began, end, score, received, recording),
-        resumed_from=interrupted.run if interrupted else None,
-    )
+    result = fold_result(
+        request, run.directory, began, end, score, interrupts.received, recording,
+        interrupted.run if interrupted else None,
+    )  # fmt: skip
     frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
     return _Ended(end, result, remarks.list, frames, triangles)
 
@@ -311,61 +307,6 @@ def _score(witness: Any) -> dict[str, Any] | None:
     """None where there is nothing to score, or nobody left who knows what is true."""
     try:
         return witness.score() if witness else None
-    except DriverError as e:
+    except CellError as e:
         _say(f"not scored: {e.what}")
         return None
-
-
-def _result(
-    request: FoldRequest,
-    run: RunJournal,
-    began: float,
-    end: RunEnd,
-    score: dict[str, Any] | None,
-    received: list[int],
-    recording: dict[str, Any],
-) -> FoldResult:
-    context = end.context
-    failure = context.failure if end.state is not State.FOLDED else None
-    return FoldResult(
-        garment=request.garment,
-        seed=request.seed,
-        driver=request.driver,
-        simulated=is_simulated(request.driver),
-        world=request.world if is_simulated(request.driver) else None,
-        result=RESULTS[end.state],
-        state=end.state.value,
-        failure=None if failure is None else _failure(failure),
-        score=score,
-        steps=tuple(_steps(context)),
-        robot_time_s=end.ended - end.started - context.waited_s,
-        wall_time_s=time.monotonic() - began,
-        stage_times_s={k: round(v, 3) for k, v in end.stage_times.items()},
-        run_dir=str(run.directory),
-        signal=received[0] if received else None,
-        recording=recording,
-    )
-
-
-def _failure(failure: Failure) -> dict[str, str]:
-    return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
-
-
-def _steps(context: Context) -> Iterator[dict[str, Any]]:
-    """Every planned fold: what was made of it."""
-    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
-    for index, step in enumerate(context.steps):
-        note = notes.get(step.name)
-        yield {
-            "name": step.name,
-            "done": note is not None,
-            "source": note.source if note else None,
-            "dissimilarity_m": note.dissimilarity_m if note else None,
-            "predicted_iou": note.predicted_iou if note else None,
-            "observed_iou": note.observed_iou if note else None,
-            "drift_m": note.drift_m if note else None,
-            "observed_height_m": note.height_m if note and math.isfinite(note.height_m) else None,
-            "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
-            "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
-            "recoveries": [text for i, text in context.recoveries if i == index],
-        }

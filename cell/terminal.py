@@ -14,8 +14,9 @@ from weakref import WeakKeyDictionary
 
 from cell.commands import CommandQueue
 from cell.states import Event
+from robots.errors import ConfigurationError
 
-__all__ = ["KEYS", "TerminalOperator", "in_foreground"]
+__all__ = ["KEYS", "TerminalOperator", "check_terminal", "in_foreground"]
 
 KEYS: Mapping[str, Event] = {
     "a": Event.APPROVE,
@@ -89,7 +90,7 @@ class TerminalOperator:
     def left(self) -> None:
         """The source has ended."""
         if self._alone:
-            self._commands.put(Event.ABORT)
+            self._commands.desert()
 
     def take(self, word: str) -> None:
         """A line that was typed."""
@@ -105,6 +106,18 @@ class TerminalOperator:
     def _say(self, text: str) -> None:
         with suppress(OSError, ValueError):
             print(text, file=self._answers, flush=True)
+
+
+def check_terminal(source: TextIO | None) -> None:
+    """Raises ConfigurationError where nobody could answer: no input, or a terminal in whose background this is."""
+    if source is None:
+        raise ConfigurationError("nobody can answer: there is no terminal", "use the operator's page: supervise")
+    with suppress(OSError, ValueError):
+        if source.isatty() and not in_foreground(source):
+            raise ConfigurationError(
+                "nobody can answer: this runs in the terminal's background",
+                "start it in the foreground, or use the operator's page: supervise",
+            )
 
 
 def in_foreground(source: TextIO | None) -> bool:

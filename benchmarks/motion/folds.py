@@ -23,7 +23,7 @@ from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice
 from skills.motion import timing
 from skills.motion.collision import CollisionChecker
-from skills.motion.plan import FoldMotion, plan_fold_motion
+from skills.motion.fold import FoldMotion, plan_fold_motion
 from skills.vocabulary import ToolPath
 
 __all__ = ["measure_folds"]

@@ -109,23 +109,25 @@ class Performer:
         return Outcome(failure=shot.failure) if shot.failure else Outcome(Sight(shot.unwrap(), q.unwrap()))
 
     def _listen(self, effect: Listen) -> Outcome[Heard]:
+        cell = self._cell
         readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
 
         def gather(_: object) -> Failure | None:
             for side, heard in readings.items():
-                reading = self._cell.ports.tactile[side].reading()
+                reading = cell.ports.tactile[side].reading()
                 if not heard or reading.stamp > heard[-1].stamp:
                     heard.append(reading)
             return None
 
-        failure = wait(self._cell.ports, max(effect.seconds, TICK_S), gather, self._cell.sent)
+        failure = wait(cell.ports, max(effect.seconds, TICK_S), cell.execution, gather, cell.sent)
         if failure:
             return Outcome(failure=failure)
         return Outcome(Heard({side: tuple(heard) for side, heard in readings.items()}))
 
     def _grip(self, effect: Grip) -> Outcome[bool]:
-        command_grip(self._cell, effect.side, GripCommand(effect.opening, effect.force))
-        failure = wait(self._cell.ports, GRIP_S, sent=self._cell.sent)
+        cell = self._cell
+        command_grip(cell, effect.side, GripCommand(effect.opening, effect.force))
+        failure = wait(cell.ports, GRIP_S, cell.execution, sent=cell.sent)
         return Outcome(failure=failure) if failure else Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:

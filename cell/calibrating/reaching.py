@@ -11,7 +11,7 @@ import pinocchio as pin
 from calibration.board import BOARD
 from calibration.effects import Reach
 from cell.assembly import SLACK
-from cell.calibrating.touching import arm_seeds, park_other
+from cell.calibrating.touching import park_other
 from cell.effects.moving import move
 from cell.execution import fresh_state, wait
 from cell.hands import telemetry
@@ -22,7 +22,7 @@ from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice, frozen
 from skills.motion import ik
 from skills.motion.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.motion.plan import plan_free_motion
+from skills.motion.free_motion import plan_free_motion
 from skills.vocabulary import Outcome
 
 __all__ = ["holding_board", "reach", "settled_joints", "with_board"]
@@ -42,7 +42,8 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
     if parked or state.failure:
         return Outcome(failure=parked or state.failure)
     q, cut = state.unwrap().q, arm_slice(effect.side)
-    postures = ik.solve_seeds(cell.robot, effect.side, effect.T_base_tool, arm_seeds(cell, effect.side, q))
+    seeds = ik.arm_seeds(cell.robot, effect.side, q)
+    postures = ik.solve_seeds(cell.robot, effect.side, effect.T_base_tool, seeds)
     failure: Failure | None = None
     goals = []
     for posture in sorted(postures, key=lambda p: float(np.abs(p - q[cut]).max())):
@@ -63,12 +64,12 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
     """The joints (14,) once the arms have come to rest, averaged over some readings."""
-    failure = wait(cell.ports, SETTLE_S, telemetry(cell), cell.sent)
+    failure = wait(cell.ports, SETTLE_S, cell.execution, telemetry(cell), cell.sent)
     if failure:
         return Outcome(failure=failure)
     readings = []
     for _ in range(READINGS):
-        failure = wait(cell.ports, TICK_S, sent=cell.sent)
+        failure = wait(cell.ports, TICK_S, cell.execution, sent=cell.sent)
         if failure:
             return Outcome(failure=failure)
         readings.append(cell.ports.arms.state().q)

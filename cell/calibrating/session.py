@@ -25,9 +25,9 @@ from cell.commands import CommandQueue
 from cell.compiling import compiling_told
 from cell.config import CellSettings
 from cell.context import Context
-from cell.driver import is_simulated, opened_cell
+from cell.driver import check_cell, is_simulated, opened_cell
 from cell.effects.moving import hold_still, make_safe, prepare
-from cell.interrupts import stop_on_signals
+from cell.interrupts import Interrupts, taking_signals
 from cell.journal import Journal, RunJournal, to_json
 from cell.lock import OwnerLock
 from cell.paths import ledger_path
@@ -35,12 +35,11 @@ from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.run import VERSIONED
 from cell.simulation import SimulationSettings, Truth, truth
-from cell.terminal import TerminalOperator, in_foreground
+from cell.terminal import TerminalOperator, check_terminal
 from cell.whole_file import write_whole
 from cell.workcell import Workcell
 from robots.errors import (
     CellError,
-    ConfigurationError,
     DriverError,
     Failure,
     FailureKind,
@@ -120,10 +119,14 @@ def calibrate(
     Raises ConfigurationError and StorageError before anything moves.
     """
     began = time.monotonic()
-    typed = sys.stdin
-    if not is_simulated(request.driver) and (typed is None or (typed.isatty() and not in_foreground(typed))):
-        raise ConfigurationError("nobody can say that the board is there", "calibrate in a terminal's foreground")
-    with OwnerLock(request.logs / "cell.lock"), Journal.open(ledger_path(request.logs)) as journal:
+    check_cell(request.driver, _simulated(request))
+    if not is_simulated(request.driver):  # somebody has to say that the board is there
+        check_terminal(sys.stdin)
+    with (
+        taking_signals() as interrupts,
+        OwnerLock(request.logs / "cell.lock"),
+        Journal.open(ledger_path(request.logs)) as journal,
+    ):
         run = journal.begin_run(
             garment=f"calibrate-{request.name}",
             seed=request.seed,
@@ -133,13 +136,13 @@ def calibrate(
         )
         try:
             write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
-            end = _with_cell(request, run, procedure, script, began)
+            end = _with_cell(request, run, procedure, script, began, interrupts)
             kept = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
         except BaseException:
             run.abandon()
             raise
         run.end(end.result, kept)
-    write_whole(run.directory / "result.json", json.dumps(to_json(kept), indent=1) + "\n")
+        write_whole(run.directory / "result.json", json.dumps(to_json(kept), indent=1) + "\n")
     return end
 
 
@@ -149,6 +152,7 @@ def _with_cell(
     procedure: Callable[[Workcell], Procedure[T]],
     script: Script | None,
     began: float,
+    interrupts: Interrupts,
 ) -> CalibrationEnd[T]:
     robot, commands = load_robot(request.settings), CommandQueue()
 
@@ -163,7 +167,7 @@ def _with_cell(
         compiling_told(lambda text: request.say(f"{'':12}{text}")),
         opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports,
         ThreadPoolExecutor(1, "skill") as workers,
-        stop_on_signals(ports) as received,
+        interrupts.stop(ports, asked=not ports.simulated),
     ):
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
         cell = assemble(asked, robot, ports, Recorder.silent(), commands, workers, _unsaid, _unsaid)
@@ -185,7 +189,7 @@ def _with_cell(
             safe=safe,
             simulated=ports.simulated,
             truth=truth(ports) if ports.simulated else None,
-            signal=received[0] if received else None,
+            signal=interrupts.received[0] if interrupts.received else None,
             robot_time_s=round(ports.clock.now(), 3),
             wall_time_s=round(time.monotonic() - began, 3),
         )

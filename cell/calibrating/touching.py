@@ -20,11 +20,13 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.motion import ik
 from skills.motion.follow import Follower
-from skills.motion.plan import Descent, GraspMotion, plan_free_motion, plan_grasp, plan_lift
+from skills.motion.free_motion import plan_free_motion
+from skills.motion.grasp import Descent, GraspMotion, plan_grasp
+from skills.motion.lift import plan_lift
 from skills.motion.posture import Posture
 from skills.vocabulary import Outcome, ToolPath, tool_rotation
 
-__all__ = ["arm_seeds", "park_other", "touch_table"]
+__all__ = ["park_other", "touch_table"]
 
 ABOVE = 0.08
 """Over the believed table, where the way down begins [m]."""
@@ -35,13 +37,13 @@ PRESS_SPEED = 0.003
 PRESS_FORCE = 1.5
 """On one tip, at which a press ends [N]."""
 HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
-SEEDS = 12
 
 
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
     """Go there, touch, press slowly, rise to where the way down began. The hand rises after a failure too."""
     command_grip(cell, effect.side, GripCommand(0.0, cell.grasp.release_force))
-    failure = wait(cell.ports, CLOSING_S, telemetry(cell), cell.sent) or park_other(cell, effect.side)
+    failure = wait(cell.ports, CLOSING_S, cell.execution, telemetry(cell), cell.sent)
+    failure = failure or park_other(cell, effect.side)
     if failure:
         return Outcome(failure=failure)
     way = _way_down(cell, effect)
@@ -55,14 +57,6 @@ def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
         return pressed
     risen = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
     return pressed if pressed.failure or not risen else Outcome(failure=risen)
-
-
-def arm_seeds(cell: Workcell, side: Side, q_now: Array) -> Array:
-    """(k, 7) where inverse kinematics starts: where the arm is, where it parks, and a fixed spread."""
-    cut = arm_slice(side)
-    lower, upper = cell.robot.planning.lower[cut], cell.robot.planning.upper[cut]
-    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
-    return np.vstack([np.clip(q_now[cut], lower, upper), cell.robot.q_park[cut], spread])
 
 
 def park_other(cell: Workcell, side: Side) -> Failure | None:
@@ -91,7 +85,7 @@ def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
         T = np.eye(4)
         T[:3, :3] = tool_rotation(path.heading, path.pitch, path.roll)[0]
         T[:3, 3] = effect.x, effect.y, cell.table.height + ABOVE
-        for hint in ik.solve_seeds(cell.robot, side, T, arm_seeds(cell, side, q)):
+        for hint in ik.solve_seeds(cell.robot, side, T, ik.arm_seeds(cell.robot, side, q)):
             way = plan_grasp(
                 cell.robot, cell.checker, cell.table, {side: path}, {side: Posture(side)}, q,
                 limits=cell.limits, approach_height=ABOVE, overtravel=effect.search, q_hint={side: hint},

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.identify import MaterialEstimate, Noise, identify_material, outline_residual, predict_candidates
 from cell.context import Context
-from cell.effects.planning import executed_paths, named_garment
+from cell.effects.planning import named_garment, simulated_paths
 from cell.workcell import Workcell
 from robots.ports import Array
 from skills.perception.view import TableView
@@ -38,7 +38,7 @@ def adapt(cell: Workcell, context: Context) -> tuple[Context, dict[str, object]]
     if residual < noise.sigma:
         return context, {"outline_residual_m": residual}
     mesh, vertices, garment = context.mesh, context.vertices, context.known_garment
-    paths = executed_paths(cell, motion)
+    paths = simulated_paths(cell, motion)
 
     def learn() -> MaterialEstimate:
         candidates = predict_candidates(

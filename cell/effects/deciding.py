@@ -7,6 +7,7 @@ from dataclasses import replace
 from cell.commands import ABORTED
 from cell.context import Context, Result
 from cell.execution import stopped, wait
+from cell.hands import telemetry
 from cell.recovery import Adjustment, Recovery, choose_recovery
 from cell.states import Event
 from cell.ticks import TICK_S
@@ -32,7 +33,7 @@ def choose_next(cell: Workcell, context: Context) -> Result:
         recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
-        failure = wait(cell.ports, dwell)
+        failure = wait(cell.ports, dwell, cell.execution, telemetry(cell), cell.sent)
         if failure:
             return Result(Event.FAILED, context.with_failure(failure))
     record = {

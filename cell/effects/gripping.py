@@ -9,8 +9,9 @@ import numpy as np
 
 from cell.context import Context, Result
 from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
+from cell.effects.pushing import Pushes
 from cell.execution import Tick, Watch, faded, followed, stream
-from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
+from cell.hands import comes_to_rest, command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
 from cell.states import Event
 from cell.ticks import TICK_S, Ticks
@@ -26,8 +27,10 @@ from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
 from skills.grasping.zero import start_zero, zero
+from skills.motion.arc import plan_arc
 from skills.motion.follow import Follower
-from skills.motion.plan import Descent, plan_arc, plan_lift
+from skills.motion.grasp import Descent
+from skills.motion.lift import plan_lift
 from skills.vocabulary import Grasp, Outcome
 
 __all__ = ["fold", "grasp", "lift", "release_garment"]
@@ -60,11 +63,15 @@ def grasp(cell: Workcell, context: Context) -> Result:
     contacts = _descend(cell, context, ways, settings, hands)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
-    failure = _press(cell, context, ways, hands)
+    pushes = Pushes(cell, context.zeros)
+    failure = _press(cell, context, ways, hands, pushes)
+    record: dict[str, object] = {
+        "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
+        "strongest_push_n": pushes.strongest,
+    }
     if failure:
-        return Result(Event.FAILED, context.with_failure(failure))
+        return Result(Event.FAILED, context.with_failure(failure), record)
     held = _close_and_confirm(cell, context, settings)
-    record: dict[str, object] = {"contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()}}
     if held.failure:
         return Result(Event.FAILED, context.with_failure(held.failure), record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
@@ -103,7 +110,8 @@ def fold(cell: Workcell, context: Context) -> Result:
     watch = _all_of(_slip_watch(cell, context), _photographer(cell, moments, pictures))
     control = pausable(cell)
     moved = stream(cell.ports, trajectory, cell.execution, telemetry(cell, watch), control)
-    context = replace(waited(context, control), pictures=tuple(pictures))
+    executed = replace(context.motion, arc=arc.unwrap())  # what is learned from the fold is learned from this way
+    context = replace(waited(context, control), pictures=tuple(pictures), motion=executed)
     if moved.failure:
         return Result(Event.FAILED, context.with_failure(moved.failure))
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
@@ -172,9 +180,10 @@ def _lowered(q0: Array, ways: Mapping[Side, Descent], depths: Mapping[Side, floa
 
 
 def _press(
-    cell: Workcell, context: Context, ways: Mapping[Side, Descent], hands: dict[Side, Follower]
+    cell: Workcell, context: Context, ways: Mapping[Side, Descent], hands: dict[Side, Follower], pushes: Pushes
 ) -> Failure | None:
-    """From the touch of the first tip to where both tips press, deeper at each further try.
+    """From the touch of the first tip to where both tips press, deeper at each further try; a hand goes no deeper
+    once a tip is pushed harder than the settings allow.
 
     Measured from the touch: the table's height is known to a few millimetres only. A hand that leans has one
     open tip lower than the other; the arm gives way to the table as the pads close.
@@ -189,12 +198,16 @@ def _press(
     last = state.q + cell.sent.offset(state.q)
     n = round(PRESS_S / TICK_S)
     record = telemetry(cell)
-    ticks = Ticks(cell.ports.clock)
+    enough: dict[Side, float] = {}
+    ticks = Ticks(cell.ports)
     for k in range(1, n + 1):
         left, left_before = faded(k, PRESS_S), faded(k - 1, PRESS_S)
         for s in ways:
             way = depth1[s] - depth0[s]
-            hands[s] = lowered(hands[s], depth1[s] - left * way, (left_before - left) * way / TICK_S)
+            depth, speed = depth1[s] - left * way, (left_before - left) * way / TICK_S
+            if s in enough:
+                depth, speed = enough[s], 0.0
+            hands[s] = lowered(hands[s], depth, speed)
         q = _lowered(last, ways, {s: hand.position for s, hand in hands.items()})
         sent = cell.ports.arms.command(q, (q - last) / TICK_S)
         cell.sent.q = last = q
@@ -203,6 +216,12 @@ def _press(
         if read.failure:
             return read.failure
         record(Tick(k * TICK_S, read.unwrap()))
+        bad = pushes.look(read.unwrap())
+        if bad:
+            return bad
+        for s, push in pushes.now.items():
+            if push > cell.settings.grasp.press_force:
+                enough.setdefault(s, comes_to_rest(hands[s]))
     return None
 
 

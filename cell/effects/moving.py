@@ -18,7 +18,8 @@ from skills.cloth.pinch import PadGeometry
 from skills.grasping.reading import GripCommand
 from skills.grasping.stuck import check_stuck, start_stuck_check
 from skills.motion.check import check_trajectory
-from skills.motion.plan import Withdrawal, plan_free_motion, plan_withdrawal
+from skills.motion.free_motion import plan_free_motion
+from skills.motion.withdrawal import Withdrawal, plan_withdrawal
 from skills.vocabulary import Outcome
 
 __all__ = [
@@ -83,7 +84,7 @@ def prepare(cell: Workcell, context: Context) -> Result:
             gripper.calibrate()
         _open(cell)
         control = pausable(cell)
-        failure = wait(ports, HEAD_TURN_S, telemetry(cell), cell.sent) or _calibrated(cell)
+        failure = wait(ports, HEAD_TURN_S, cell.execution, telemetry(cell), cell.sent) or _calibrated(cell)
         failure = failure or _park(cell, control)
         context = waited(context, control)
     return _ended(context, failure)
@@ -157,7 +158,7 @@ def hold_still(cell: Workcell, context: Context) -> Result:
     """Speed zero. A stopped robot holds itself; what else can be told is told to hold."""
     if not cell.ports.stop.state().stopped:
         try:
-            hold(cell.ports)
+            hold(cell.ports, cell.execution)
         except DriverError as e:
             return Result(Event.DONE, context, {"kind": e.kind.value, "what": e.what})
     return Result(Event.DONE, context)
@@ -181,9 +182,9 @@ def waited(context: Context, control: PathControl) -> Context:
 
 def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
     _open(cell)
-    failure = wait(cell.ports, opening_s, telemetry(cell), cell.sent) or _calibrated(cell)
+    failure = wait(cell.ports, opening_s, cell.execution, telemetry(cell), cell.sent) or _calibrated(cell)
     if failure is None and _still_closed(cell) and any(g.state().moving for g in cell.ports.grippers.values()):
-        failure = wait(cell.ports, SLOW_OPENING_S, telemetry(cell), cell.sent)
+        failure = wait(cell.ports, SLOW_OPENING_S, cell.execution, telemetry(cell), cell.sent)
     return failure or _still_closed(cell) or _park(cell, control)
 
 
@@ -200,15 +201,23 @@ def _calibrated(cell: Workcell) -> Failure | None:
                 f"the {' and the '.join(busy)} gripper is not calibrated after {CALIBRATION_S:.0f} s",
                 "see whether it is plugged in and free to move",
             )
-        failure = wait(cell.ports, TICK_S, sent=cell.sent)
+        failure = wait(cell.ports, TICK_S, cell.execution, sent=cell.sent)
         if failure:
             return failure
 
 
 def _still_closed(cell: Workcell) -> Failure | None:
-    """A hand that did not open may hold the garment, and would take it along."""
+    """A hand that did not open may hold the garment, and would take it along. So may one of which nobody knows."""
     for side, gripper in cell.ports.grippers.items():
-        opening = gripper.state().opening
+        state = gripper.state()
+        opening, age = state.opening, cell.ports.clock.now() - state.stamp
+        if not (age <= cell.grasp.gripper_stale and np.isfinite(opening)):
+            return Failure(
+                FailureKind.GRIPPER_FAULT,
+                f"the {side.value} gripper has said nothing for {age:.1f} s: it may hold the garment",
+                "check its cable, and free the garment by hand",
+                {"age_s": age},
+            )
         if opening < LET_GO:
             return Failure(
                 FailureKind.GRIPPER_FAULT,

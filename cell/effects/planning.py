@@ -18,7 +18,7 @@ from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
-from skills.motion.plan import FoldMotion, plan_fold_motion
+from skills.motion.fold import FoldMotion, plan_fold_motion
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.acceptance import acceptance_limit, judge_prediction
@@ -30,7 +30,7 @@ from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
-__all__ = ["choose_trajectory", "executed_paths", "named_garment", "plan_motion", "plan_steps"]
+__all__ = ["choose_trajectory", "named_garment", "plan_motion", "plan_steps", "simulated_paths"]
 
 INWARD = 0.012
 """How much further inside each further try takes hold [m]."""
@@ -220,16 +220,16 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
 
 
 def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPrediction:
-    """The step simulated with the tool paths that the arms execute: orientation and time law included."""
+    """The step simulated with the tool paths that the arms will execute: orientation and time law included."""
     assert context.mesh is not None and context.vertices is not None
     return predict_fold(
-        context.mesh, context.vertices, context.known_garment.material, executed_paths(cell, motion),
+        context.mesh, context.vertices, context.known_garment.material, simulated_paths(cell, motion),
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
     )  # fmt: skip
 
 
-def executed_paths(cell: Workcell, motion: FoldMotion) -> dict[Side, ToolPath]:
-    """The tool paths of a motion by grasp: the lift, then the arc."""
+def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[Side, ToolPath]:
+    """The tool paths of a motion by grasp, as a simulation takes them: the lift, then the arc."""
     height = cell.settings.grasp.lift_height
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 

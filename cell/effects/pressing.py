@@ -10,15 +10,17 @@ import numpy as np
 from cell.context import Context, Result
 from cell.effects.drifting import moved_along
 from cell.effects.moving import move, pausable, waited
+from cell.effects.pushing import Pushes
 from cell.execution import Tick, stream
-from cell.hands import command_grip, each_hand, read_hand, telemetry
+from cell.hands import command_grip, each_hand, telemetry
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
-from skills.grasping.reading import GripCommand, fault
+from skills.grasping.reading import GripCommand
 from skills.grasping.zero import Zero, start_zero, zero
-from skills.motion.plan import FoldMotion, plan_arc, plan_hands_motion
+from skills.motion.arc import plan_arc
+from skills.motion.fold import FoldMotion, plan_hands_motion
 from skills.perception.inspect import Inspection
 from skills.perception.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
@@ -81,7 +83,7 @@ def press(cell: Workcell, context: Context) -> Result:
     moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
     context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))
     ended = guard.pushed is not None
-    record = {"hands": len(motion.postures), "strongest_n": guard.strongest, "stopped_by_force": ended}
+    record = {"hands": len(motion.postures), "strongest_n": guard.pushes.strongest, "stopped_by_force": ended}
     if moved.failure and moved.failure is not guard.pushed:
         return Result(Event.FAILED, context.with_failure(moved.failure), record)
     return Result(Event.DONE, context, record)
@@ -154,22 +156,18 @@ def _planned(
 class _Guard:
     """Ends a pressing motion when a tip is pushed harder than the settings allow, or nobody can say how hard.
 
-    strongest: the strongest push so far [N]. pushed: that one was too hard, which is no failure of the run's.
+    pushed: that one was pushed too hard, which is no failure of the run's.
     """
 
     def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
-        self._cell, self._zeros = cell, zeros
-        self.strongest = 0.0
+        self.pushes, self._most = Pushes(cell, zeros), cell.settings.pressing.force
         self.pushed: Failure | None = None
 
     def look(self, tick: Tick) -> Failure | None:
-        for side, zeroed in self._zeros.items():
-            reading = read_hand(self._cell, side, tick.state)
-            bad = fault(reading, self._cell.grasp)
-            if bad:
-                return bad
-            self.strongest = max(self.strongest, float(np.max(reading.tactile.tip - zeroed.tip)))
-        if self.pushed is None and self.strongest > self._cell.settings.pressing.force:
-            what = f"a fingertip was pushed with {self.strongest:.0f} N"
+        bad = self.pushes.look(tick.state)
+        if bad:
+            return bad
+        if self.pushed is None and self.pushes.strongest > self._most:
+            what = f"a fingertip was pushed with {self.pushes.strongest:.0f} N"
             self.pushed = Failure(FailureKind.IN_COLLISION, what, "see what lies under the garment")
         return self.pushed

@@ -183,9 +183,6 @@ class Recorder:
         """Tool paths (n, 3) of the arms: planned ones green."""
         self._submit(partial(scene.arc_entries, t, _kept(arcs), planned), essential=True)
 
-    def target(self, t: float, shape: PredictedShape) -> None:
-        self._submit(partial(scene.target_entries, t, shape), shape.vertices.nbytes)
-
     def predicted(self, t: float, shape: PredictedShape) -> None:
         self._submit(partial(scene.predicted_entries, t, shape), shape.vertices.nbytes)
 

@@ -25,7 +25,7 @@ __all__ = [
     "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
     "candidate_entries", "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries",
     "mask_entries", "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
-    "target_entries", "truth_entries", "vertex_normals",
+    "truth_entries", "vertex_normals",
 ]  # fmt: skip
 
 TABLE = "world/table"
@@ -170,7 +170,7 @@ def perception_entries(t: float, state: GarmentState) -> list[Entry]:
 
 def plan_entries(t: float, step: FoldStep) -> list[Entry]:
     """The fold line, grasps and targets of a step; what belonged to the step before is cleared."""
-    old = (f"{TABLE}/arcs", f"{TABLE}/predicted", f"{TABLE}/target")
+    old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
     line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
     sides = list(step.grasps)
     grasps = _lift(np.array([step.grasps[s].point for s in sides]).reshape(-1, 2))
@@ -230,12 +230,6 @@ def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
     return [Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items()]
 
 
-def target_entries(t: float, shape: PredictedShape) -> list[Entry]:
-    """Where the fold shall end: the outline of the target only, to leave the garment in view."""
-    strips = [_lift(shape.vertices[list(loop)]) for loop in boundary_loops(shape.triangles)]
-    return [Log(f"{TABLE}/target", t, (rr.LineStrips3D(strips, radii=0.0015, colors=[style.TARGET]),))]
-
-
 def predicted_entries(t: float, shape: PredictedShape) -> list[Entry]:
     return [Log(f"{TABLE}/predicted", t, (_mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 75)),))]
 
@@ -282,21 +276,6 @@ def facing_normals(vertices: Array, triangles: NDArray) -> Array:
     away = normal @ TOWARDS_EYE < 0.0
     normal[away] *= -1.0
     return normal
-
-
-def boundary_loops(triangles: NDArray) -> list[tuple[int, ...]]:
-    """Closed vertex loops (first repeated at the end) along the edges that only one triangle has."""
-    directed = {(int(t[k]), int(t[(k + 1) % 3])) for t in triangles for k in range(3)}
-    follow = {a: b for a, b in directed if (b, a) not in directed}
-    loops = []
-    while follow:
-        start, at = follow.popitem()
-        loop = [start, at]
-        while at in follow:
-            at = follow.pop(at)
-            loop.append(at)
-        loops.append(tuple(loop))
-    return loops
 
 
 def _lift(points: Array) -> Array:

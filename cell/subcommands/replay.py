@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 from cell.journal import Journal
 from cell.paths import ledger_path, logs_directory
 from cell.subcommands.output import print_json
+from cell.viewer import find_viewer
 from robots.errors import StorageError
 
-__all__ = ["find_viewer", "run"]
+__all__ = ["run"]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -42,12 +41,3 @@ def run(options: argparse.Namespace) -> int:
         print(f"open it with   {viewer or 'rerun'} {recording}{why}")
         print(f"or a browser   {viewer or 'rerun'} --web-viewer {recording}")
     return 0
-
-
-def find_viewer() -> Path | None:
-    """The viewer that came with rerun-sdk: beside this interpreter, or on the path."""
-    beside = Path(sys.executable).parent / "rerun"
-    if beside.is_file():
-        return beside
-    found = shutil.which("rerun")
-    return Path(found) if found else None

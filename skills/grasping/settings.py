@@ -47,6 +47,10 @@ class GraspSettings:
     bottom_wait: float = 1.0
     """How long the arm may take to follow a command that waits for it [s]."""
 
+    # press
+    press_force: float = 25.0
+    """Rise of a tip's force at which a hand that presses, for its pads to close under the cloth, stops."""
+
     # close
     grip_force: float = 15.0
     """Squeeze asked of the gripper."""

@@ -12,13 +12,12 @@ import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice
-from skills.motion import ik
+from robots.ports import ArmTrajectory, Array
 from skills.motion.collision import CollisionChecker
 from skills.motion.timing import Peaks, peaks
-from skills.vocabulary import Outcome, Table, ToolPath
+from skills.vocabulary import Outcome
 
-__all__ = ["check_trajectory", "path_deviation"]
+__all__ = ["check_trajectory", "thinned"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
@@ -40,15 +39,11 @@ def check_trajectory(
     *,
     allow_fingertips: bool = False,
     start_tolerance: float = START_TOLERANCE,
-    intended: Mapping[Side, ToolPath] | None = None,
-    table: Table | None = None,
-    deviation: float = 0.005,
 ) -> Outcome[Peaks]:
     """Everything that has to hold before a trajectory is sent; the value says how near the limits it comes.
 
-    q_now: (14,) where the arms are. allow_fingertips: the fingers may touch the table (a grasp). intended:
-    tool paths (table frame) that the tools may leave by at most `deviation` [m]; needs `table`.
-    Failures: LIMIT_EXCEEDED, START_MISMATCH, IN_COLLISION, OFF_TARGET.
+    q_now: (14,) where the arms are. allow_fingertips: the fingers may touch the table (a grasp).
+    Failures: LIMIT_EXCEEDED, START_MISMATCH, IN_COLLISION.
     """
     bad = (
         _malformed(trajectory)
@@ -63,41 +58,7 @@ def check_trajectory(
     bad = _collision(checker, trajectory, allow_fingertips)
     if bad:
         return Outcome(failure=bad)
-    if intended is not None and table is not None:
-        off = path_deviation(model, table, trajectory, intended)
-        if off > deviation:
-            return Outcome(
-                failure=Failure(
-                    FailureKind.OFF_TARGET,
-                    f"a tool would leave its path by {off * 1e3:.1f} mm",
-                    "report this: the planner's path and its trajectory disagree",
-                    {"deviation_m": off, "allowed_m": deviation},
-                )
-            )
     return Outcome(share)
-
-
-def path_deviation(
-    model: RobotModel, table: Table, trajectory: ArmTrajectory, intended: Mapping[Side, ToolPath]
-) -> float:
-    """Largest distance of a tool from the line that it was to follow [m], whatever the times."""
-    worst = 0.0
-    for side, path in intended.items():
-        chain = model.chains[side]
-        p = np.array([ik.tool_pose(chain, q)[:3, 3] for q in trajectory.q[::3, arm_slice(side)]])
-        p[:, 2] -= table.height
-        worst = max(worst, float(_distance_to_line(p, path.position).max()))
-    return worst
-
-
-def _distance_to_line(points: Array, line: Array) -> Array:
-    """(n,) distance of points (n, 3) from the polyline (m, 3)."""
-    a, d = line[:-1], np.diff(line, axis=0)
-    length2 = np.maximum((d**2).sum(axis=1), 1e-18)
-    gap = points[:, None, :] - a
-    u = np.clip((gap * d).sum(axis=2) / length2, 0.0, 1.0)
-    distances: Array = np.linalg.norm(gap - u[..., None] * d, axis=2).min(axis=1)
-    return distances
 
 
 def _malformed(trajectory: ArmTrajectory) -> Failure | None:

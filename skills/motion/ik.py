@@ -18,7 +18,7 @@ from robots.model import ArmChain, RobotModel
 from robots.ports import arm_slice
 from skills.vocabulary import Array, Side
 
-__all__ = ["PathSolution", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
+__all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 
 MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
@@ -29,6 +29,8 @@ LIMIT_ZONE = 0.35
 """Nearer than this to a limit [rad], a joint on a path is drawn away from it by self-motion,"""
 LIMIT_GAIN = 4.0
 """by up to this much per metre that the tool travels [rad/m]."""
+SEEDS = 12
+"""Configurations of the fixed spread from which a pose is solved, beside where the arm is and where it parks."""
 
 
 @njit(cache=True, nogil=True)
@@ -283,6 +285,14 @@ def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, 
         np.array(q0, dtype=float), gain, MAX_ITERATIONS,
     )  # fmt: skip
     return q if ok else None
+
+
+def arm_seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
+    """(k, 7) where `solve_seeds` may start: where the arm is in q_now (14,), where it parks, a fixed spread."""
+    cut = arm_slice(side)
+    lower, upper = model.planning.lower[cut], model.planning.upper[cut]
+    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
+    return np.vstack([np.clip(q_now[cut], lower, upper), model.q_park[cut], spread])
 
 
 def solve_seeds(model: RobotModel, side: Side, T_base_tool: Array, seeds: Array) -> Array:

@@ -52,7 +52,6 @@ TOUCH_COST = 2.0
 """Of a joint that rides on its limit on the way: where it leaves the limit, the path has a kink."""
 SEARCH_MARGIN = 0.03
 """Joint limits are kept by this much more in the search than later [rad]: a grasp ends a little elsewhere."""
-SEEDS = 12
 SAMPLES = 18
 
 
@@ -145,14 +144,6 @@ def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...
     return tuple(sorted(grid, key=lambda lean: lean[0]))
 
 
-def _seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
-    """(k, 7) where the solver starts: where the arm is, where it parks, and a fixed spread."""
-    cut = arm_slice(side)
-    lower, upper = model.planning.lower[cut], model.planning.upper[cut]
-    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
-    return np.vstack([np.clip(q_now[cut], lower, upper), model.q_park[cut], spread])
-
-
 def rank_postures(
     model: RobotModel,
     checker: CollisionChecker,
@@ -209,7 +200,7 @@ def _candidates(
 ) -> list[_Candidate]:
     """Postures of one arm that reach the whole path without touching body or table, cheapest leans first."""
     position = in_base(table, path.position)
-    seeds = _seeds(model, arm, q_now)
+    seeds = ik.arm_seeds(model, arm, q_now)
     kept: list[_Candidate] = []
     for lean, pitch, roll, change, turned in leans:
         if len(kept) >= ENOUGH and lean > min(c.cost for c in kept) + 1.0:

@@ -237,7 +237,6 @@ class _Show:
             self.wait(0.2)
         start = self.vertices
         end = turned(start, step.line, np.pi, 0.003 * (step.index + 1))
-        self.r.target(self.t, self.towel.shape(end))
         self.r.predicted(self.t, self.towel.shape(end + np.array([0.004, 0.006, 0.002])))
         arcs = {s: arc(step, s) for s in step.grasps}
         self.r.arcs(self.t, arcs)

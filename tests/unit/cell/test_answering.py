@@ -59,7 +59,7 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     control = PathControl(commands, LIMITS, LIMITS, note=lambda name, values: told.append((name, values)))
     moved = stream(ports, sweep(), ExecutionLimits(), control=control)
     told.append(moved.failure or moved.unwrap().q.tobytes())
-    told.append(wait(ports, 0.1))
+    told.append(wait(ports, 0.1, ExecutionLimits()))
     for side in Side:
         told += [ports.tactile[side].reading().grip, ports.grippers[side].state()]
     told.append(commands.wait(frozenset({Event.RETRY}), 0.0))

@@ -58,6 +58,7 @@ def test_it_waits_until_the_person_says_so(asked: Asked) -> None:
     thread = asked.ask(asked.person.lay_garment)
     assert thread.is_alive() and "lay the garment flat" in str(asked.asked[0])
     asked.commands.put(Event.PAUSE)
+    thread.join(0.3)
     assert thread.is_alive()
     asked.commands.put(Event.APPROVE)
     thread.join(10.0)
@@ -82,6 +83,19 @@ def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
     thread.join(10.0)
     assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
     assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, "it is said once"
+
+
+def test_nobody_is_waited_for_who_has_left(asked: Asked) -> None:
+    """The terminal was closed: else the robot would wait for ever with its motors on."""
+    thread = asked.ask(asked.person.lay_garment)
+    asked.commands.desert()
+    for _ in range(2):  # and whatever is asked for next
+        thread.join(10.0)
+        assert not thread.is_alive()
+        assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
+        asked.refused = None
+        thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.AWAY))
+    thread.join(10.0)
 
 
 def test_a_stop_ends_the_waiting(asked: Asked) -> None:

@@ -14,7 +14,7 @@ from calibration.identify import BOUND, silhouette
 from cell.config import CellSettings, load_settings
 from cell.context import Context
 from cell.effects.adapting import FACTORS, adapt
-from cell.effects.planning import executed_paths
+from cell.effects.planning import simulated_paths
 from cell.garments import load_garment
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -57,7 +57,8 @@ def motion() -> Any:
 
 
 def folded(cell: Any, mesh: ClothMesh, material: Material) -> Array:
-    return predict_fold(mesh, mesh.lay_flat(material.thickness), material, executed_paths(cell, motion())).vertices
+    paths = simulated_paths(cell, motion())
+    return predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths).vertices
 
 
 def outline(vertices: Array, mesh: ClothMesh) -> Array:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cell.config import CellSettings, load_settings
 from cell.context import Context
 from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.execution import Sent
 from cell.recovery import RECOVERIES, Adjustment
 from cell.states import Event
 from robots.errors import Failure, FailureKind
@@ -37,6 +40,22 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 
 
 # recoveries
+
+
+def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
+    """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.008)))
+    choose_next(workcell, failed(K.CAMERA_FAULT, context=SEEN))
+    assert cell.commands[0][1] == pytest.approx(0.008) and workcell.sent.q == pytest.approx(cell.commands[-1][1])
+
+
+@pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])
+def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
+    kind: FailureKind, event: Event
+) -> None:
+    context = failed(kind, context=replace(SEEN, steps=(SimpleNamespace(name="half"),)))  # type: ignore[arg-type]
+    assert choose_next(fake_workcell(FakeCell()), context).event is event
 
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))

@@ -71,9 +71,10 @@ def test_a_stopped_cell_is_not_prepared() -> None:
 
 def test_holding_commands_where_the_arms_stand() -> None:
     cell = FakeCell(q=np.full(14, 0.3))
+    cell.follows = False
     assert hold_still(fake_workcell(cell), FIRST).event is Event.DONE
     ((_, q),) = cell.commands
-    np.testing.assert_array_equal(q, cell.q)
+    np.testing.assert_array_equal(q, np.full(14, 0.3))
 
 
 def test_holding_tells_a_stopped_robot_nothing() -> None:
@@ -146,3 +147,16 @@ def test_a_stopped_cell_is_not_entered() -> None:
     result = reenter(workcell, INTERRUPTED)
     assert (result.event, result.context.failure.kind) == (Event.FAILED, K.STOPPED)
     assert cell.commands == []
+
+
+@pytest.mark.parametrize(("age", "opening"), [(1.0, 0.03), (0.0, float("nan"))])
+def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, opening: float) -> None:
+    """Its line broke while the pads were closing: the last that was heard of them is that they were open."""
+    cell = FakeCell(q=np.full(14, 0.5))
+    hand = Hand(cell)
+    last = GripperState(-age, Side.LEFT, opening, 0.0, False, True)
+    hand.state = lambda: replace(last, stamp=cell.now - age)  # type: ignore[method-assign]
+    result = clear(with_left(cell, hand), FIRST)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper" in result.context.failure.what
+    assert (cell.q == 0.5).all(), "the arms stay where they are"

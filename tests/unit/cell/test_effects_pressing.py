@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import cell.effects.pressing as pressing
+import cell.effects.pushing as pushing
 from cell.config import load_settings
 from cell.context import Context
 from cell.effects.inspecting import inspect_fold, judged_as_before
@@ -233,4 +234,4 @@ def feel(monkeypatch: pytest.MonkeyPatch, force: float, stamp: float = 0.0) -> N
     tactile = TactileReading(stamp, Side.LEFT, np.zeros((2, 4, 3)), np.array([0.0, force]))
     gripper = GripperState(0.0, Side.LEFT, 0.03, 0.0, False, True)
     reading = HandReading(0.0, tactile, gripper, 0.05, np.zeros(7))
-    monkeypatch.setattr(pressing, "read_hand", lambda cell, side, state: reading)
+    monkeypatch.setattr(pushing, "read_hand", lambda cell, side, state: reading)

@@ -100,16 +100,28 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent() -> None:
 def test_a_watcher_ends_the_motion_and_the_arms_hold() -> None:
     cell = FakeCell()
     slipped = Failure(FailureKind.SLIPPED, "gone")
+    cell.at(0.35, lambda: setattr(cell, "follows", False))
     outcome = stream(cell.ports(), ramp(), LIMITS, lambda tick: slipped if tick.t >= 0.4 else None)
     assert outcome.failure is slipped
-    np.testing.assert_allclose(cell.commands[-1][1], cell.q)
+    stood = ramp().at(0.34)[0]
+    np.testing.assert_allclose(cell.commands[-1][1], stood)
+    assert np.abs(cell.commands[-2][1] - stood).max() > 1e-3
     assert cell.now == pytest.approx(0.4)
+
+
+def test_arms_whose_state_is_as_old_as_the_settings_allow_are_told_to_hold() -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.85
+    hold(cell.ports(), LIMITS)
+    assert not cell.commands
+    hold(cell.ports(), replace(LIMITS, stale_s=0.3))
+    assert len(cell.commands) == 1
 
 
 def test_waiting_keeps_the_arms_commanded() -> None:
     """The driver holds after 0.2 s without a command; a wait must not rely on that."""
     cell = FakeCell()
-    assert wait(cell.ports(), 0.5) is None
+    assert wait(cell.ports(), 0.5, LIMITS) is None
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
 
 
@@ -190,7 +202,7 @@ def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
     assert cell.now > 2.5
 
 
-@pytest.mark.parametrize("act", [hold, lambda ports: wait(ports, 0.3)])
+@pytest.mark.parametrize("act", [lambda ports: hold(ports, LIMITS), lambda ports: wait(ports, 0.3, LIMITS)])
 def test_arms_of_which_nothing_recent_is_known_are_told_nothing(act) -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0

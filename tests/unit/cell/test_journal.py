@@ -47,7 +47,7 @@ def test_a_run_reads_back_as_written(tmp_path: Path) -> None:
     run.event(0.0, "preparing", "start", {"from": "idle"})
     intent = run.intent(0.5, "looking", "look")
     run.result(intent, 0.8, {"confidence": 0.9})
-    run.command(0.9, "looking", "pause")
+    run.event(0.9, "looking", "paused")
     run.end("folded", {"robot_time_s": 61.5})
     record = journal.run(run.id)
     assert (record.garment, record.seed, record.driver, record.status) == ("medium_towel", 1, "sim", "folded")
@@ -56,7 +56,7 @@ def test_a_run_reads_back_as_written(tmp_path: Path) -> None:
     assert record.ended is not None and record.ended >= record.started
     entries = journal.entries(run.id)
     assert [e.sequence for e in entries] == [1, 2, 3, 4]
-    assert [e.kind for e in entries] == ["event", "intent", "result", "command"]
+    assert [e.kind for e in entries] == ["event", "intent", "result", "event"]
     assert entries[2].answers == entries[1].sequence
     assert (entries[2].state, entries[2].name) == ("looking", "look")
     assert [e.cell_time for e in entries] == [0.0, 0.5, 0.8, 0.9]

@@ -348,15 +348,6 @@ def test_normals_of_a_sphere_point_outwards():
     assert (facing @ scene.TOWARDS_EYE).min() >= -1e-12
 
 
-def test_boundary_of_a_grid_is_its_rim():
-    towel = show.Towel.make(6, 9)
-    (loop,) = scene.boundary_loops(towel.triangles)
-    assert loop[0] == loop[-1]
-    x, y = towel.material.T
-    rim = np.flatnonzero((x == x.min()) | (x == x.max()) | (y == y.min()) | (y == y.max()))
-    assert sorted(set(loop)) == sorted(rim.tolist())
-
-
 def test_mask_of_the_table_view_lands_on_the_camera_picture():
     """A rectangle on the table, painted in table pixels, against its corners projected by the pinhole."""
     calibration, pixel = show.calibration(), 0.002

@@ -76,6 +76,7 @@ class Logs:
 
     def cut_off(self, context: Context = PLANNED, driver: str = "sim", through: int = 4) -> str:
         run = self.begin(driver)
+        run.result(run.intent(0.0, S.PREPARING, "prepare"), 1.0)
         for state in SEEN + FOLD[:through]:
             run.event(1.0, state, "done")
         Keeper(run.directory, (lambda: b"the world") if driver != "ros" else None).keep(context)
@@ -196,7 +197,11 @@ def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str,
     elsewhere = logs.begin("sim" if driver == "ros" else "ros")
     elsewhere.abandon()
     check_resumable(logs.journal, first)
+    failed = logs.begin(driver)  # the robot was off: it did nothing
+    failed.abandon()
+    assert logs.resume(first).run == logs.resume("last").run == first
     other = logs.begin(driver)
+    other.intent(0.0, S.PREPARING, "prepare")
     other.abandon()
     if refused:
         with pytest.raises(ConfigurationError, match="has done other runs since"):

@@ -43,7 +43,7 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
         control = PathControl(None, None, None, sent=sent)
         assert stream(cell.ports(), standing(), ExecutionLimits(), control=control).ok
     elif kind == "wait":
-        assert wait(cell.ports(), 0.5, sent=sent) is None
+        assert wait(cell.ports(), 0.5, ExecutionLimits(), sent=sent) is None
     else:
         monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
         work = fake_workcell(cell, sent=sent)
@@ -63,17 +63,25 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
         (lambda c: setattr(c, "q", c.q + 0.2), FailureKind.TRACKING_ERROR),
     ],
 )
-def test_hands_at_work_are_watched_as_a_motion_is(spoil, kind, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("waiting", [False, True])
+def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
+    spoil, kind, waiting: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(hands, "read_hand", lambda *_: None)
     cell = FakeCell()
     cell.follows = False
     cell.at(0.3, lambda: spoil(cell))
-    failure = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state).failure
+    if waiting:
+        failure = wait(cell.ports(), 2.0, ExecutionLimits())
+    else:
+        failure = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state).failure
     assert failure is not None and failure.kind is kind and cell.now < 0.5
+    if kind is FailureKind.TRACKING_ERROR:
+        assert cell.commands[-1][1] == pytest.approx(cell.q), "they hold where they were pushed to"
 
 
 def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
-    wait(cell.ports(), 0.1, sent=Sent(np.full(14, 0.3)))
+    wait(cell.ports(), 0.1, ExecutionLimits(), sent=Sent(np.full(14, 0.3)))
     assert np.abs(cell.commands[0][1]).max() == 0.0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
-from cell.ticks import TICK_S, Ticks
+from cell.ticks import LOST_S, TICK_S, Ticks
 
 
 class Late:
@@ -20,8 +23,13 @@ class Late:
         self.time = max(self.time, t) + (self._oversleeps.pop(0) if self._oversleeps else 0.0)
 
 
+def ports(clock: Late) -> Any:
+    reasons: list[str] = []
+    return SimpleNamespace(clock=clock, stop=SimpleNamespace(trigger=reasons.append, reasons=reasons))
+
+
 def beats(clock: Late, n: int) -> list[float]:
-    ticks, seen = Ticks(clock), []
+    ticks, seen = Ticks(ports(clock)), []
     for _ in range(n):
         ticks.wait()
         seen.append(clock.time - 5.0)
@@ -43,5 +51,16 @@ def test_a_long_stall_is_not_caught_up_with() -> None:
 
 
 def test_a_stall_after_which_the_arms_stand_is_told() -> None:
-    ticks = Ticks(Late(0.0, 0.03, 0.0, 0.2, 0.0))
+    cell = ports(Late(0.0, 0.03, 0.0, 0.2, 0.0))
+    ticks = Ticks(cell)
     assert [ticks.wait() for _ in range(5)] == [False, False, False, True, False]
+    assert not cell.stop.reasons
+
+
+def test_a_program_that_was_suspended_stops_the_robot() -> None:
+    """Somebody may have come near arms that stood: they must not move on as if nothing had been."""
+    cell = ports(Late(0.0, LOST_S + 0.1))
+    ticks = Ticks(cell)
+    ticks.wait()
+    ticks.wait()
+    assert len(cell.stop.reasons) == 1 and "held up" in cell.stop.reasons[0]

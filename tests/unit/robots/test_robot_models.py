@@ -11,12 +11,13 @@ from robots.baxter.model import load_model
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion import ik
-from skills.motion.check import check_trajectory, path_deviation
+from skills.motion.check import check_trajectory
 from skills.motion.collision import CollisionChecker
-from skills.motion.plan import plan_fold_motion
+from skills.motion.fold import plan_fold_motion
 from skills.motion.timing import free_motion, peaks, stop_profile, time_path
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath
 from tests.pandas import load_pandas
+from tests.tool_paths import path_deviation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 

@@ -9,12 +9,12 @@ import pytest
 
 from robots.baxter.model import load_model
 from robots.errors import FailureKind
-from robots.ports import ArmTrajectory, Side
+from robots.ports import ArmTrajectory
 from skills.motion.check import check_trajectory
 from skills.motion.collision import CollisionChecker
-from skills.motion.plan import plan_free_motion
+from skills.motion.free_motion import plan_free_motion
 from skills.motion.timing import free_motion
-from skills.vocabulary import Table, ToolPath
+from skills.vocabulary import Table
 
 MODEL = load_model()
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
@@ -113,19 +113,3 @@ def test_a_trajectory_through_the_table_is_refused(checker):
     assert failure.kind is FailureKind.IN_COLLISION and "table" in failure.what
     planned = plan_free_motion(MODEL, checker, MODEL.q_park, q1)
     assert planned.failure is not None and planned.failure.values["end"] == "goal"
-
-
-def test_a_tool_off_its_path_is_refused(checker, good):
-    from skills.motion import ik
-
-    T = np.array([ik.tool_pose(MODEL.chains[Side.LEFT], q[:7]) for q in good.q])
-    position = T[:, :3, 3] - [0, 0, TABLE.height]
-    zero = np.zeros(len(position))
-
-    def along(offset):
-        return {Side.LEFT: ToolPath(good.t, position + offset, zero, zero, zero)}
-
-    assert judged(checker, good, intended=along([0, 0, 0.003]), table=TABLE).ok
-    failure = judged(checker, good, intended=along([0, 0, 0.02]), table=TABLE).failure
-    assert failure.kind is FailureKind.OFF_TARGET
-    assert 0.005 < failure.values["deviation_m"] <= 0.0201

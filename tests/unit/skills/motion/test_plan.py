@@ -11,12 +11,18 @@ from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Side, arm_slice
 from skills.motion import route
-from skills.motion.check import check_trajectory, path_deviation
+from skills.motion.arc import plan_arc
+from skills.motion.check import check_trajectory
 from skills.motion.collision import CollisionChecker
-from skills.motion.plan import plan_arc, plan_fold_motion, plan_free_motion, plan_grasp, plan_lift, plan_withdrawal
+from skills.motion.fold import plan_fold_motion
+from skills.motion.free_motion import plan_free_motion
+from skills.motion.grasp import plan_grasp
+from skills.motion.lift import plan_lift
 from skills.motion.posture import Posture, angles_of
-from skills.motion.timing import peaks
+from skills.motion.timing import free_motion, peaks
+from skills.motion.withdrawal import plan_withdrawal
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Outcome, Table, ToolPath, tool_rotation
+from tests.tool_paths import path_deviation
 
 MODEL = load_model()
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
@@ -262,7 +268,7 @@ def test_what_is_planned_after_a_lift_is_what_is_executed_after_it(checker, numb
 def test_a_lift_into_a_collision_is_no_plan(checker, monkeypatch):
     step, paths = towel_fold("medium", 1)
     blocked = Outcome(failure=Failure(FailureKind.IN_COLLISION, "the way up comes too near: a - b"))
-    monkeypatch.setattr("skills.motion.plan.plan_lift", lambda *_, **__: blocked)
+    monkeypatch.setattr("skills.motion.fold.plan_lift", lambda *_, **__: blocked)
     assert planned(checker, step, paths, lift=0.03).failure.kind is FailureKind.IN_COLLISION
     assert planned(checker, step, paths).ok
 
@@ -413,6 +419,16 @@ def test_angles_are_the_inverse_of_the_vocabularys_rotation():
     h, p, r = rng.uniform(-3, 3, 50), rng.uniform(-1.2, 1.2, 50), rng.uniform(-1.2, 1.2, 50)
     R = tool_rotation(h, p, r)
     assert np.abs(tool_rotation(*angles_of(R)) - R).max() < 1e-12
+
+
+def test_the_deviation_of_a_tool_from_its_path_is_seen():
+    """By what the tests above judge arcs with."""
+    motion = free_motion(MODEL.q_park, MODEL.q_park + 0.1, MODEL.planning)
+    position = tools(Side.LEFT, motion.q)[:, :3, 3] - [0, 0, TABLE.height]
+    zero = np.zeros(len(position))
+    for off in (0.0, 0.02):
+        path = ToolPath(motion.t, position + np.array([0, 0, off]), zero, zero, zero)
+        assert 0.5 * off <= path_deviation(MODEL, TABLE, motion, {Side.LEFT: path}) <= off + 1e-6
 
 
 def test_a_turned_hand_leans_the_same_way():

@@ -1,0 +1,72 @@
+"""A page's picture as a file that prints true to scale: PNG that states its resolution, or a PDF of one page."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import InternalError
+
+__all__ = ["SHEET_FORMATS", "pdf_page", "png_page"]
+
+Picture = NDArray[np.uint8]
+POINT_MM = 25.4 / 72.0
+_IHDR_END = 33
+"""Of a PNG file: its signature and its first chunk [bytes]."""
+
+
+def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
+    """A picture (h, w) of 0 and 255, one bit a pixel, with its resolution. OpenCV does not write the latter."""
+    good, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    if not good:
+        raise InternalError("OpenCV does not write a PNG of the sheet")
+    content = encoded.tobytes()
+    body = b"pHYs" + struct.pack(">IIB", 1000 * pixels_per_mm, 1000 * pixels_per_mm, 1)
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    return content[:_IHDR_END] + chunk + content[_IHDR_END:]
+
+
+def pdf_page(picture: Picture, pixels_per_mm: int) -> bytes:
+    """One page as large as the picture (h, w) of 0 and 255; a reader is asked not to scale it for the printer."""
+    h, w = picture.shape
+    wide, high = (n / pixels_per_mm / POINT_MM for n in (w, h))
+    pixels = zlib.compress(np.packbits(picture > 127, axis=1).tobytes(), 9)
+    drawing = f"q {wide:.4f} 0 0 {high:.4f} 0 0 cm /Sheet Do Q".encode()
+    objects = [
+        b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
+        b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {wide:.4f} {high:.4f}] /Contents 4 0 R"
+        " /Resources << /XObject << /Sheet 5 0 R >> >> >>".encode(),
+        _stream("", drawing),
+        _stream(
+            f"/Type /XObject /Subtype /Image /Width {w} /Height {h} /ColorSpace /DeviceGray /BitsPerComponent 1"
+            " /Filter /FlateDecode ",
+            pixels,
+        ),
+    ]
+    file = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"
+    starts = []
+    for number, body in enumerate(objects, 1):
+        starts.append(len(file))
+        file += f"{number} 0 obj\n".encode() + body + b"\nendobj\n"
+    table = "".join(f"{start:010} 00000 n \n" for start in starts)
+    return (
+        file
+        + (
+            f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}"
+            f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(file)}\n%%EOF\n"
+        ).encode()
+    )
+
+
+def _stream(entries: str, data: bytes) -> bytes:
+    return f"<< {entries}/Length {len(data)} >>\nstream\n".encode() + data + b"\nendstream"
+
+
+SHEET_FORMATS: Mapping[str, Callable[[Picture, int], bytes]] = {".pdf": pdf_page, ".png": png_page}
+"""By how a file's name ends."""

@@ -1,0 +1,84 @@
+"""What became of a run, as its result has it: made once, when the machine has ended."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from cell.context import Context
+from cell.driver import is_simulated
+from cell.requests import FoldRequest, FoldResult
+from cell.runner import RunEnd
+from cell.states import State
+from robots.errors import Failure
+
+__all__ = ["fold_result", "told"]
+
+RESULTS = {
+    State.FOLDED: "folded",
+    State.NOT_FOLDED: "not_folded",
+    State.STOPPED: "not_folded",
+    State.FAULT: "fault",
+}
+
+
+def fold_result(
+    request: FoldRequest,
+    folder: Path,
+    began: float,
+    end: RunEnd,
+    score: dict[str, Any] | None,
+    received: Sequence[int],
+    recording: dict[str, Any],
+    resumed_from: str | None,
+) -> FoldResult:
+    """began: time.monotonic() when the request came [s]; score: None where nobody scored; received: signals."""
+    context = end.context
+    failure = context.failure if end.state is not State.FOLDED else None
+    return FoldResult(
+        garment=request.garment,
+        seed=request.seed,
+        driver=request.driver,
+        simulated=is_simulated(request.driver),
+        world=request.world if is_simulated(request.driver) else None,
+        result=RESULTS[end.state],
+        state=end.state.value,
+        failure=None if failure is None else told(failure),
+        score=score,
+        steps=tuple(_steps(context)),
+        robot_time_s=end.ended - end.started - context.waited_s,
+        wall_time_s=time.monotonic() - began,
+        stage_times_s={k: round(v, 3) for k, v in end.stage_times.items()},
+        run_dir=str(folder),
+        signal=received[0] if received else None,
+        recording=recording,
+        resumed_from=resumed_from,
+    )
+
+
+def told(failure: Failure) -> dict[str, str]:
+    """A failure as it stands in results."""
+    return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
+
+
+def _steps(context: Context) -> Iterator[dict[str, Any]]:
+    """Every planned fold: what was made of it."""
+    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
+    for index, step in enumerate(context.steps):
+        note = notes.get(step.name)
+        yield {
+            "name": step.name,
+            "done": note is not None,
+            "source": note.source if note else None,
+            "dissimilarity_m": note.dissimilarity_m if note else None,
+            "predicted_iou": note.predicted_iou if note else None,
+            "observed_iou": note.observed_iou if note else None,
+            "drift_m": note.drift_m if note else None,
+            "observed_height_m": note.height_m if note and math.isfinite(note.height_m) else None,
+            "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
+            "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
+            "recoveries": [text for i, text in context.recoveries if i == index],
+        }

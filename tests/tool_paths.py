@@ -1,0 +1,33 @@
+"""How far tools leave the paths that they were to follow, measured without the planner's own kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robots.model import RobotModel
+from robots.ports import ArmTrajectory, Array, Side
+from skills.vocabulary import Table, ToolPath
+
+
+def path_deviation(
+    model: RobotModel, table: Table, trajectory: ArmTrajectory, intended: Mapping[Side, ToolPath]
+) -> float:
+    """Largest distance of a tool from the line that it was to follow [m], whatever the times."""
+    worst = 0.0
+    for side, path in intended.items():
+        p = np.array([model.tool_pose(side, q)[:3, 3] for q in trajectory.q[::3]])
+        p[:, 2] -= table.height
+        worst = max(worst, float(_distance_to_line(p, path.position).max()))
+    return worst
+
+
+def _distance_to_line(points: Array, line: Array) -> Array:
+    """(n,) distance of points (n, 3) from the polyline (m, 3)."""
+    a, d = line[:-1], np.diff(line, axis=0)
+    length2 = np.maximum((d**2).sum(axis=1), 1e-18)
+    gap = points[:, None, :] - a
+    u = np.clip((gap * d).sum(axis=2) / length2, 0.0, 1.0)
+    distances: Array = np.linalg.norm(gap - u[..., None] * d, axis=2).min(axis=1)
+    return distances
