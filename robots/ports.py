@@ -165,7 +165,8 @@ class ArmTrajectory:
 
 @dataclass(frozen=True)
 class GripperState:
-    """opening: between the pads [m]; force: between the pads as the gripper measures it [N]."""
+    """opening: between the pads [m]; force: between the pads as the gripper measures it [N]. stamp: when that was
+    read or heard [s], however long ago; what was commanded since does not renew it."""
 
     stamp: float
     side: Side

@@ -14,9 +14,14 @@ JUMP_TIME = 0.04
 
 
 def clip_setpoint(q: Array, qd: Array, before: Array, limits: JointLimits, stamp: float) -> JointSetpoint:
-    """q, qd: (14,) as asked for [rad], [rad/s]. before: (14,) the set-point that holds now."""
+    """q, qd: (14,) as asked for [rad], [rad/s]. before: (14,) the set-point that holds now.
+
+    A joint that stands outside of its range goes no further out; it may stay, and it comes back no faster than any
+    joint goes. It is never sent to the range at once: that would be a jump, and nobody asked for it.
+    """
     reach = limits.velocity * JUMP_TIME
-    sent = np.clip(np.clip(q, before - reach, before + reach), limits.lower, limits.upper)
+    lower, upper = np.minimum(limits.lower, before), np.maximum(limits.upper, before)
+    sent = np.clip(np.clip(q, before - reach, before + reach), lower, upper)
     speed = np.clip(qd, -limits.velocity, limits.velocity)
     clipped = bool(np.any(sent != q) or np.any(speed != qd))
     return JointSetpoint(stamp, frozen(sent), frozen(speed), clipped)

@@ -14,7 +14,7 @@ from cell.cli import build_parser
 from cell.garments import list_garments
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ROOMS = ("cell", "skills", "robots", "calibration", "tests", "docs", "benchmarks")
 
 

@@ -22,12 +22,13 @@ from robots.baxter.emulator.errands import Errands
 from robots.baxter.emulator.grippers import ElectricGripper
 from robots.baxter.emulator.limbs import TICK, Limb
 from robots.baxter.emulator.motors import Motors
+from robots.baxter.emulator.past import USED, Past
 from robots.baxter.ros import topics
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node, Publisher
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError
-from robots.ports import Ports, Side, arm_slice
+from robots.ports import Gripper, Ports, Side, arm_slice
 
 __all__ = ["Emulator"]
 
@@ -37,6 +38,10 @@ EMULATED = "1.2.0"
 
 PICTURE_EVERY = 0.2
 """[s]"""
+GRIPPERS_EVERY = 0.05
+"""Baxter says at 20 Hz what its grippers do, and all else at 100 Hz [s]."""
+CALIBRATION_S = 5.0
+"""Longer than that no gripper takes."""
 BEHIND = 2 * TICK
 """Further behind the wall clock than this, the time is lost and not caught up with [s]."""
 TURNING = 0.01
@@ -54,7 +59,8 @@ class Emulator:
     pace: the cell's time goes at most this many times as fast as the wall's; None: as fast as it can. patience:
     for so long after a command, on the wall [s], time waits for the next one, so that a program on a busy machine
     is not late. A robot has none. tell: is told, once each, of messages that are not
-    obeyed. `perform`, `press_button` and `release_button` are callable from any thread.
+    obeyed. past: what others have left; the ports' time goes on until it is so, before anybody hears of the robot.
+    `perform`, `press_button` and `release_button` are callable from any thread.
     """
 
     def __init__(
@@ -65,23 +71,24 @@ class Emulator:
         tell: Callable[[str], None] = lambda _: None,
         pace: float | None = 1.0,
         patience: float = 0.0,
+        past: Past = USED,
     ) -> None:
         self._ports, self._node, self._camera, self._tell, self._pace = ports, node, camera, tell, pace
-        self._patience = patience
+        self._patience, self._past = patience, past
         self._commanded = dict.fromkeys(Side, (-math.inf, -math.inf))
         """When each arm's newest command came: cell time and the wall's [s]."""
         self._command_came = Condition()
         self._messages = load_messages()
         self._motors = Motors(ports.arms, ports.stop)
-        self._limbs = {side: Limb(side) for side in Side}
-        self._grippers = {side: ElectricGripper(port) for side, port in ports.grippers.items()}
+        self._limbs = {side: Limb(side, past) for side in Side}
+        self._grippers = {side: ElectricGripper(port, past) for side, port in ports.grippers.items()}
         self._errands = Errands()
         self._heard: deque[Callable[[], None]] = deque()
         self._told: set[str] = set()
         self._publishers: dict[str, Publisher] = {}
         self._now = ports.clock.now()
         self._pan = math.nan
-        self._next_picture = -math.inf
+        self._next_picture = self._next_grippers = -math.inf
         self._origin: tuple[float, float] | None = None
         node.set_parameter(USE_SIM_TIME, True)  # before anybody is told that there is a robot
         node.set_parameter(VERSION, EMULATED)
@@ -90,11 +97,13 @@ class Emulator:
         """Serve until `until` is set, in this thread; then time is no longer simulated. The topics are the node's
         and stay open."""
         try:
+            self._grow_old()
             self._open_topics()
             while not until.is_set():
                 self._tick()
-                if self._errands.run():  # it let time pass as it liked
+                if self._errands.run():  # it let time pass as it liked, or set it back
                     self._now, self._origin = self._ports.clock.now(), None
+                    self._next_picture = self._next_grippers = -math.inf
                 self._wait_for_commands()
                 self._keep_pace(until)
         finally:
@@ -113,6 +122,25 @@ class Emulator:
 
     def release_button(self) -> None:
         self._motors.release()
+
+    def _grow_old(self) -> None:
+        """What others have left, as far as the ports have to move for it."""
+        past, ports = self._past, self._ports
+        if past.head_pan is not None:
+            ports.head.command_pan(past.head_pan)
+        if past.calibrated:
+            for gripper in ports.grippers.values():
+                if not gripper.state().calibrated:
+                    gripper.calibrate()
+            until = ports.clock.now() + CALIBRATION_S
+            while ports.clock.now() < until and not all(_ready(gripper) for gripper in ports.grippers.values()):
+                ports.clock.sleep_until(ports.clock.now() + TICK)
+        if past.stopped:
+            self._motors.press()
+            self._motors.release()
+        elif past.enabled:
+            self._motors.enable()
+        self._now = ports.clock.now()
 
     # what it hears -----------------------------------------------------------------------------------
 
@@ -160,9 +188,12 @@ class Emulator:
         def timeout(message: Any) -> None:
             self._say(topics.command_timeout(side), limb.hear_timeout(message.data))
 
+        def speed(message: Any) -> None:
+            self._say(topics.speed_ratio(side), limb.hear_speed_ratio(message.data))
+
         self._node.subscribe(topic, m.joint_command, heard)
         self._hear(topics.command_timeout(side), m.float64, timeout)
-        self._hear(topics.speed_ratio(side), m.float64, lambda _: None)  # of moves that this robot has not
+        self._hear(topics.speed_ratio(side), m.float64, speed)
 
     def _hear_gripper(self, side: Side, gripper: ElectricGripper) -> None:
         def heard(m: Any) -> None:
@@ -259,8 +290,10 @@ class Emulator:
         self._pan = joints.head_pan
         tell[topics.HEAD_STATE].tell(m.head_state(joints.head_pan, turning, False, True))
         tell[topics.ROBOT_STATE].tell(telling.assembly_state(m, self._motors.state()))
-        for side, gripper in self._grippers.items():
-            tell[topics.gripper_state(side)].tell(telling.gripper_state(m, gripper.report()))
+        if self._now >= self._next_grippers - FULLY * TICK:
+            self._next_grippers = self._now + GRIPPERS_EVERY
+            for side, gripper in self._grippers.items():
+                tell[topics.gripper_state(side)].tell(telling.gripper_state(m, gripper.report()))
         for side, tactile in ports.tactile.items():
             tell[topics.tactile(side)].tell(telling.tactile_state(m, tactile.reading()))
         self._publish_picture()
@@ -280,3 +313,8 @@ class Emulator:
         self._publishers[self._camera.info].tell(info)
         self._publishers[self._camera.depth].tell(depth)
         colour.tell(rgb)
+
+
+def _ready(gripper: Gripper) -> bool:
+    state = gripper.state()
+    return state.calibrated and not state.moving

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from robots.baxter.emulator.past import NEW, Past
 from robots.baxter.ros.electric_gripper import (
     CALIBRATE,
     CLEAR_CALIBRATION,
@@ -15,6 +16,7 @@ from robots.baxter.ros.electric_gripper import (
     FULL_FORCE,
     GO,
     HARDWARE_ID,
+    PARAMETERS,
     RESET,
     STOP,
 )
@@ -24,8 +26,6 @@ from robots.ports import Gripper
 __all__ = ["ElectricGripper", "GripperReport"]
 
 NO_OP = "no_op"
-PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
-"""The SDK's defaults [%]."""
 GRIPPING = 3.0
 """More force than this between resting pads is a grip [%]."""
 
@@ -33,7 +33,8 @@ GRIPPING = 3.0
 @dataclass(frozen=True)
 class GripperReport:
     """An EndEffectorState's values. stamp: cell time [s]; position, force [%]; refusal: why the last command was
-    not done, else empty; command, sender, sequence: of the last one that was handled."""
+    not done, or what is wrong until a reset, else empty; command, sender, sequence: of the last one that was
+    handled."""
 
     stamp: float
     calibrated: bool
@@ -59,23 +60,27 @@ class _RefusedError(Exception):
 
 class ElectricGripper:
     """One gripper. A command with the sender and the sequence of the last one is that one again: it is not done
-    twice."""
+    twice. past: what others have left of it; that its port is calibrated is for `Emulator` to see to."""
 
-    def __init__(self, port: Gripper) -> None:
+    def __init__(self, port: Gripper, past: Past = NEW) -> None:
         self._port = port
-        self._parameters = dict(PARAMETERS)
-        self._last: tuple[str, int] | None = None
+        self._parameters = dict(past.parameters)
+        self._last = past.echo
         self._command = ""
         self._refusal = ""
+        self._error = past.error
+        """What is wrong with it until it is reset."""
         self._cleared = False
         """Whether the calibration that the port has was cleared."""
+        self._calibrating = False
+        """Whether the port may still have the calibration from before."""
         self._done: Mapping[str, Callable[[str], None]] = {
             CALIBRATE: lambda _: self._calibrate(),
             CLEAR_CALIBRATION: lambda _: self._clear(),
             CONFIGURE: self._configure,
             GO: self._go,
             STOP: lambda _: self._stop(),
-            RESET: lambda _: None,
+            RESET: lambda _: self._reset(),
             NO_OP: lambda _: None,
         }
 
@@ -87,6 +92,8 @@ class ElectricGripper:
         try:
             if command not in self._done:
                 raise _RefusedError(f"no command of this gripper: {command!r}")
+            if self._error and command in (CALIBRATE, CONFIGURE, GO):
+                raise _RefusedError(f"in error: {self._error}")
             self._done[command](arguments)
         except DriverError as error:
             self._refusal = error.what
@@ -105,7 +112,7 @@ class ElectricGripper:
             gripping=not state.moving and force > GRIPPING,
             position=_share(state.opening, self._port.max_opening),
             force=force,
-            refusal=self._refusal,
+            refusal=self._refusal or self._error,
             command=self._command,
             sender=sender,
             sequence=sequence,
@@ -126,14 +133,19 @@ class ElectricGripper:
         self._port.command(position / 100.0 * self._port.max_opening, self._holding())
 
     def _calibrated(self) -> bool:
-        return self._port.state().calibrated and not self._cleared
+        state = self._port.state()
+        self._calibrating = self._calibrating and (state.moving or not state.calibrated)
+        return state.calibrated and not (self._cleared or self._calibrating)
 
     def _calibrate(self) -> None:
-        self._cleared = False
         self._port.calibrate()
+        self._cleared, self._calibrating = False, True
 
     def _clear(self) -> None:
         self._cleared = True
+
+    def _reset(self) -> None:
+        self._error = ""
 
     def _stop(self) -> None:
         state = self._port.state()

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robots.baxter.emulator.past import NEW, Past
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
+from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.ports import Array, Side, arm_slice
 
-__all__ = ["TICK", "TIMEOUT", "Limb"]
+__all__ = ["TICK", "Limb"]
 
 TICK = 0.01
 """Of the emulated robot [s]."""
-TIMEOUT = 0.2
-"""A command holds for this long [s] unless the robot is told otherwise."""
-POSITION, RAW_POSITION = 1, 4
 APART = 0.05
 """Set-points further apart than this are no motion with a velocity [s]."""
 LATE = 2 * TICK
@@ -27,17 +26,19 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class _Command:
-    """at: when it was heard [s]; q: (7,) [rad] in our order."""
+    """at: when it was heard [s]; q: (7,) [rad] in our order; mode: POSITION or RAW_POSITION."""
 
     at: float
     q: Array
+    mode: int
 
 
 class Limb:
-    """One arm's intake. All times are cell time [s]."""
+    """One arm's intake. All times are cell time [s]. timeout: for so long a command holds; speed_ratio: the share
+    of their speed with which the joints go to a set-point in position mode."""
 
-    def __init__(self, side: Side) -> None:
-        self.timeout = TIMEOUT
+    def __init__(self, side: Side, past: Past = NEW) -> None:
+        self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
         self._names = [f"{side}_{joint}" for joint in ARM_JOINTS]
         self._fastest = URDF_VELOCITY[arm_slice(side)]
         self.forget()
@@ -48,6 +49,8 @@ class Limb:
         self._held: Array | None = None
         self._newest: _Command | None = None
         self._before: _Command | None = None
+        self._there: tuple[float, Array] | None = None
+        """When it was last asked for a set-point [s], and what that was."""
 
     def hear(self, mode: int, names: Sequence[str], values: Sequence[float], at: float, now: float) -> str | None:
         """Take a JointCommand that came at time `at`; -> why it is not obeyed, None if it is.
@@ -64,9 +67,10 @@ class Limb:
         self._heard = at
         if mode not in (POSITION, RAW_POSITION):
             self._newest = self._before = None
+            self._held = self._there[1] if self._there is not None else self._held
             return f"mode {mode}: it holds (modes {POSITION} and {RAW_POSITION} are emulated)"
         by_name = dict(zip(names, values, strict=True))
-        command = _Command(at, np.array([by_name[name] for name in self._names], dtype=np.float64))
+        command = _Command(at, np.array([by_name[name] for name in self._names], dtype=np.float64), mode)
         if self._newest is not None and self._newest.at < at:
             self._before = self._newest
         self._newest, self._held = command, command.q
@@ -79,6 +83,13 @@ class Limb:
         self.timeout = seconds
         return None
 
+    def hear_speed_ratio(self, ratio: float) -> str | None:
+        """-> why it is not obeyed, None if it is."""
+        if not 0.0 < ratio <= 1.0:
+            return f"a speed ratio of {ratio}"
+        self.speed_ratio = ratio
+        return None
+
     def fresh(self, now: float) -> bool:
         """Whether a command holds."""
         return now - self._heard <= self.timeout + ROUNDING
@@ -86,8 +97,20 @@ class Limb:
     def set_point(self, now: float, standing: Array) -> tuple[Array, Array]:
         """(7,), (7,) where the arm is to be and how fast; standing: (7,) where it is, for want of a command.
 
-        A command that is late by a tick or two is carried on by its velocity; after that it is held.
+        A command that is late by a tick or two is carried on by its velocity; after that it is held. In position
+        mode the arm is on its way to it, no faster than it was told, and stays when the command has run out.
         """
+        q, qd = self._wanted(now, standing)
+        if self._newest is not None and self._newest.mode == POSITION:
+            then, before = self._there or (now - TICK, np.array(standing))
+            fastest = self.speed_ratio * self._fastest if self.fresh(now) else np.zeros(7)
+            reach = fastest * min(now - then, APART)
+            q, qd = np.clip(q, before - reach, before + reach), np.clip(qd, -fastest, fastest)
+        self._there = now, q
+        return q, qd
+
+    def _wanted(self, now: float, standing: Array) -> tuple[Array, Array]:
+        """(7,), (7,) as it was told, whatever its speed."""
         if self._held is None:
             self._held = np.array(standing)
         late = now - self._heard - TICK

@@ -10,6 +10,7 @@ import numpy as np
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.ros.clock import RosClock
 from robots.baxter.ros.hearing import Hearing
+from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.stop import RosStop
@@ -26,10 +27,8 @@ from robots.model import JointLimits
 from robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
 from robots.setpoint import clip_setpoint
 
-__all__ = ["POSITION", "RAW_POSITION", "RosArms"]
+__all__ = ["RosArms"]
 
-POSITION, RAW_POSITION = 1, 4
-"""Modes of a joint command: with the robot's own collision avoidance, or without it and with its filter off."""
 COMMAND_TIMEOUT = 0.2
 ENABLE_S = 2.0
 TICK_S = 0.05
@@ -146,7 +145,8 @@ class RosArms:
 
 
 def _joint_state(message: Any, stamp: float) -> JointState | None:
-    """By name: a message of something else (the robot's grippers publish there too) is none of ours."""
+    """By name: a message of something else (the robot's grippers publish there too) is none of ours, and one whose
+    figures are no numbers is none."""
     place = {name: k for k, name in enumerate(message.name)}
     if "head_pan" not in place or any(name not in place for name in JOINT_NAMES):
         return None
@@ -155,4 +155,7 @@ def _joint_state(message: Any, stamp: float) -> JointState | None:
     if any(len(v) != len(message.name) for v in values):
         return None
     q, qd, effort = (frozen(v[index]) for v in values)
-    return JointState(stamp, q, qd, effort, float(values[0][place["head_pan"]]))
+    head_pan = float(values[0][place["head_pan"]])
+    if not np.isfinite([*q, *qd, *effort, head_pan]).all():
+        return None
+    return JointState(stamp, q, qd, effort, head_pan)

@@ -10,6 +10,7 @@ __all__ = [
     "FULL_OPENING",
     "GO",
     "HARDWARE_ID",
+    "PARAMETERS",
     "RESET",
     "STOP",
 ]
@@ -22,7 +23,9 @@ FULL_FORCE = 30.0
 
 CALIBRATE = "calibrate"
 CONFIGURE = "configure"
-"""args: JSON of velocity, moving_force, holding_force, dead_zone, each 0-100."""
+"""args: JSON of PARAMETERS."""
+PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
+"""With the SDK's defaults [%]."""
 GO = "go"
 """args: JSON {"position": 0-100}, 0 closed. Refused until it is calibrated."""
 STOP = "stop"

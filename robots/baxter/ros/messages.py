@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from robots.baxter.ros.installation import import_ros
+from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION, TORQUE, VELOCITY
 
 __all__ = ["Messages", "load_messages"]
 
@@ -31,14 +32,14 @@ uint8 ESTOP_SOURCE_UNKNOWN=2
 uint8 ESTOP_SOURCE_FAULT=3
 uint8 ESTOP_SOURCE_BRAIN=4
 """
-JOINT_COMMAND = """
+JOINT_COMMAND = f"""
 int32 mode
 float64[] command
 string[] names
-int32 POSITION_MODE=1
-int32 VELOCITY_MODE=2
-int32 TORQUE_MODE=3
-int32 RAW_POSITION_MODE=4
+int32 POSITION_MODE={POSITION}
+int32 VELOCITY_MODE={VELOCITY}
+int32 TORQUE_MODE={TORQUE}
+int32 RAW_POSITION_MODE={RAW_POSITION}
 """
 HEAD_PAN_COMMAND = """
 float32 target

@@ -24,17 +24,18 @@ class RosTactile:
         self.hearing = Hearing(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
-        """As last heard; before that of no time."""
+        """As last heard, stamped when it was; before that of no time."""
         unheard = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
         return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unheard))
 
     def _read(self, message: Any, stamp: float) -> TactileReading | None:
+        """A message that lacks something, or whose figures are no numbers, is none."""
         channels = {c.name: np.asarray(c.values, dtype=np.float64) for c in message.sensors}
         try:
             pads = np.stack([channels["pad_0"], channels["pad_1"]]).reshape(2, self._rows, -1)
             tips = channels["tips"].reshape(2)
         except (KeyError, ValueError):
             return None
-        if pads.size == 0:
+        if pads.size == 0 or not (np.isfinite(pads).all() and np.isfinite(tips).all()):
             return None
         return TactileReading(stamp, self.side, frozen(pads), frozen(tips))

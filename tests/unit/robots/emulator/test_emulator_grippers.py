@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from robots.baxter.emulator.grippers import ElectricGripper
+from robots.baxter.emulator.past import NEW, USED, Past
 from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
@@ -41,10 +42,10 @@ class Port:
 class Talk:
     """Commands with a sequence that counts."""
 
-    def __init__(self, calibrated: bool = True) -> None:
+    def __init__(self, calibrated: bool = True, past: Past = NEW) -> None:
         self.port = Port()
         self.port.calibrated = calibrated
-        self.gripper = ElectricGripper(self.port)
+        self.gripper = ElectricGripper(self.port, past)
         self.sequence = 0
 
     def say(self, command: str, args: Any = None, hardware: int = HARDWARE_ID) -> str:
@@ -145,3 +146,38 @@ def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> N
     assert not talk.say("reset")
     assert not talk.say("no_op")
     assert talk.gripper.report().command == "no_op"
+
+
+def test_it_is_uncalibrated_until_its_new_calibration_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its port may say that it is calibrated all the while: it was."""
+    talk = Talk()
+    monkeypatch.setattr(talk.port, "calibrate", lambda: setattr(talk.port, "moving", True))
+    assert not talk.say("clear_calibration")
+    assert not talk.gripper.report().calibrated and talk.say("go", {"position": 50})
+    assert not talk.say("calibrate")
+    assert not talk.gripper.report().calibrated and "calibrated" in talk.say("go", {"position": 50})
+    talk.port.moving = False
+    assert talk.gripper.report().calibrated and not talk.say("go", {"position": 50})
+    talk.port.moving = True  # it goes there
+    assert talk.gripper.report().calibrated
+
+
+def test_one_that_was_used_keeps_what_others_have_left() -> None:
+    talk = Talk(past=USED)
+    report = talk.gripper.report()
+    assert (report.sender, report.sequence, report.refusal) == ("another_program_go", 1, "")
+    talk.gripper.hear(HARDWARE_ID, "go", '{"position": 0}', "another_program_go", 1)  # its repeat, late
+    assert talk.port.done == []
+    talk.say("go", {"position": 0})
+    assert talk.port.done == [(0.0, FULL_FORCE)]
+
+
+def test_in_error_it_does_nothing_until_it_is_reset() -> None:
+    talk = Talk(past=Past(error="over current"))
+    assert talk.gripper.report().refusal == "over current"
+    for command, arguments in (("calibrate", None), ("configure", {"velocity": 3}), ("go", {"position": 5})):
+        assert "over current" in talk.say(command, arguments)
+    assert talk.say("clear_calibration") == "over current"  # handled, and still in error
+    assert talk.port.done == []
+    assert not talk.say("reset")
+    assert not talk.say("calibrate") and talk.port.done == ["calibrate"]

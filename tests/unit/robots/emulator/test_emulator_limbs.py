@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robots.baxter.emulator.limbs import TICK, Limb
+from robots.baxter.emulator.past import Past
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
 from robots.ports import Array, Side
 
@@ -16,7 +17,7 @@ Q = np.linspace(-0.3, 0.3, 7)
 ELSEWHERE = np.full(7, 0.5)
 
 
-def hear(limb: Limb, q: Array, at: float, mode: int = 1, now: float | None = None) -> str | None:
+def hear(limb: Limb, q: Array, at: float, mode: int = 4, now: float | None = None) -> str | None:
     return limb.hear(mode, NAMES, list(q), at, at if now is None else now)
 
 
@@ -28,7 +29,7 @@ def follow(limb: Limb, now: float) -> tuple[Array, Array]:
 def test_a_command_is_read_by_its_names_whatever_their_order(mode: int) -> None:
     limb, order = Limb(Side.LEFT), [3, 0, 6, 2, 5, 1, 4]
     assert limb.hear(mode, [NAMES[k] for k in order], [Q[k] for k in order], 1.0, 1.0) is None
-    q, qd = follow(limb, 1.0)
+    q, qd = limb.set_point(1.0, Q + 1e-3)
     np.testing.assert_array_equal(q, Q)
     np.testing.assert_array_equal(qd, np.zeros(7))  # one set-point has no velocity
 
@@ -147,3 +148,50 @@ def test_forgets() -> None:
     limb.forget()
     assert not limb.fresh(1.0)
     np.testing.assert_array_equal(follow(limb, 1.0)[0], ELSEWHERE)
+
+
+def drive(limb: Limb, goal: Array, seconds: float, mode: int, begin: float = 1.0) -> Array:
+    """(ticks, 7) set-points, the goal being commanded on every tick."""
+    path = []
+    for k in range(round(seconds / TICK)):
+        hear(limb, goal, begin + k * TICK, mode)
+        path.append(limb.set_point(begin + k * TICK, ELSEWHERE)[0])
+    return np.array(path)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.3, 1.0])
+def test_in_position_mode_it_goes_no_faster_than_it_was_told(ratio: float) -> None:
+    limb = Limb(Side.LEFT)
+    assert limb.hear_speed_ratio(ratio) is None
+    fastest = ratio * URDF_VELOCITY[:7]
+    path = np.vstack((ELSEWHERE, drive(limb, Q, 0.8 / fastest.min() + 0.1, mode=1)))
+    assert np.all(np.abs(np.diff(path, axis=0)) <= fastest * TICK + 1e-9)
+    np.testing.assert_allclose(path[1], np.maximum(ELSEWHERE - fastest * TICK, Q))
+    np.testing.assert_array_equal(path[-1], Q)
+    np.testing.assert_array_equal(drive(Limb(Side.LEFT), Q, 0.02, mode=4)[0], Q)
+
+
+def test_on_its_way_in_position_mode_it_stays_when_the_command_runs_out() -> None:
+    limb = Limb(Side.LEFT)
+    way = drive(limb, Q, 0.05, mode=1)[-1]
+    for k in range(60):
+        last, qd = follow(limb, 1.04 + k * TICK)
+    assert np.all(np.abs(last - way) <= 0.3 * URDF_VELOCITY[:7] * 0.21) and not np.allclose(last, Q, atol=0.1)
+    np.testing.assert_array_equal(qd, np.zeros(7))
+    np.testing.assert_array_equal(follow(limb, 3.0)[0], last)
+
+
+def test_on_its_way_in_position_mode_it_stays_when_it_is_told_in_another_mode() -> None:
+    limb = Limb(Side.LEFT)
+    way = drive(limb, Q, 0.05, mode=1)[-1]
+    assert hear(limb, Q, 1.05, mode=2) is not None
+    np.testing.assert_array_equal(follow(limb, 1.05)[0], way)
+
+
+def test_a_robots_speed_is_a_third_of_its_most_until_it_is_told() -> None:
+    assert Limb(Side.LEFT).speed_ratio == pytest.approx(0.3)
+    limb = Limb(Side.LEFT, Past(speed_ratio=0.1, timeout=1.0))
+    assert (limb.speed_ratio, limb.timeout) == (0.1, 1.0)
+    for senseless in (0.0, -0.5, 1.5, math.nan, math.inf):
+        assert limb.hear_speed_ratio(senseless) is not None
+    assert limb.speed_ratio == 0.1

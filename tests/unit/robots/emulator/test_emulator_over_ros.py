@@ -8,166 +8,22 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from served import PATIENCE, Program, Serve, wait
 
-from cell.simulation import SimulationSettings, close_cell, open_cell
-from robots.baxter.emulator import Emulator
 from robots.baxter.model import ARM_JOINTS, JOINT_NAMES
 from robots.baxter.ros import topics
 from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
-from robots.baxter.ros.installation import import_ros
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import open_node
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
 from tests.fakes import FakeCell
 
-PATIENCE = 60.0  # [s] on the wall
-QUIET = SimulationSettings(
-    garment="small_towel", render=False, robot_noise=False, camera_noise=False, garment_noise=False
-)
-
 pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]  # rospy's own
-
-
-def wait(condition: Callable[[], Any], what: str) -> None:
-    until = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < until, f"never: {what}"
-        time.sleep(0.002)
-
-
-class Heard:
-    """All messages of a topic."""
-
-    def __init__(self) -> None:
-        self.all: list[Any] = []
-
-    @property
-    def newest(self) -> Any:
-        wait(lambda: self.all, "a first message")
-        return self.all[-1]
-
-
-class Program:
-    """An emulator in a thread of its own, and a ROS program beside it that knows topics and nothing else."""
-
-    def __init__(self, ports: Ports, **settings: Any) -> None:
-        self.m = load_messages()
-        self.told: list[str] = []
-        self.error: BaseException | None = None
-        self._node = open_node("emulator_test")
-        self.emulator = Emulator(ports, self._node, tell=self.told.append, **settings)
-        self._rospy = import_ros()
-        self._opened: list[Any] = []
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-        self.clock = self.hear(topics.CLOCK, self.m.clock)
-        self.joints = self.hear(topics.JOINT_STATES, self.m.joint_state)
-        self.robot = self.hear(topics.ROBOT_STATE, self.m.assembly_state)
-
-    def _run(self) -> None:
-        try:
-            self.emulator.run(self._over)
-        except BaseException as error:
-            self.error = error
-
-    def hear(self, topic: str, kind: Any) -> Heard:
-        heard = Heard()
-        self._opened.append(self._rospy.Subscriber(topic, kind, heard.all.append, tcp_nodelay=True))
-        return heard
-
-    def publisher(self, topic: str, kind: Any) -> Any:
-        publisher = self._rospy.Publisher(topic, kind, queue_size=10, tcp_nodelay=True)
-        self._opened.append(publisher)
-        wait(lambda: publisher.get_num_connections(), f"a listener of {topic}")
-        return publisher
-
-    def deaf(self) -> None:
-        """Hear no more of what was opened last."""
-        self._opened.pop().unregister()
-
-    def now(self) -> float:
-        return self.clock.newest.clock.to_sec()
-
-    def let(self, seconds: float) -> None:
-        until = self.now() + seconds
-        wait(lambda: self.now() >= until - 1e-9 or self.error, f"{seconds} s of cell time")
-
-    def insist(self, publisher: Any, message: Any, condition: Callable[[], Any], what: str) -> None:
-        """As the SDK does it: again until the robot agrees."""
-
-        def agrees() -> bool:
-            if condition():
-                return True
-            publisher.publish(message)
-            self.let(0.02)
-            return False
-
-        wait(agrees, what)
-
-    def enable(self) -> None:
-        on = self.publisher(topics.ENABLE, self.m.bool)
-        self.insist(on, self.m.bool(True), lambda: self.robot.newest.enabled, "enabled")
-
-    def param(self, name: str) -> Any:
-        return self._rospy.get_param(name, None)
-
-    def end(self) -> None:
-        self._over.set()
-        self._thread.join(PATIENCE)
-        assert not self._thread.is_alive()
-
-    def close(self) -> None:
-        self.end()
-        for opened in self._opened:
-            opened.unregister()
-        self._node.close()
-        if self.error is not None:
-            raise self.error
-
-
-Serve = Callable[..., Program]
-
-
-@pytest.fixture
-def last() -> Iterator[ExitStack]:
-    """What is closed when nobody serves it any more."""
-    with ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
-def serve(rosmaster: str, last: ExitStack) -> Iterator[Serve]:
-    programs: list[Program] = []
-
-    def begin(ports: Ports, **settings: Any) -> Program:
-        programs.append(Program(ports, **settings))
-        return programs[-1]
-
-    yield begin
-    for program in programs:
-        program.close()
-
-
-@pytest.fixture
-def cell() -> FakeCell:
-    return FakeCell(np.linspace(-0.6, 0.7, 14))
-
-
-@pytest.fixture
-def simulated(last: ExitStack) -> Ports:
-    ports = open_cell(QUIET, 1)
-    last.callback(close_cell, ports)
-    return ports
 
 
 def names(side: Side) -> list[str]:
@@ -222,6 +78,27 @@ def test_tells_what_the_pads_feel(serve: Serve, cell: FakeCell) -> None:
     channels = {c.name: list(c.values) for c in message.sensors}
     assert channels == {"pad_0": list(cells[0].ravel()), "pad_1": list(cells[1].ravel()), "tips": [0.5, 1.5]}
     assert message.header.stamp.to_sec() == 0.25
+
+
+def test_tells_of_its_grippers_20_times_a_second_and_at_once_after_an_errand(serve: Serve, cell: FakeCell) -> None:
+    program, side = serve(cell.ports()), Side.LEFT
+    heard = program.hear(topics.gripper_state(side), program.m.end_effector_state)
+    wait(lambda: heard.all, "a first state")
+    begin, before = program.now(), len(heard.all)
+    program.let(1.0)
+    count = (len(heard.all) - before) / (program.now() - begin)
+    assert 18.0 < count < 22.0
+    assert np.diff([m.timestamp.to_sec() for m in heard.all]).min() > 0.05 - 1e-6
+
+    def closed() -> float:
+        cell.openings[side] = 0.0
+        cell.now -= 0.8  # as when a checkpoint is restored
+        return cell.now
+
+    done_at = program.emulator.perform(closed).result(PATIENCE)
+    wait(lambda: heard.newest.position == 0.0, "it is told")
+    first = next(m for m in heard.all if m.position == 0.0)
+    assert first.timestamp.to_sec() < done_at + 0.011
 
 
 # arms --------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What a driver may send: inside the joints' ranges, within reach of what holds now."""
+"""What a driver may send: inside the joints' ranges, within reach of what holds now, back inside from outside."""
 
 from __future__ import annotations
 
@@ -23,20 +23,57 @@ def vectors(least: float, most: float) -> st.SearchStrategy[Array]:
 
 
 def between(lower: Array, upper: Array) -> st.SearchStrategy[Array]:
-    return vectors(0.0, 1.0).map(lambda share: lower + share * (upper - lower))
+    return vectors(0.0, 1.0).map(lambda share: np.clip(lower + share * (upper - lower), lower, upper))
 
 
 inside = between(LIMITS.lower, LIMITS.upper)
 anywhere = vectors(-1e6, 1e6)
 
 
-@given(q=anywhere | inside, qd=anywhere, before=between(LIMITS.lower - REACH, LIMITS.upper + REACH))
+far_out = between(LIMITS.lower - 20.0 * REACH, LIMITS.upper + 20.0 * REACH)
+
+
+def outside(q: Array) -> Array:
+    """(14,) how far each joint is from its range [rad]."""
+    return np.maximum(np.maximum(LIMITS.lower - q, q - LIMITS.upper), 0.0)
+
+
+@given(q=anywhere | inside, qd=anywhere, before=inside)
 def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: Array) -> None:
     sent = clip_setpoint(q, qd, before, LIMITS, 1.0)
     assert np.all((sent.q >= LIMITS.lower) & (sent.q <= LIMITS.upper))
     assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
     assert np.all(np.abs(sent.qd) <= LIMITS.velocity)
     assert sent.stamp == 1.0
+
+
+@given(q=anywhere | inside | far_out, qd=anywhere, before=far_out)
+def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
+    q: Array, qd: Array, before: Array
+) -> None:
+    sent = clip_setpoint(q, qd, before, LIMITS, 1.0)
+    assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
+    assert np.all(outside(sent.q) <= outside(before) + ROUNDING)
+    assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
+
+
+@given(goal=inside, before=far_out)
+def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Array) -> None:
+    """As directly as from anywhere else, a step's reach at a time."""
+    steps = int(np.ceil(np.max(np.abs(goal - before) / REACH))) + 1
+    for _ in range(steps):
+        sent = clip_setpoint(goal, np.zeros(14), before, LIMITS, 0.0).q
+        nearer = np.minimum(np.abs(goal - before), REACH)
+        np.testing.assert_allclose(np.abs(sent - before), nearer, rtol=0, atol=ROUNDING)
+        before = sent
+    np.testing.assert_allclose(before, goal, rtol=0, atol=ROUNDING)
+
+
+@given(before=far_out)
+def test_it_may_stay_where_it_stands_wherever_that_is(before: Array) -> None:
+    sent = clip_setpoint(before, np.zeros(14), before, LIMITS, 0.0)
+    np.testing.assert_array_equal(sent.q, before)
+    assert not sent.clipped
 
 
 @given(before=inside, share=vectors(-0.99, 0.99), qd=between(-VELOCITY, VELOCITY))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from puppet import ENABLE, JOINTS, LIMB, NAMES, STATE, STOP, Connect, HandClock,
 
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.ros import arms as arms_module
-from robots.baxter.ros.arms import POSITION, RAW_POSITION, RosArms
+from robots.baxter.ros.arms import RosArms
+from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.stop import RosStop
 from robots.errors import DriverError, FailureKind
@@ -113,8 +115,33 @@ def test_a_message_that_lacks_a_joint_or_a_figure_is_none(puppet: Puppet, arms: 
         puppet._publishers[JOINTS].publish(message)
     puppet.let(10)
     np.testing.assert_array_equal(arms.port.state().q, before)
+    assert arms.port.state().stamp == arms.clock.now() - 1.0
     puppet._publishers[JOINTS].publish(puppet.joints())
     wait(lambda: np.array_equal(arms.port.state().q, puppet.q), "a whole message")
+
+
+def spoiled(message: Any, field: str, name: str, wrong: float) -> Any:
+    values = list(getattr(message, field))
+    values[message.name.index(name)] = wrong
+    setattr(message, field, values)
+    return message
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_message_whose_figures_are_no_numbers_is_none(puppet: Puppet, arms: Arms, wrong: float) -> None:
+    before = arms.port.state()
+    puppet.silent = {JOINTS}
+    puppet.let(10)
+    arms.clock.time += 1.0
+    places = [("position", "left_s0"), ("velocity", "right_w2"), ("effort", "left_e1"), ("position", "head_pan")]
+    for field, name in places:
+        puppet._publishers[JOINTS].publish(spoiled(puppet.joints(), field, name, wrong))
+        puppet.let(5)
+    assert arms.port.state() is before
+    for field in ("position", "velocity", "effort"):  # of what is none of ours
+        puppet._publishers[JOINTS].publish(spoiled(puppet.joints(), field, "torso_t0", wrong))
+        wait(lambda: arms.port.state().stamp == arms.clock.now(), "it is heard")
+        arms.clock.time += 1.0
 
 
 def test_the_stamp_is_the_arrival_and_grows_old(puppet: Puppet, arms: Arms) -> None:
@@ -251,6 +278,24 @@ def test_limits_hold_whoever_asks_for_more(puppet: Puppet, arms: Arms, limits: J
     np.testing.assert_array_equal(sent.q, limits.upper)
     np.testing.assert_array_equal(sent.qd, limits.velocity)
     assert sent.clipped
+
+
+def test_arms_outside_of_their_limits_hold_and_come_back_without_a_jump(
+    puppet: Puppet, arms: Arms, limits: JointLimits
+) -> None:
+    """Somebody pushed them there."""
+    reach = limits.velocity * JUMP_TIME
+    puppet.q = limits.upper + 2.5 * reach
+    stood = puppet.q.copy()
+    wait(lambda: np.array_equal(arms.port.state().q, stood), "they stand outside")
+    held = arms.command(stood)
+    np.testing.assert_array_equal(held.q, stood)
+    assert not held.clipped
+    for k in (1, 2, 3):
+        arms.pass_time(0.01)
+        sent = arms.command(limits.upper - 0.01)
+        np.testing.assert_allclose(sent.q, np.maximum(stood - k * reach, limits.upper - 0.01), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(arms.command(stood).q, limits.upper)  # not out again
 
 
 def test_after_enabling_it_begins_where_the_arms_stand(puppet: Puppet, ports: Ports, limits: JointLimits) -> None:

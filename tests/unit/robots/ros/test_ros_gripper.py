@@ -167,7 +167,14 @@ def test_the_force_is_configured_only_when_it_changes(bench: Bench) -> None:
     ]  # fmt: skip
 
 
-def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(bench: Bench, puppet: Puppet) -> None:
+at_once_or_not = pytest.mark.parametrize("at_once", [True, False], ids=["at once", "when it is done"])
+"""Whether the next command waits for the end of a calibration: the executive's does not."""
+
+
+@at_once_or_not
+def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(
+    bench: Bench, puppet: Puppet, at_once: bool
+) -> None:
     bench.calibrate()
     for _ in range(5):
         bench.port.command(0.02, 6.0)
@@ -175,11 +182,12 @@ def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(bench: 
     bench.port.command(0.02, 6.0)
     puppet.let(10)
     assert len(bench.handled()) == 3
-    bench.calibrate()
+    bench.port.calibrate() if at_once else bench.calibrate()
     bench.port.command(0.02, 6.0)
     bench.done()
     done = [h[0] for h in bench.handled()]
     assert done == ["calibrate", "configure", "go", "clear_calibration", "calibrate", "configure", "go"]
+    assert bench.port.state().calibrated
 
 
 def test_more_than_it_can_is_as_much_as_it_can(bench: Bench) -> None:
@@ -308,11 +316,19 @@ def test_what_was_not_done_before_a_stop_is_not_done_after_it(puppet: Puppet, po
     assert hand.handled == before and hand.position == 37.0
 
 
-def test_a_gripper_in_error_is_reset_before_it_is_calibrated(bench: Bench, puppet: Puppet) -> None:
-    bench.hand.error = 1
-    puppet.let(5)
-    bench.calibrate()
-    assert [h[0] for h in bench.handled()] == ["reset", "calibrate"]
+@at_once_or_not
+@pytest.mark.parametrize("calibrated", [False, True], ids=["new", "calibrated"])
+def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
+    bench: Bench, puppet: Puppet, calibrated: bool, at_once: bool
+) -> None:
+    bench.hand.error, bench.hand.calibrated = 1, int(calibrated)
+    puppet.let(10)
+    bench.port.calibrate() if at_once else bench.calibrate()
+    bench.port.command(0.02, 6.0)
+    bench.done()
+    cleared = ["clear_calibration"] * calibrated
+    assert [h[0] for h in bench.handled()] == ["reset", *cleared, "calibrate", "configure", "go"]
+    assert bench.port.state().calibrated and bench.port.state().opening == pytest.approx(0.02)
 
 
 def test_while_it_is_calibrated_it_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:

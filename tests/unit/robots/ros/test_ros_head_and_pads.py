@@ -101,6 +101,9 @@ MALFORMED = {
     "no whole rows": {"pad_0": [1.0] * 10, "pad_1": [1.0] * 10},
     "three tips": {"tips": [1.0] * 3},
     "no cells": {"pad_0": [], "pad_1": []},
+    "a cell is no number": {"pad_0": [*[1.0] * 11, np.nan]},
+    "a cell is infinite": {"pad_1": [np.inf, *[1.0] * 11]},
+    "a tip is no number": {"tips": [1.0, np.nan]},
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.ros import installation
+from robots.baxter.ros import installation, joint_modes
 from robots.baxter.ros.installation import PACKAGES, find_ros, import_ros
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import open_node
@@ -74,6 +74,7 @@ def test_a_message_is_read_as_it_was_written(name: str) -> None:
 def test_the_constants_are_the_robots() -> None:
     m = load_messages()
     assert (m.joint_command.POSITION_MODE, m.joint_command.RAW_POSITION_MODE) == (1, 4)
+    assert (joint_modes.POSITION, joint_modes.RAW_POSITION) == (1, 4)
     assert m.head_pan_command.REQUEST_PAN_ENABLE == 1
     assert m.assembly_state.ESTOP_BUTTON_PRESSED == 1
 

@@ -1,0 +1,51 @@
+"""Emulators for tests: of a fake cell, or of a simulated one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+import pytest
+from served import Program, Serve
+
+from cell.simulation import SimulationSettings, close_cell, open_cell
+from robots.ports import Ports
+from tests.fakes import FakeCell
+
+QUIET = SimulationSettings(
+    garment="small_towel", render=False, robot_noise=False, camera_noise=False, garment_noise=False
+)
+
+
+@pytest.fixture
+def last() -> Iterator[ExitStack]:
+    """What is closed when nobody serves it any more."""
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def serve(rosmaster: str, last: ExitStack) -> Iterator[Serve]:
+    programs: list[Program] = []
+
+    def begin(ports: Ports, **settings: Any) -> Program:
+        programs.append(Program(ports, **settings))
+        return programs[-1]
+
+    yield begin
+    for program in programs:
+        program.close()
+
+
+@pytest.fixture
+def cell() -> FakeCell:
+    return FakeCell(np.linspace(-0.6, 0.7, 14))
+
+
+@pytest.fixture
+def simulated(last: ExitStack) -> Ports:
+    ports = open_cell(QUIET, 1)
+    last.callback(close_cell, ports)
+    return ports
