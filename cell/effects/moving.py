@@ -251,11 +251,15 @@ def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:
         return Outcome(failure=restless or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
-    away = plan_withdrawal(cell.robot, cell.checker, q, sides, limits=cell.limits, rng=rng)
-    if away.ok or sides != tuple(Side):
+    # with the margins that are planned with where that can be, else with those that brought the arms here
+    for checker in (cell.checker, cell.guard):
+        away = plan_withdrawal(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
+        if away.ok:
+            return away
+    if sides != tuple(Side):
         return away
     for side in Side:  # a hand that cannot rise stays where it is while the other one does
-        one = plan_withdrawal(cell.robot, cell.checker, q, (side,), limits=cell.limits, rng=rng)
+        one = plan_withdrawal(cell.robot, cell.guard, q, (side,), limits=cell.limits, rng=rng)
         if one.ok:
             return one
     return Outcome(

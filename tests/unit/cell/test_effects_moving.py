@@ -16,6 +16,7 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import GripperState, Side
+from skills.motion.withdrawal import Withdrawal
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -49,6 +50,21 @@ def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) 
     result = make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST)
     assert result.event is Event.FAILED
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
+
+
+def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
+    guard, moved = SimpleNamespace(), []
+    too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
+    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: too_near)
+    monkeypatch.setattr(
+        moving, "plan_withdrawal", lambda model, checker, *_, **__: way if checker is guard else too_near
+    )
+    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    cell = FakeCell(q=np.full(14, 0.5))
+    assert make_safe(fake_workcell(cell, guard=guard), FIRST).event is Event.DONE
+    assert moved == ["up", "home"]
 
 
 def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
