@@ -27,6 +27,8 @@ __all__ = ["Picture", "RunRecord", "ScoreRow", "StepRecord", "TimelineItem", "wr
 PICTURE_WIDTH = 640
 """Wider pictures are scaled down to this [px]."""
 JPEG_QUALITY = 82
+RULER = 14
+"""Room for the scale under a drawing [px]."""
 RESULTS = {"folded": "Folded", "not_folded": "Not folded", "fault": "Fault"}
 
 
@@ -255,6 +257,7 @@ def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
         for name, outlines in layers if outlines
     ]  # fmt: skip
     bar = 0.1 * scale
+    height += RULER  # below all outlines
     ruler = (
         f'<path class="ruler" d="M8 {height - 8:.1f} v-5 m0 2.5 h{bar:.1f} m0 -2.5 v5"/>'
         f'<text x="{12 + bar:.1f}" y="{height - 7:.1f}">100 mm</text>'

@@ -122,7 +122,7 @@ def _step(
         [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles, arcs=arcs, table=table
     )
     pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
-    made_from = ["predicted: cloth simulation along the executed tool path"]
+    made_from = ["predicted: cloth simulation along the planned tool path"]
     if shown and triangles is not None:
         chosen = [shown[i] for i in np.linspace(0, len(shown) - 1, KEY_FRAMES).astype(int)]
         drawn = fold_strip([KeyFrame(v, tools) for _, v, tools in chosen], triangles, arcs=arcs, table=table)
