@@ -110,6 +110,7 @@ def build_parser() -> argparse.ArgumentParser:
         _calibrate,
         _garment,
         _runs,
+        _tidy,
         _report,
         _replay,
         _resume,
@@ -417,6 +418,17 @@ def _new_garment(actions: Commands) -> None:
 def _runs(commands: Commands) -> None:
     parser = _add(commands, "runs", "runs", "the runs in the ledger and how each ended")
     parser.add_argument("--last", type=_count, metavar="N", help="only the last N")
+    _logs_option(parser)
+    _json_option(parser)
+
+
+def _tidy(commands: Commands) -> None:
+    parser = _add(commands, "tidy", "tidy", "free the disk of old recordings; reports and the ledger stay")
+    parser.add_argument("--keep", type=_count, default=50, metavar="N", help="leave the newest N as they are (50)")
+    parser.add_argument(
+        "--unfinished", action="store_true", help="also of runs that could still be gone on with (resume)"
+    )
+    parser.add_argument("--yes", action="store_true", help="remove them; without it they are only listed")
     _logs_option(parser)
     _json_option(parser)
 

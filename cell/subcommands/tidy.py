@@ -1,0 +1,44 @@
+"""`foldcell tidy`: free the disk of old runs' recordings."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.paths import logs_directory
+from cell.subcommands.output import print_json, print_table
+from cell.tidying import heavy_runs, lighten
+
+__all__ = ["run"]
+
+MEBI = 2.0**20
+
+
+def run(options: argparse.Namespace) -> int:
+    """Shows what would go; removes it with --yes."""
+    logs = logs_directory(options.logs)
+    heavy = heavy_runs(logs, options.keep, options.unfinished)
+    if options.yes:
+        for each in heavy:
+            lighten(each)
+    total = sum(each.bytes for each in heavy)
+    if options.json:
+        print_json(
+            {
+                "logs": str(logs),
+                "removed": bool(options.yes),
+                "bytes": total,
+                "runs": [{"run": each.run.id, "bytes": each.bytes} for each in heavy],
+            }
+        )
+        return 0
+    if not heavy:
+        print(f"nothing to remove in {logs} beyond the newest {options.keep} runs")
+        return 0
+    print_table(
+        ("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy]
+    )
+    if options.yes:
+        print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the ledger stay")
+    else:
+        print(f"{total / MEBI:.0f} MiB would go (recordings, pictures, transcripts); --yes removes them")
+    return 0
