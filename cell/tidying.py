@@ -32,8 +32,8 @@ class Heavy:
 
 def heavy_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[Heavy, ...]:
     """All runs in the folder and in its campaigns that have recordings, oldest first, but the newest `keep`, those
-    under way, and, unless `unfinished`, those that can be gone on with. Raises StorageError, ConfigurationError for
-    a bad ledger."""
+    under way, and, unless `unfinished`, those that can be gone on with. Raises StorageError, or ConfigurationError
+    for a bad ledger."""
     runs = sorted(_runs(logs, unfinished), key=lambda pair: pair[0].started)
     found = []
     for record, needed in runs[: max(0, len(runs) - keep)]:
