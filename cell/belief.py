@@ -115,6 +115,10 @@ class _Pickler(pickle.Pickler):
             return "array", self._put(obj)
         return None
 
+    def reducer_override(self, obj: Any) -> Any:
+        # some Pythons (3.11.0 to 3.11.3) put an Enum's member down as getattr(...), which nobody may call here
+        return (type(obj), (obj.value,)) if isinstance(obj, Enum) else NotImplemented
+
     def _put(self, array: NDArray[Any]) -> str:
         stream = io.BytesIO()
         np.save(stream, array, allow_pickle=False)

@@ -85,6 +85,15 @@ def test_it_comes_back_as_it_was(kept: Path) -> None:
     assert not same(read(kept), replace(context(), index=0))
 
 
+def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As 3.11.2, Debian's, does: a member of an Enum is put down as getattr(kind, name)."""
+    for kind in (Event, FailureKind, Adjustment, Side):
+        monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
+    assert pickle.dumps(Event.START).find(b"getattr") > 0
+    write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))
+    assert same(read(tmp_path / "belief"), context())
+
+
 def test_what_stays_the_same_is_written_once(kept: Path) -> None:
     """A picture and a large array of the last effect are not written again by the next one."""
     before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
