@@ -67,6 +67,7 @@ def grasp(cell: Workcell, context: Context) -> Result:
     failure = _press(cell, context, ways, hands, pushes)
     record: dict[str, object] = {
         "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
+        "contact_by": {s.value: c.by for s, c in contacts.unwrap().items()},
         "strongest_push_n": pushes.strongest,
     }
     if failure:

@@ -18,6 +18,7 @@ from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent"]
 
+Way = tuple[tuple[float, float], ...]
 LONGEST_TICK = 0.05
 """A gap between readings never makes a step longer than this one [s]."""
 AT_BOTTOM = 0.0005
@@ -80,6 +81,8 @@ class DescentState:
     """When the command last went down [s]."""
     speed: float = 0.0
     """Downwards, as commanded now [m/s]: an arm that starts with a jerk feels a contact that is none."""
+    way: Way = ()
+    """When and where the hand was of late [s], [m]."""
 
 
 def start_descent(settings: GraspSettings, goal: DescentGoal, zero: Zero, reading: HandReading) -> DescentState:
@@ -123,7 +126,8 @@ def _feel(reading: HandReading, state: DescentState, dt: float) -> DescentState:
     mean = reading.effort if state.effort is None else state.effort
     pushed = bool(np.abs(reading.effort - mean).max() >= s.contact_effort)
     slow = state.speed <= 1.01 * s.guarded_speed
-    stalled = slow and reading.height - state.target >= s.stall_lag
+    way = _of_late(state.way, reading, s.stall_window)
+    stalled = slow and _stands(way, s) and reading.height - state.target >= s.stall_lag
     follow = 0.0 if pushed else 1.0 - np.exp(-dt / s.effort_time)
     return replace(
         state,
@@ -132,7 +136,23 @@ def _feel(reading: HandReading, state: DescentState, dt: float) -> DescentState:
         effort_count=state.effort_count + 1 if pushed else 0,
         stall_count=state.stall_count + 1 if stalled else 0,
         effort=mean + follow * (reading.effort - mean),
+        way=way,
     )
+
+
+def _of_late(way: Way, reading: HandReading, window: float) -> Way:
+    """The places up to now, the first of them `window` [s] ago, or as long as there are any."""
+    way = (*way, (reading.stamp, reading.height))
+    first = next(k for k in range(len(way)) if k + 1 == len(way) or reading.stamp - way[k + 1][0] < window)
+    return way[first:]
+
+
+def _stands(way: Way, settings: GraspSettings) -> bool:
+    """Whether the hand has hardly come down over the whole window."""
+    (begun, top), (now, height) = way[0], way[-1]
+    if now - begun < settings.stall_window:
+        return False
+    return top - height < settings.stall_speed * settings.guarded_speed * (now - begun)
 
 
 def _touched(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:

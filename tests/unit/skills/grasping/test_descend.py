@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -92,6 +93,22 @@ def test_the_joints_stop_a_hand_whose_tips_are_numb(scale: float, weak: bool) ->
         hand.stiffness = 1500.0 if weak else 8000.0
         end, _ = lower(hand)
         assert end.unwrap().by == ("stall" if weak else "effort") and hand.peak < (15.0 if weak else 30.0)
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.2, 0.3])
+def test_an_arm_that_catches_up_is_not_held_up(delay: float) -> None:
+    """Over a network an arm comes late: where the descent slows down it is still far behind, and on its way."""
+    for seed in range(20):
+        hand = DescendingHand(seed, 1.0, TOP)
+        sent = deque([hand.height] * round(100 * delay))
+
+        def late(command: float, hand: DescendingHand = hand, sent: deque[float] = sent) -> None:
+            sent.append(command)
+            DescendingHand.follow(hand, sent.popleft())
+
+        hand.follow = late  # type: ignore[method-assign]
+        end, _ = lower(hand)
+        assert end.unwrap().by == "tip" and end.unwrap().height < 0.001
 
 
 def test_something_far_above_the_garment_is_not_the_garment() -> None:
