@@ -152,7 +152,7 @@ def _stands(way: Way, settings: GraspSettings) -> bool:
     (begun, top), (now, height) = way[0], way[-1]
     if now - begun < settings.stall_window:
         return False
-    return top - height < settings.stall_speed * settings.guarded_speed * (now - begun)
+    return top - height < settings.stall_speed * (now - begun)
 
 
 def _touched(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:

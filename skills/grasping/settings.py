@@ -44,8 +44,8 @@ class GraspSettings:
     """An arm that stays this far behind its guarded descent is held up by something [m]: 9 N on Baxter's,"""
     stall_window: float = 0.10
     """if over this time [s]"""
-    stall_speed: float = 0.3
-    """it goes down by less than this share of the guarded speed: one that lags behind a faster way catches up."""
+    stall_speed: float = 0.006
+    """it comes down more slowly than this [m/s]: one that is late catches up."""
     lead: float = 0.010
     """How far the commanded height may run ahead of the measured one."""
     bottom_wait: float = 1.0
