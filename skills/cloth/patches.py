@@ -359,9 +359,19 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
                 patches.vertex[row], patches.vertex_at[row], place, course, slack[k], patches.vertex_geo[row]
             )
     for k in range(len(moving)):
-        around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
-        _fit_normals(around, patches.tri_geo, patches.normal[k])
+        if _beside_stale(patches, k):  # none of the others is asked for its normals
+            around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
+            _fit_normals(around, patches.tri_geo, patches.normal[k])
     _fit_groups(box, len(moving), ahead, patches.group)
+
+
+@njit(nogil=True)
+def _beside_stale(patches, k):
+    """Whether patch k or one beside it is to be searched."""
+    for row in range(patches.beside_start[k], patches.beside_start[k + 1]):
+        if patches.stale[patches.beside[row]]:
+            return True
+    return False
 
 
 @njit(nogil=True, error_model="numpy")
