@@ -8,16 +8,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.cloth.scenes import (
     MATERIAL,
     RELEASE,
     SETTLE,
     SHIRT,
+    SHIRT_EDGE,
     Paths,
     frames_of,
     planned_folds,
     shirt_folds,
+    sides_folds,
     timed,
 )
 from cell.garments import list_garments, load_garment
@@ -78,7 +81,9 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths]) -> Folded:
     found = Folded([], [], [], [])
     x = mesh.lay_flat(material.thickness)
     pinched: list[Array] = []
+    creased = np.zeros(len(x), dtype=bool)
     for paths in folds:
+        creased |= on_the_line(x, paths, _reach(mesh))
         shots = list(frames_of(mesh, x, material, paths))
         pinched += [mesh.rest[np.argmin(np.linalg.norm(x - path.position[0], axis=1))] for path in paths.values()]
         x = shots[-1]
@@ -88,14 +93,26 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths]) -> Folded:
         second = len(shots) - AFTER + FRAMES - 1  # after the release
         moved = shots[second] - shots[second - FRAMES // 10]
         found.residual.append(float(np.linalg.norm(moved, axis=1).max()))
-        found.strain.append(strain(mesh, x, np.array(pinched)))
+        found.strain.append(strain(mesh, x, np.array(pinched), creased))
     return found
 
 
-def strain(mesh: ClothMesh, x: Array, pinched: Array) -> float:
-    """The largest strain of an edge away from creases and the points `pinched` (k, 2, material coordinates)."""
-    reach = max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
-    away = np.ones(len(mesh.rest), dtype=bool)
+def on_the_line(x: Array, paths: Paths, reach: float) -> NDArray[np.bool_]:
+    """Vertices so near the fold's line: half way between where the hands take the cloth and where they lay it."""
+    start, end = (np.mean([path.position[k, :2] for path in paths.values()], axis=0) for k in (0, -1))
+    across = (end - start) / np.linalg.norm(end - start)
+    return np.asarray(np.abs((x[:, :2] - 0.5 * (start + end)) @ across) < reach)
+
+
+def _reach(mesh: ClothMesh) -> float:
+    return max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
+
+
+def strain(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]) -> float:
+    """The largest strain of an edge away from the points `pinched` (k, 2, material coordinates), from hinges that
+    are bent sharply, and from `creased` vertices (n,)."""
+    reach = _reach(mesh)
+    away = ~creased
     for points in (mesh.rest[np.unique(_sharp(mesh, x))], pinched):
         for p in points:
             away &= np.linalg.norm(mesh.rest - p, axis=1) > reach
@@ -114,7 +131,7 @@ def _sharp(mesh: ClothMesh, x: Array) -> Array:
 
 
 def shirt(quick: bool) -> dict[str, Any]:
-    mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
+    mesh, folds = shirt_folds()
     rest = ClothSimulation(mesh, MATERIAL)
     rest.advance(60)
     start = time.thread_time()
@@ -124,21 +141,33 @@ def shirt(quick: bool) -> dict[str, Any]:
         "shirt_1307_rest_x_realtime": 1.0 / (time.thread_time() - start),
     }
     x, speeds = rest.positions, []
-    for paths in shirt_folds():
+    for paths in folds:
         result, speed = timed(mesh, x, MATERIAL, paths)
         x = result.vertices
         speeds.append(speed)
     figures["shirt_1307_sleeve_x_realtime"] = min(speeds[:2])
     figures["shirt_1307_hem_x_realtime"] = speeds[2]
-    return figures | fold_all(mesh, MATERIAL, shirt_folds()).figures("shirt")
+    return figures | fold_all(mesh, MATERIAL, folds).figures("shirt")
 
 
 def shirting(quick: bool) -> dict[str, Any]:
     """The same folds with a fabric that stretches as that of the paper's large shirt."""
-    mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
     paper = load_garment("long_sleeve_shirt_large").material
     material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
-    return fold_all(mesh, material, shirt_folds()).figures("shirting")
+    mesh, folds = shirt_folds(material)
+    return fold_all(mesh, material, folds).figures("shirting")
+
+
+def sides(quick: bool) -> dict[str, Any]:
+    """The same shirt, its sleeves folded in together with its sides."""
+    mesh = mesh_from_contour(SHIRT, SHIRT_EDGE, layers=2)
+    speeds, x = [], mesh.lay_flat(MATERIAL.thickness)
+    for paths in sides_folds():
+        result, speed = timed(mesh, x, MATERIAL, paths)
+        x = result.vertices
+        speeds.append(speed)
+    figures: dict[str, Any] = {"sides_x_realtime": min(speeds[:2]), "sides_hem_x_realtime": speeds[2]}
+    return figures | fold_all(mesh, MATERIAL, sides_folds()).figures("sides")
 
 
 def shipped(quick: bool) -> dict[str, Any]:
@@ -174,9 +203,10 @@ def variants(quick: bool) -> dict[str, Any]:
 def _scenes(
     count: int,
 ) -> Iterator[tuple[str, tuple[float, float, float], ClothMesh, Material, list[Paths]]]:
-    shirt_mesh = mesh_from_contour(SHIRT, 0.0255, layers=2)
     for mu, thickness, speed in VARIANTS[:count]:
         made = {"thickness": thickness, "friction_static": mu, "friction_dynamic": mu, "friction_layers": mu}
-        yield "shirt", (mu, thickness, speed), shirt_mesh, replace(MATERIAL, **made), shirt_folds(speed)
+        material = replace(MATERIAL, **made)
+        mesh, folds = shirt_folds(material, speed)
+        yield "shirt", (mu, thickness, speed), mesh, material, folds
         mesh, material, folds = planned_folds("pants", speed)
         yield "pants", (mu, thickness, speed), mesh, replace(material, **made), folds

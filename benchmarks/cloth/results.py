@@ -25,6 +25,8 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
         Row("towel, 5200 vertices", "towel_5200_x_realtime", 4, True, "x"),
         Row("two-layer shirt, 1307 vertices: sleeves", "shirt_1307_sleeve_x_realtime", 20, True, "x"),
         Row("its hem, over both sleeves", "shirt_1307_hem_x_realtime", 12, True, "x"),
+        Row("the shirt's sleeves together with its sides", "sides_x_realtime", unit="x"),
+        Row("its hem after that", "sides_hem_x_realtime", unit="x"),
         Row("at rest", "shirt_1307_rest_x_realtime", 40, True, "x"),
         Row("two simulations in two threads (wall time)", "two_threads_x_throughput", 1.8, True, "x"),
         Row("cost over vertices, exponent", "cost_exponent"),
@@ -35,7 +37,8 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
         row
         for name, title in (
             ("shirt", "shirt"), ("shirting", "shirt with the stretch of the paper's"), ("pants", "pants"),
-            ("variants", "variants"), ("shipped", "shipped garments"),
+            ("sides", "shirt, sleeves together with sides"), ("variants", "variants"),
+            ("shipped", "shipped garments"),
         )
         for row in (
             Row(f"{title}: edge-triangle crossings at the end", f"{name}_end_crossings", 0),
@@ -120,6 +123,7 @@ def page(figures: Mapping[str, Any]) -> str:
 
 
 LISTS = {
+    "substeps_folds": "Substeps of a frame: speed, and how far a fold ends from that with 48",
     "variants": "Folds with other friction, thickness and speed",
     "shipped": "The shipped garments",
     "hang_garment": "Hung garments of the paper's table",

@@ -13,6 +13,7 @@ from robots.ports import Array, Side
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.cloth.solver import ClothSimulation
+from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.vocabulary import GraspTrajectory, Material, ToolPath, tool_rotation
 
@@ -20,6 +21,7 @@ MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
 HALF_SHIRT = [(0.08, 0.30), (0.22, 0.26), (0.60, 0.10), (0.57, 0.01), (0.24, 0.12), (0.24, -0.35)]
 SHIRT = np.array(HALF_SHIRT + [(-x, y) for x, y in HALF_SHIRT[::-1]])
+SHIRT_EDGE = 0.0255  # [m]: about 1307 vertices
 DURATION, RELEASE, SETTLE = 3.0, 0.3, 1.0
 IN = 0.012
 """Grasps so far inside a corner [m]."""
@@ -98,8 +100,20 @@ def towel_quarter() -> Paths:
     return {side: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for side, x in sides}
 
 
-def shirt_folds(speed: float = 1.0) -> list[Paths]:
-    """Right sleeve, left sleeve, hem: start and end of each hand; `speed` times as fast."""
+def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[ClothMesh, list[Paths]]:
+    """The two-layer shirt of SHIRT, and its right sleeve, left sleeve and hem as long-sleeve shirts are planned: a
+    sleeve at a time onto the body, the hem over both with two hands; `speed` times as fast."""
+    planned = load_garment("long_sleeve_shirt_large")
+    side = np.array(HALF_SHIRT[::-1]) @ [[0.0, -1.0], [1.0, 0.0]]  # hem to collar, the collar to +x, y < 0
+    outline = np.vstack([side, side[::-1] * (1.0, -1.0)])
+    outline[:, 0] -= 0.5 * (outline[:, 0].min() + outline[:, 0].max())
+    garment = replace(planned, name="shirt", template=outline, material=material)
+    return _planned(garment, SHIRT_EDGE, speed)
+
+
+def sides_folds(speed: float = 1.0) -> list[Paths]:
+    """Harder than any plan of ours: each sleeve together with a side that is too narrow to stay folded, sleeves
+    on each other, and the hem; start and end of each hand; `speed` times as fast."""
     q = np.pi / 2
     return [
         {
@@ -117,15 +131,20 @@ def shirt_folds(speed: float = 1.0) -> list[Paths]:
 def planned_folds(name: str, speed: float = 1.0) -> tuple[ClothMesh, Material, list[Paths]]:
     """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets."""
     garment = load_garment(name)
+    mesh, folds = _planned(garment, garment.mesh_edge_m, speed)
+    return mesh, garment.material, folds
+
+
+def _planned(garment: Garment, edge: float, speed: float) -> tuple[ClothMesh, list[Paths]]:
     state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+    mesh = mesh_from_contour(state.contour, edge, garment.layers)
     folds: list[Paths] = []
     for step in plan_folds(state, garment).unwrap():
         folds.append({
             side: arc((*grasp.point, 5e-4), tuple(step.targets[side]), grasp.heading, duration=DURATION / speed)
             for side, grasp in step.grasps.items()
         })  # fmt: skip
-    return mesh, garment.material, folds
+    return mesh, folds
 
 
 def timed(
@@ -135,7 +154,12 @@ def timed(
     start = time.thread_time()
     result = predict_fold(mesh, x, material, paths, RELEASE, settle)
     seconds = time.thread_time() - start
-    return result, (max(float(p.t[-1]) for p in paths.values()) + RELEASE + settle) / seconds
+    return result, seconds_of(paths, settle) / seconds
+
+
+def seconds_of(paths: Paths, settle: float = SETTLE) -> float:
+    """A fold's time: motion, release and settling [s]."""
+    return max(float(path.t[-1]) for path in paths.values()) + RELEASE + settle
 
 
 def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
@@ -184,7 +208,7 @@ class SharedFold:
     @property
     def seconds(self) -> float:
         """Of the whole, settling too."""
-        return max(float(p.t[-1]) for p in self.paths.values()) + RELEASE + SETTLE
+        return seconds_of(self.paths)
 
 
 def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:

@@ -14,7 +14,6 @@ from benchmarks.cloth.scenes import (
     MATERIAL,
     RELEASE,
     SETTLE,
-    SHIRT,
     Paths,
     mirrored,
     shirt_folds,
@@ -22,7 +21,7 @@ from benchmarks.cloth.scenes import (
     towel_mesh,
 )
 from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import ClothMesh
 from skills.cloth.predict import predict_fold
 from skills.vocabulary import Material
 
@@ -34,8 +33,8 @@ def digest() -> str:
     """Of a towel fold and a sleeve fold, every bit of the result."""
     mesh, material = towel_mesh(425)
     towel = _end(mesh, mesh.lay_flat(material.thickness), material, towel_half())
-    shirt = mesh_from_contour(SHIRT, 0.0255, layers=2)
-    sleeve = _end(shirt, shirt.lay_flat(MATERIAL.thickness), MATERIAL, shirt_folds()[0])
+    shirt, folds = shirt_folds()
+    sleeve = _end(shirt, shirt.lay_flat(MATERIAL.thickness), MATERIAL, folds[0])
     return hashlib.sha256(towel.tobytes() + sleeve.tobytes()).hexdigest()
 
 
@@ -64,9 +63,9 @@ def roughness(quick: bool) -> dict[str, Any]:
 
     ends = _jittered(mesh, flat, material, [towel_half()], samples)
     figures = _spread("towel", ends, towel_cost)
-    shirt = mesh_from_contour(SHIRT, 0.0255, layers=2)
+    shirt, folds = shirt_folds()
     lying = shirt.lay_flat(MATERIAL.thickness)
-    sleeves = _jittered(shirt, lying, MATERIAL, shirt_folds()[:2], samples)
+    sleeves = _jittered(shirt, lying, MATERIAL, folds[:2], samples)
 
     def shirt_cost(x: Array) -> float:
         """The mean distance from where the garment was, which a fold changes as much as any cost."""

@@ -226,13 +226,13 @@ def meet_once(n, pair, last, chain, better, inside, act_i, act_b, act_n, act_d, 
             continue
         o = last[act_i[c, 0]]
         while o >= 0:
-            more = inside[o] > most or (inside[o] == most and _comes_first(pair, act_c, better, c, o))
-            if more and o != c:
+            deeper = inside[o]
+            if deeper >= most and o != c and (deeper > most or _comes_first(pair, act_c, better, c, o)):
                 lean = act_n[c, 0] * act_n[o, 0] + act_n[c, 1] * act_n[o, 1] + act_n[c, 2] * act_n[o, 2]
                 # over one of them: a border that it slides towards must not stand in its way
-                over = inside[c] < -BORDER <= inside[o]
+                over = inside[c] < -BORDER <= deeper
                 if lean > (0.0 if over else ALIKE) and _joined(act_i, c, o):
-                    better[c], most = o, inside[o]
+                    better[c], most = o, deeper
             o = chain[o]
     for c in range(n):
         last[act_i[c, 0]] = -1
@@ -241,8 +241,11 @@ def meet_once(n, pair, last, chain, better, inside, act_i, act_b, act_n, act_d, 
         o = better[c]
         while better[o] >= 0:
             o = better[o]
-        for m in range(3):
-            act_m[o, m] += act_m[c, m]
+        jx, jy, jz = act_m[c, 0], act_m[c, 1], act_m[c, 2]
+        if jx != 0.0 or jy != 0.0 or jz != 0.0:
+            act_m[o, 0] += jx
+            act_m[o, 1] += jy
+            act_m[o, 2] += jz
     kept = 0
     for c in range(n):
         if better[c] >= 0:
@@ -267,11 +270,11 @@ def _comes_first(pair, act_c, better, c, o):
 @njit(nogil=True)
 def _joined(act_i, c, o):
     """Whether the triangles of two contacts have a common vertex."""
-    for a in range(1, 4):
-        for b in range(1, 4):
-            if act_i[c, a] == act_i[o, b]:
-                return True
-    return False
+    p, q, r = act_i[c, 1], act_i[c, 2], act_i[c, 3]
+    s, t, u = act_i[o, 1], act_i[o, 2], act_i[o, 3]
+    return (
+        (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)
+    )
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

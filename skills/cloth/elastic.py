@@ -200,18 +200,16 @@ def solve_edges(n, edge, length, wi, wj, x):
     """One sweep over the first n packed edges; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2)."""
     for k in range(n):
         i, j = edge[k, 0], edge[k, 1]
-        dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+        ix, iy, iz = x[i, 0], x[i, 1], x[i, 2]
+        jx, jy, jz = x[j, 0], x[j, 1], x[j, 2]
+        dx, dy, dz = jx - ix, jy - iy, jz - iz
         d2 = dx * dx + dy * dy + dz * dz
         if d2 < 1e-18:
             continue
         s = 1.0 - length[k] / np.sqrt(d2)
         a, b = s * wi[k], s * wj[k]
-        x[i, 0] += a * dx
-        x[i, 1] += a * dy
-        x[i, 2] += a * dz
-        x[j, 0] -= b * dx
-        x[j, 1] -= b * dy
-        x[j, 2] -= b * dz
+        x[i, 0], x[i, 1], x[i, 2] = ix + a * dx, iy + a * dy, iz + a * dz
+        x[j, 0], x[j, 1], x[j, 2] = jx - b * dx, jy - b * dy, jz - b * dz
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -222,12 +220,18 @@ def solve_hinges(n, hinge, weight, inverse, w, x):
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
         s = inverse[k]
         fa, fb, fc, fd = w[a] * ka, w[b] * kb, w[c] * kc, w[d] * kd
-        for m in range(3):
-            r = -s * (ka * x[a, m] + kb * x[b, m] + kc * x[c, m] + kd * x[d, m])
-            x[a, m] += r * fa
-            x[b, m] += r * fb
-            x[c, m] += r * fc
-            x[d, m] += r * fd
+        # all is read before anything is written: four different vertices
+        ax, ay, az = x[a, 0], x[a, 1], x[a, 2]
+        bx, by, bz = x[b, 0], x[b, 1], x[b, 2]
+        cx, cy, cz = x[c, 0], x[c, 1], x[c, 2]
+        dx, dy, dz = x[d, 0], x[d, 1], x[d, 2]
+        rx = -s * (ka * ax + kb * bx + kc * cx + kd * dx)
+        ry = -s * (ka * ay + kb * by + kc * cy + kd * dy)
+        rz = -s * (ka * az + kb * bz + kc * cz + kd * dz)
+        x[a, 0], x[a, 1], x[a, 2] = ax + rx * fa, ay + ry * fa, az + rz * fa
+        x[b, 0], x[b, 1], x[b, 2] = bx + rx * fb, by + ry * fb, bz + rz * fb
+        x[c, 0], x[c, 1], x[c, 2] = cx + rx * fc, cy + ry * fc, cz + rz * fc
+        x[d, 0], x[d, 1], x[d, 2] = dx + rx * fd, dy + ry * fd, dz + rz * fd
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import benchmarks.cloth as bench
-from benchmarks.cloth.contact import strain
+from benchmarks.cloth.contact import on_the_line, strain
 from benchmarks.cloth.results import page
-from benchmarks.cloth.scenes import MATERIAL, frames_of, mirrored, towel_half, towel_mesh
+from benchmarks.cloth.scenes import MATERIAL, frames_of, mirrored, shirt_folds, towel_half, towel_mesh
 from cell.cli import main
 from robots.errors import ConfigurationError
 from skills.cloth.predict import predict_fold
@@ -72,13 +72,34 @@ def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
     mesh, _ = towel_mesh(425)
     x = mesh.lay_flat(MATERIAL.thickness)
     x[:, 0] *= 1.03
-    none = np.zeros((0, 2))
-    assert strain(mesh, x, none) == pytest.approx(0.03, abs=1e-6)
+    none, smooth = np.zeros((0, 2)), np.zeros(len(x), bool)
+    assert strain(mesh, x, none, smooth) == pytest.approx(0.03, abs=1e-6)
     x = mesh.lay_flat(MATERIAL.thickness)
     pulled = int(np.argmin(np.linalg.norm(mesh.rest - [0.2, 0.1], axis=1)))
     x[pulled, 0] += 0.005
-    assert strain(mesh, x, none) > 0.1
-    assert strain(mesh, x, mesh.rest[[pulled]]) < 1e-9
+    assert strain(mesh, x, none, smooth) > 0.1
+    assert strain(mesh, x, mesh.rest[[pulled]], smooth) < 1e-9
+    # the towel's own fold line is x = 0: 0.2 m from there is no crease, however the cloth got there
+    flat = mesh.lay_flat(MATERIAL.thickness)
+    shift = np.array([0.2, 0.0, 0.0])
+    line = on_the_line(flat, towel_half(), 0.05)
+    assert line.sum() == (np.abs(flat[:, 0]) < 0.05).sum() > 0
+    assert strain(mesh, x, none, line) > 0.1
+    assert strain(mesh, x, none, on_the_line(flat + shift, towel_half(), 0.05)) > 0.1
+    assert strain(mesh, x, none, on_the_line(flat - shift, towel_half(), 0.05)) < 1e-9
+
+
+def test_the_shirt_is_folded_as_shirts_are_planned() -> None:
+    mesh, folds = shirt_folds()
+    assert 1250 < len(mesh.rest) < 1350 and mesh.layer.max() == 1
+    # of the facts' outline, turned and moved: two sleeves to the other side, one hand each, and the hem by both
+    assert np.ptp(mesh.rest, axis=0) == pytest.approx([0.65, 1.20], abs=1e-6)
+    assert [len(paths) for paths in folds] == [1, 1, 2]
+    for paths in folds[:2]:
+        (path,) = paths.values()
+        assert path.position[0, 1] * path.position[-1, 1] < 0.0
+    for path in folds[2].values():
+        assert path.position[-1, 0] - path.position[0, 0] > 0.5
 
 
 def test_the_page_of_results_says_what_is_not_met_and_leaves_out_what_was_not_measured() -> None:

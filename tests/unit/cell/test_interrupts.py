@@ -16,10 +16,13 @@ ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCONT)
 
 @pytest.fixture(autouse=True)
 def before() -> Iterator[None]:
+    """Started under nohup the tests would find SIGHUP ignored, which is heeded."""
+    found = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     kept = {n: signal.getsignal(n) for n in ALL}
     yield
     for number, handler in kept.items():
         assert signal.getsignal(number) is handler, "signals do again what they did before"
+    signal.signal(signal.SIGHUP, found)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
