@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Any
@@ -29,11 +28,10 @@ from cell.context import Context
 from cell.driver import PersonAt, check_cell, is_simulated, opened_cell
 from cell.effects import EFFECTS
 from cell.fold_result import fold_result, told
-from cell.interrupts import Interrupts, taking_signals
-from cell.journal import Journal, RunJournal
-from cell.lock import OwnerLock
+from cell.interrupts import Interrupts
+from cell.journal import RunJournal
 from cell.observers import RecorderObserver, Remark, Remarks
-from cell.paths import ledger_path
+from cell.owned import VERSIONED, begun_run, owned_cell
 from cell.progress import ProgressLines
 from cell.recorder import Recorder
 from cell.replaying.stenographer import Stenographer
@@ -57,11 +55,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
-VERSIONED = (
-    "foldcell", "pin", "coal", "ruckig", "toppra", "numpy", "scipy", "numba", "opencv-python-headless", "pybullet",
-    "transitions", "rerun-sdk",
-)  # fmt: skip
-
 Prelude = Callable[[Ports, CommandQueue], Ports | None]
 """Gets ports and command queue before the first effect; may give back other ports for the executive."""
 
@@ -83,26 +76,14 @@ def fold_once(
     asks = request.approve or not is_simulated(request.driver)
     if asks and request.terminal and not request.page:
         check_terminal(sys.stdin)
-    with (
-        taking_signals() as interrupts,
-        OwnerLock(request.logs / "cell.lock"),
-        Journal.open(ledger_path(request.logs)) as journal,
-        _listener(request) as listener,
-    ):
+    with owned_cell(request.logs) as (interrupts, journal), _listener(request) as listener:
         if interrupted:  # nobody else can go on with it from here on
             check_resumable(journal, interrupted.run)
-        run = journal.begin_run(
-            garment=request.garment,
-            seed=request.seed,
-            driver=request.driver,
-            settings_hash=request.settings.fingerprint(),
-            versions={name: metadata.version(name) for name in _versioned(request)},
-        )
-        try:
+        packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
+        with begun_run(
+            journal, request.garment, request.seed, request.driver, request.settings, packages
+        ) as run:
             ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
-        except BaseException:
-            run.abandon()
-            raise
         result = _ended_in_ledger(run, ended.result)
         if result.result == "folded":
             Keeper(run.directory, None).forget()
@@ -134,10 +115,6 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
     except StorageError as e:
         return replace(result, unwritten=(*result.unwritten, e.what))
     return result
-
-
-def _versioned(request: FoldRequest) -> tuple[str, ...]:
-    return (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
 
 
 @dataclass(frozen=True, eq=False)

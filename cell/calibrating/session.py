@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -27,13 +26,11 @@ from cell.config import CellSettings
 from cell.context import Context
 from cell.driver import check_cell, is_simulated, opened_cell
 from cell.effects.moving import hold_still, make_safe, prepare
-from cell.interrupts import Interrupts, taking_signals
-from cell.journal import Journal, RunJournal, to_json
-from cell.lock import OwnerLock
-from cell.paths import ledger_path
+from cell.interrupts import Interrupts
+from cell.journal import RunJournal, to_json
+from cell.owned import begun_run, owned_cell
 from cell.recorder import Recorder
 from cell.requests import FoldRequest
-from cell.run import VERSIONED
 from cell.simulation import SimulationSettings, Truth, truth
 from cell.terminal import TerminalOperator, check_terminal
 from cell.whole_file import write_whole
@@ -123,24 +120,14 @@ def calibrate(
     if not is_simulated(request.driver):  # somebody has to say that the board is there
         check_terminal(sys.stdin)
     with (
-        taking_signals() as interrupts,
-        OwnerLock(request.logs / "cell.lock"),
-        Journal.open(ledger_path(request.logs)) as journal,
+        owned_cell(request.logs) as (interrupts, journal),
+        begun_run(
+            journal, f"calibrate-{request.name}", request.seed, request.driver, request.settings
+        ) as run,
     ):
-        run = journal.begin_run(
-            garment=f"calibrate-{request.name}",
-            seed=request.seed,
-            driver=request.driver,
-            settings_hash=request.settings.fingerprint(),
-            versions={name: metadata.version(name) for name in VERSIONED},
-        )
-        try:
-            write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
-            end = _with_cell(request, run, procedure, script, began, interrupts)
-            kept = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
-        except BaseException:
-            run.abandon()
-            raise
+        write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
+        end = _with_cell(request, run, procedure, script, began, interrupts)
+        kept = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
         run.end(end.result, kept)
         write_whole(run.directory / "result.json", json.dumps(to_json(kept), indent=1) + "\n")
     return end

@@ -60,7 +60,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     def lose(*_: Any) -> None:
         journals[0]._connection.execute("PRAGMA query_only = ON")
 
-    monkeypatch.setattr("cell.run.Journal.open", keep)
+    monkeypatch.setattr("cell.owned.Journal.open", keep)
     onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path, record=True)
     result = onlooker.fold(request)
     monkeypatch.undo()

@@ -151,7 +151,7 @@ def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
 
     command = _Arms.command
     monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
-    monkeypatch.setattr("cell.calibrating.session.Journal.open", journal)
+    monkeypatch.setattr("cell.owned.Journal.open", journal)
     code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
     assert code == 3 and "held where they are" in report["hint"] and "ledger.db" in err
     assert len(told) == 1 and not np.any(told[0])
