@@ -34,7 +34,7 @@ lint: setup
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil
 
-docs: setup            ## the pictures of README and docs, from one run (needs a graphics driver for the viewer)
+docs: setup            ## the pictures of README and docs, from one run (the viewer needs a graphics driver: on Debian mesa-vulkan-drivers)
 	$(BIN)/python -m benchmarks.pictures
 
 clean:
