@@ -34,7 +34,8 @@ lint: setup
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil
 
-docs: setup            ## the pictures of README and docs, from one run (the viewer needs a graphics driver: on Debian mesa-vulkan-drivers)
+# the viewer is drawn without a screen, but not without a graphics driver: on Debian mesa-vulkan-drivers
+docs: setup            ## the pictures of README and docs, from one run (needs a graphics driver)
 	$(BIN)/python -m benchmarks.pictures
 
 clean:

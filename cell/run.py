@@ -84,7 +84,7 @@ def fold_once(
             journal, request.garment, request.seed, request.driver, request.settings, packages
         ) as run:
             ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
-        result = _ended_in_ledger(run, ended.result)
+            result = _ended_in_ledger(run, ended.result)
         if result.result == "folded":
             Keeper(run.directory, None).forget()
         return _with_files(run.directory, request, replace(ended, result=result))

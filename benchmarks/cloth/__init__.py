@@ -47,7 +47,7 @@ PARTS: Mapping[str, Part] = {
     "threads": Part("speed:threads", "two simulations in two threads"),
     "start": Part("speed:start", "a new process until its first fold"),
     "substeps": Part("refinement:substeps", "folds with fewer and more substeps"),
-    "shirt": Part("contact:shirt", "the two-layer shirt of 1307 vertices in three folds"),
+    "shirt": Part("contact:shirt", "the two-layer shirt of about 1300 vertices in three folds"),
     "shirting": Part("contact:shirting", "the same with the stretch of the paper's shirt"),
     "sides": Part("contact:sides", "the shirt's sleeves folded in together with its sides"),
     "pants": Part("contact:pants", "pants in two folds"),

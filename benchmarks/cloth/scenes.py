@@ -21,7 +21,7 @@ MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
 HALF_SHIRT = [(0.08, 0.30), (0.22, 0.26), (0.60, 0.10), (0.57, 0.01), (0.24, 0.12), (0.24, -0.35)]
 SHIRT = np.array(HALF_SHIRT + [(-x, y) for x, y in HALF_SHIRT[::-1]])
-SHIRT_EDGE = 0.0255  # [m]: about 1307 vertices
+SHIRT_EDGE = 0.0255  # [m]: about 1300 vertices
 DURATION, RELEASE, SETTLE = 3.0, 0.3, 1.0
 IN = 0.012
 """Grasps so far inside a corner [m]."""
@@ -111,13 +111,13 @@ def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[Clot
     return _planned(garment, SHIRT_EDGE, speed)
 
 
-def sides_folds(speed: float = 1.0) -> list[Paths]:
+def sides_folds() -> list[Paths]:
     """Harder than any plan of ours: each sleeve together with a side that is too narrow to stay folded, sleeves
-    on each other, and the hem; start and end of each hand; `speed` times as fast."""
+    on each other, and the hem; start and end of each hand."""
     q = np.pi / 2
     return [
         {
-            side: arc(*ends, heading, duration=DURATION / speed)
+            side: arc(*ends, heading)
             for side, ends in ((Side.LEFT, left), (Side.RIGHT, right))
         }
         for left, right, heading in (

@@ -56,10 +56,10 @@ class Patches(NamedTuple):
     Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
     the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
     each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
-    normal (m, 6): bounds of the normals. place: (3, corners); tri_geo (m, 15, LANES): box, normal, offset,
-    velocity of the middle, by how much the corners' differ from it, slack; edge_geo (rows, 12, LANES): start,
-    direction, squared length, and the same of its motion; vertex_geo (rows, 7, LANES): place, velocity, slack.
-    stale: (m,) to be searched; hit: scratch."""
+    normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
+    tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
+    slack; edge_geo (rows, 12, LANES): start, direction, squared length, and the same of its motion; vertex_geo
+    (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; hit: scratch."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
@@ -338,7 +338,8 @@ def _fit_vertices(vertices, at, place, course, slack, geo):
 @njit(nogil=True, error_model="numpy")
 def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything):
     """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
-    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were."""
+    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
+    stale patches and of those beside them: no others are asked for."""
     place, box, corner_start = patches.place, patches.box, patches.corner_start
     ahead = np.float32(horizon)
     for k in range(len(moving)):
@@ -359,7 +360,7 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
                 patches.vertex[row], patches.vertex_at[row], place, course, slack[k], patches.vertex_geo[row]
             )
     for k in range(len(moving)):
-        if _beside_stale(patches, k):  # none of the others is asked for its normals
+        if _beside_stale(patches, k):
             around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
             _fit_normals(around, patches.tri_geo, patches.normal[k])
     _fit_groups(box, len(moving), ahead, patches.group)

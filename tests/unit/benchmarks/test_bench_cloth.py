@@ -79,7 +79,7 @@ def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
     x[pulled, 0] += 0.005
     assert strain(mesh, x, none, smooth) > 0.1
     assert strain(mesh, x, mesh.rest[[pulled]], smooth) < 1e-9
-    # the towel's own fold line is x = 0: 0.2 m from there is no crease, however the cloth got there
+    # the towel's fold line is x = 0 on the table, wherever the cloth was laid: its crease is what lies there
     flat = mesh.lay_flat(MATERIAL.thickness)
     shift = np.array([0.2, 0.0, 0.0])
     line = on_the_line(flat, towel_half(), 0.05)

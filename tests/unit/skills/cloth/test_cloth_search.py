@@ -96,6 +96,32 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     assert near > 20 and not lost_vt and not lost_ee
 
 
+def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
+    """Which layer of a sheet can touch itself is told by the normals of stale patches and of those beside them."""
+    mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
+    x = mesh.lay_flat(THICK)
+    patches = build_patches(mesh, mesh.edges.astype(np.int32))
+    m, corner = len(patches.tri), patches.corner
+    still, slack = np.zeros((3, len(corner)), np.float32), np.full(m, SLACK, np.float32)
+
+    def normals(x, stale, everything):
+        patches.stale[:] = stale
+        base = x[corner].T.astype(np.float32)
+        born, moving = np.zeros(m, np.int32), np.ones(m, bool)
+        fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything)
+        return patches.normal.copy()
+
+    normals(x, True, True)
+    bent = x + np.column_stack([0.0 * x[:, :2], 0.03 * np.sin(40.0 * x[:, 0])])
+    stale = np.isin(np.arange(m), [0, m // 3, m // 3 + 1])
+    some, every = normals(bent, stale, False), normals(bent, True, True)
+    start, beside = patches.beside_start, patches.beside
+    asked = np.unique(np.concatenate([beside[start[k] : start[k + 1]] for k in np.flatnonzero(stale)]))
+    assert stale.sum() < len(asked) < m / 2 and np.isin(np.flatnonzero(stale), asked).all()
+    np.testing.assert_array_equal(some[asked], every[asked])
+    assert not np.array_equal(some, every)  # the others were not fitted
+
+
 @pytest.mark.parametrize(("gravity", "shake", "sleep_frames"), [(9.81, 0.05, 0), (9.81, 0.05, 10), (0.0, 0.0, 0)])
 def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames):
     """Fallen onto each other, where patches leave their courses, and flown straight, where courses run out."""
