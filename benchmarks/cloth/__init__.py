@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ def measure(
 
     only: names of PARTS. keep: a file in which each part's figures are put down when it is done, and from which a
     part is taken that the same sources measured before. Raises ConfigurationError for a part that does not exist,
-    for a peer that is not installed, or a file that is none of ours.
+    for a peer that is not installed, or a file that is none of ours or cannot be written.
     """
     chosen = _chosen(only, peers)
     kept = _Kept(keep, quick)
@@ -139,7 +140,11 @@ class _Kept:
         self._path = path
         self._label = {"sources": _fingerprint(), "quick": quick}
         self.parts: dict[str, dict[str, Any]] = {}
-        if path is None or not path.exists():
+        if path is None:
+            return
+        if not os.access(path.parent, os.W_OK):  # told before a part is measured for nothing
+            raise ConfigurationError(f"{path} cannot be written", "give --keep a file in a folder that can")
+        if not path.exists():
             return
         try:
             found = json.loads(path.read_text(encoding="utf-8"))

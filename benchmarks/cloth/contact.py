@@ -140,14 +140,20 @@ def shirt(quick: bool) -> dict[str, Any]:
         "shirt_vertices": len(mesh.rest),
         "shirt_1307_rest_x_realtime": 1.0 / (time.thread_time() - start),
     }
-    x, speeds = rest.positions, []
+    speeds = _speeds(mesh, rest.positions, folds)
+    figures["shirt_1307_sleeve_x_realtime"] = min(speeds[:2])
+    figures["shirt_1307_hem_x_realtime"] = speeds[2]
+    return figures | fold_all(mesh, MATERIAL, folds).figures("shirt")
+
+
+def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
+    """Of folds of MATERIAL, one after the other from x (n, 3)."""
+    speeds = []
     for paths in folds:
         result, speed = timed(mesh, x, MATERIAL, paths)
         x = result.vertices
         speeds.append(speed)
-    figures["shirt_1307_sleeve_x_realtime"] = min(speeds[:2])
-    figures["shirt_1307_hem_x_realtime"] = speeds[2]
-    return figures | fold_all(mesh, MATERIAL, folds).figures("shirt")
+    return speeds
 
 
 def shirting(quick: bool) -> dict[str, Any]:
@@ -161,11 +167,7 @@ def shirting(quick: bool) -> dict[str, Any]:
 def sides(quick: bool) -> dict[str, Any]:
     """The same shirt, its sleeves folded in together with its sides."""
     mesh = mesh_from_contour(SHIRT, SHIRT_EDGE, layers=2)
-    speeds, x = [], mesh.lay_flat(MATERIAL.thickness)
-    for paths in sides_folds():
-        result, speed = timed(mesh, x, MATERIAL, paths)
-        x = result.vertices
-        speeds.append(speed)
+    speeds = _speeds(mesh, mesh.lay_flat(MATERIAL.thickness), sides_folds())
     figures: dict[str, Any] = {"sides_x_realtime": min(speeds[:2]), "sides_hem_x_realtime": speeds[2]}
     return figures | fold_all(mesh, MATERIAL, sides_folds()).figures("sides")
 

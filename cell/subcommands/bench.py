@@ -36,8 +36,20 @@ def run(options: argparse.Namespace) -> int:
         print_json({**figures, "quick": options.quick, "machine": _machine()})
     else:
         flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
-        print_table(("figure", "value"), flat)
+        if flat:
+            print_table(("figure", "value"), flat)
+        for key, value in figures.items():
+            _print_rows(key, value)
     return 0
+
+
+def _print_rows(name: str, rows: Any) -> None:
+    """A figure that is a list of rows, as a table of its own; what a row nests is in the JSON only."""
+    if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
+        return
+    columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
+    print(f"\n{name}")
+    print_table(columns, [[_shown(row.get(key)) for key in columns] for row in rows])
 
 
 def _garments(options: argparse.Namespace) -> dict[str, Any]:

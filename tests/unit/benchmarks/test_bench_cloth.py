@@ -39,6 +39,10 @@ def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: py
     file.write_text(json.dumps([1]))
     with pytest.raises(ConfigurationError, match="holds no figures"):
         bench.measure(told.append, peers=False, quick=True, only=["towel"], keep=file)
+    before = list(measured)
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        bench.measure(told.append, peers=False, quick=True, only=["towel"], keep=tmp_path / "no" / "such.json")
+    assert measured == before, "nothing is measured that could not be kept"
 
 
 def test_every_part_is_a_function_of_the_bench() -> None:
@@ -55,6 +59,9 @@ def test_the_command_takes_parts_of_the_cloth_bench_only(capsys: pytest.CaptureF
     assert main(["bench", "cloth", "--only", "nothing"]) == 64
     assert main(["bench", "cloth", "--quick", "--only", "mesh", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert main(["bench", "cloth", "--quick", "--only", "substeps"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert "substeps_folds" in shown and sum(line.startswith("towel ") for line in shown) == 2
     assert figures["mesh_min_angle_deg"] > 20.0 and "towel_425_x_realtime" not in figures
     assert main(["bench", "execution", "--only", "mesh"]) == 64
 
