@@ -40,23 +40,24 @@ def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
 
 
 @njit(nogil=True)
-def push_by_capsules(rules, state, busy, a, a0, cap_p0, cap_p1, cap_r, f):
-    """Kinematic capsules push edges (and so vertices) that are near them."""
-    x, xp, wa = state.x, state.xp, state.wa
+def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, wa):
+    """Kinematic capsules push edges (and so vertices) that come nearer than `near` [m] to them. busy: (m, 2)
+    capsule and edge. Their ends go from p0, q0 to p1, q1 (k, 3), and are at the share a0 of the way when the
+    substep begins, at a when it ends."""
     p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(len(busy)):
         k, e = busy[row, 0], busy[row, 1]
-        i, j = state.edge[e, 0], state.edge[e, 1]
+        i, j = edge[e, 0], edge[e, 1]
         for m in range(3):
-            p[m] = cap_p0[f, k, m] + a * (cap_p0[f + 1, k, m] - cap_p0[f, k, m])
-            q[m] = cap_p1[f, k, m] + a * (cap_p1[f + 1, k, m] - cap_p1[f, k, m])
+            p[m] = p0[k, m] + a * (p1[k, m] - p0[k, m])
+            q[m] = q0[k, m] + a * (q1[k, m] - q0[k, m])
         s, t = _closest_free(x, i, j, p, q)
         for m in range(3):
             c[m] = p[m] + t * (q[m] - p[m])
-            b0 = cap_p0[f, k, m] + a0 * (cap_p0[f + 1, k, m] - cap_p0[f, k, m])
-            b1 = cap_p1[f, k, m] + a0 * (cap_p1[f + 1, k, m] - cap_p1[f, k, m])
+            b0 = p0[k, m] + a0 * (p1[k, m] - p0[k, m])
+            b1 = q0[k, m] + a0 * (q1[k, m] - q0[k, m])
             c0[m] = b0 + t * (b1 - b0)
-        _push_out(x, xp, wa, i, j, s, c, c0, cap_r[k] + 0.5 * rules.thickness, rules.h)
+        _push_out(x, xp, wa, i, j, s, c, c0, radius[k] + near, h)
 
 
 @njit(nogil=True)

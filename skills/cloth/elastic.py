@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.vectors import dot, load, store
 from skills.vocabulary import Material
 
 __all__ = [
@@ -200,16 +201,14 @@ def solve_edges(n, edge, length, wi, wj, x):
     """One sweep over the first n packed edges; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2)."""
     for k in range(n):
         i, j = edge[k, 0], edge[k, 1]
-        ix, iy, iz = x[i, 0], x[i, 1], x[i, 2]
-        jx, jy, jz = x[j, 0], x[j, 1], x[j, 2]
-        dx, dy, dz = jx - ix, jy - iy, jz - iz
-        d2 = dx * dx + dy * dy + dz * dz
+        p, q = load(x, i), load(x, j)
+        d = q - p
+        d2 = dot(d, d)
         if d2 < 1e-18:
             continue
         s = 1.0 - length[k] / np.sqrt(d2)
-        a, b = s * wi[k], s * wj[k]
-        x[i, 0], x[i, 1], x[i, 2] = ix + a * dx, iy + a * dy, iz + a * dz
-        x[j, 0], x[j, 1], x[j, 2] = jx - b * dx, jy - b * dy, jz - b * dz
+        store(x, i, p + (s * wi[k]) * d)
+        store(x, j, q - (s * wj[k]) * d)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -218,20 +217,13 @@ def solve_hinges(n, hinge, weight, inverse, w, x):
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
-        s = inverse[k]
-        fa, fb, fc, fd = w[a] * ka, w[b] * kb, w[c] * kc, w[d] * kd
         # all is read before anything is written: four different vertices
-        ax, ay, az = x[a, 0], x[a, 1], x[a, 2]
-        bx, by, bz = x[b, 0], x[b, 1], x[b, 2]
-        cx, cy, cz = x[c, 0], x[c, 1], x[c, 2]
-        dx, dy, dz = x[d, 0], x[d, 1], x[d, 2]
-        rx = -s * (ka * ax + kb * bx + kc * cx + kd * dx)
-        ry = -s * (ka * ay + kb * by + kc * cy + kd * dy)
-        rz = -s * (ka * az + kb * bz + kc * cz + kd * dz)
-        x[a, 0], x[a, 1], x[a, 2] = ax + rx * fa, ay + ry * fa, az + rz * fa
-        x[b, 0], x[b, 1], x[b, 2] = bx + rx * fb, by + ry * fb, bz + rz * fb
-        x[c, 0], x[c, 1], x[c, 2] = cx + rx * fc, cy + ry * fc, cz + rz * fc
-        x[d, 0], x[d, 1], x[d, 2] = dx + rx * fd, dy + ry * fd, dz + rz * fd
+        pa, pb, pc, pd = load(x, a), load(x, b), load(x, c), load(x, d)
+        r = -inverse[k] * (ka * pa + kb * pb + kc * pc + kd * pd)
+        store(x, a, pa + (w[a] * ka) * r)
+        store(x, b, pb + (w[b] * kb) * r)
+        store(x, c, pc + (w[c] * kc) * r)
+        store(x, d, pd + (w[d] * kd) * r)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -332,16 +324,11 @@ def damp_edges(n, edge, rate, w, x, v):
     for k in range(n):
         i, j = edge[k, 0], edge[k, 1]
         total = w[i] + w[j]
-        dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-        d2 = dx * dx + dy * dy + dz * dz
+        d = load(x, j) - load(x, i)
+        d2 = dot(d, d)
         if d2 < 1e-18 or total == 0.0:
             continue
-        dv = (v[j, 0] - v[i, 0]) * dx + (v[j, 1] - v[i, 1]) * dy + (v[j, 2] - v[i, 2]) * dz
-        s = rate[k] * dv / (d2 * total)
-        a, b = s * w[i], s * w[j]
-        v[i, 0] += a * dx
-        v[i, 1] += a * dy
-        v[i, 2] += a * dz
-        v[j, 0] -= b * dx
-        v[j, 1] -= b * dy
-        v[j, 2] -= b * dz
+        p, q = load(v, i), load(v, j)
+        s = rate[k] * dot(q - p, d) / (d2 * total)
+        store(v, i, p + (s * w[i]) * d)
+        store(v, j, q - (s * w[j]) * d)

@@ -10,48 +10,39 @@ CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def hold(rules, state, holds, a, tool_p, tool_r, f):
-    """Draw the pinched points to where the tools have them, at the share a of frame f."""
-    frame = rules.h * rules.substeps
+def hold(
+    points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
+    rotation1, a
+):  # fmt: skip
+    """Draw the pinched points to where the tools have them, at the share a of the way from their first poses to
+    their second: position (2, 3), rotation (2, 3, 3). since: [s] from the frame's beginning."""
     pose = np.empty((4, 3))
     for hand in range(2):
-        if holds.points[hand] == 0:
+        if points[hand] == 0:
             continue
         for d in range(3):
-            pose[0, d] = tool_p[f, hand, d] + a * (tool_p[f + 1, hand, d] - tool_p[f, hand, d])
+            pose[0, d] = position0[hand, d] + a * (position1[hand, d] - position0[hand, d])
             for m in range(3):
-                pose[1 + m, d] = tool_r[f, hand, d, m] + a * (tool_r[f + 1, hand, d, m] - tool_r[f, hand, d, m])
-        ramp = max(0.0, 1.0 - (holds.age[hand] + a * frame) / CLOSING)
-        _hold_line(
-            hand,
-            pose,
-            ramp,
-            rules.hold_compliance / rules.h**2,
-            state.x,
-            state.wa,
-            holds.vertex,
-            holds.bary,
-            holds.offset,
-            holds.height,
-            holds.hand,
-            holds.impulse,
-        )
+                pose[1 + m, d] = rotation0[hand, d, m] + a * (rotation1[hand, d, m] - rotation0[hand, d, m])
+        ramp = max(0.0, 1.0 - (age[hand] + since) / CLOSING)
+        _hold_line(hand, points[hand], pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
-    """One hand's points. Several layers are held as a stack that is free to turn about the line: they keep their
-    distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
+def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
+    """One hand's `count` points. Several layers are held as a stack that is free to turn about the line: they keep
+    their distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
     # the middle height of the stack, and the moments of where its layers are about the line
     mean = 0.0
-    n = 0
-    for k in range(len(owner)):
-        if owner[k] == hand:
-            mean += height[k]
+    end, n = 0, 0
+    while n < count and end < len(owner):
+        if owner[end] == hand:
+            mean += height[end]
             n += 1
-    mean /= n
+        end += 1
+    mean /= count
     along, across = 0.0, 0.0
-    for k in range(len(owner)):
+    for k in range(end):
         if owner[k] != hand:
             continue
         i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]
@@ -64,7 +55,7 @@ def _hold_line(hand, pose, ramp, soft, x, wa, vertex, bary, offset, height, owne
         across += (height[k] - mean) * y
     size = np.sqrt(along * along + across * across)
     c, s = (along / size, across / size) if size > 1e-12 else (1.0, 0.0)
-    for k in range(len(owner)):
+    for k in range(end):
         if owner[k] != hand:
             continue
         i, j, m = vertex[k, 0], vertex[k, 1], vertex[k, 2]

@@ -4,6 +4,9 @@
 One thread, no global interpreter lock, a fixed order of every sum: the same input gives the same bits. The
 state lives in arrays that the caller owns; the loop can be left and entered again between substeps (when
 a list of pairs is too small) without any difference.
+
+What is called in every substep is handed the arrays that it works on: a tuple of arrays is handed over piece by
+piece, hundreds of numbers a call, and nine such calls a substep took a sixth of a towel's time.
 """
 
 from __future__ import annotations
@@ -22,12 +25,10 @@ from skills.cloth.contact import (
     PHASE,
     apply_impulses,
     average_impulses,
-    meet_once,
-    narrow_edge_edge,
-    narrow_vertex_triangle,
     remember_impulses,
     solve_contacts,
 )
+from skills.cloth.edge_edge import narrow_edge_edge
 from skills.cloth.elastic import (
     damp_edges,
     measure_turns,
@@ -37,6 +38,7 @@ from skills.cloth.elastic import (
     solve_rubbed_hinges,
 )
 from skills.cloth.hold import hold, let_go
+from skills.cloth.integrate import follow, integrate, lead, take_speed
 from skills.cloth.pairs import needs_search, search
 from skills.cloth.sleep import pack, update_sleep
 from skills.cloth.state import (
@@ -54,115 +56,19 @@ from skills.cloth.state import (
     SUBSTEP,
     VT,
 )
-from skills.cloth.table import clear_press, press_on_table
+from skills.cloth.table import find_low, press_on_table
 from skills.cloth.untangle import GLANCE, untangle
+from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
 FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase hasten it
 COMPILED = (
-    "capsules.py", "contact.py", "crossings.py", "elastic.py", "hold.py", "kernel.py", "pairs.py", "patches.py",
-    "sleep.py", "state.py", "table.py", "untangle.py",
+    "capsules.py", "contact.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py", "integrate.py",
+    "kernel.py", "pairs.py", "patches.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
+    "vertex_triangle.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _integrate(rules, state):
-    h = rules.h
-    keep = 1.0 / (1.0 + rules.drag * h)
-    for c in range(state.counts[AWAKE]):
-        i = state.awake_list[c]
-        vx = state.v[i, 0] * keep + h * rules.gx
-        vy = state.v[i, 1] * keep + h * rules.gy
-        vz = state.v[i, 2] * keep + h * rules.gz
-        s2 = vx * vx + vy * vy + vz * vz
-        if s2 > rules.max_speed * rules.max_speed:
-            k = rules.max_speed / np.sqrt(s2)
-            vx, vy, vz = k * vx, k * vy, k * vz
-        for m in range(3):
-            state.xp[i, m] = state.x[i, m]
-        state.x[i, 0] += h * vx
-        state.x[i, 1] += h * vy
-        state.x[i, 2] += h * vz
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _bend(body, rules, state, s):
-    """Hinges with damping: solved for u = x + gamma (x - xp), in which the damped constraint is the plain one."""
-    g = rules.bend_gamma
-    n = state.counts[HINGES]
-    x, xp, u = state.x, state.xp, state.u
-    for c in range(state.counts[AWAKE]):
-        i = state.awake_list[c]
-        for m in range(3):
-            u[i, m] = x[i, m] + g * (x[i, m] - xp[i, m])
-    if len(body.rub.most):
-        _rub(body, state, s)
-        solve_rubbed_hinges(
-            n,
-            state.hinge,
-            state.weight,
-            state.inverse,
-            state.axis,
-            state.foot,
-            state.moment,
-            1.0 + g,
-            state.wa,
-            u,
-        )
-    else:
-        solve_hinges(n, state.hinge, state.weight, state.inverse, state.wa, u)
-    scale = 1.0 / (1.0 + g)
-    for c in range(state.counts[AWAKE]):
-        i = state.awake_list[c]
-        for m in range(3):
-            x[i, m] = (u[i, m] + g * xp[i, m]) * scale
-
-
-@njit(nogil=True)
-def _rub(body, state, s):
-    """Friction of the hinges, whose turns and axes are measured now and then."""
-    n, rub = state.counts[HINGES], body.rub
-    if s % PHASE == 0:
-        measure_turns(
-            n,
-            state.which,
-            state.hinge,
-            rub.soft,
-            body.w,
-            state.x,
-            state.axis,
-            state.foot,
-            state.turn,
-            state.rub_inverse,
-        )
-    rub_hinges(
-        n,
-        state.which,
-        state.hinge,
-        rub.near,
-        rub.share,
-        rub.most,
-        state.axis,
-        state.foot,
-        state.turn,
-        state.rub_inverse,
-        state.slip,
-        state.held,
-        state.x,
-        state.moment,
-    )
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _take_speed(rules, state):
-    """Velocities from displacements."""
-    inv_h = 1.0 / rules.h
-    for c in range(state.counts[AWAKE]):
-        i = state.awake_list[c]
-        for m in range(3):
-            state.v[i, m] = (state.x[i, m] - state.xp[i, m]) * inv_h
 
 
 def _fingerprint() -> str:
@@ -188,6 +94,8 @@ def _compile(sources: str) -> Callable[..., int]:
         h = rules.h
         thick = rules.thickness
         frame = h * rules.substeps
+        gravity = (rules.gx, rules.gy, rules.gz)
+        awake, rub = state.awake_list, body.rub
         for f in range(count[FRAME], frames):
             if count[SUBSTEP] == 0:
                 update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
@@ -197,6 +105,7 @@ def _compile(sources: str) -> Callable[..., int]:
             busy = np.empty((0, 2), np.int32)
             if len(cap_r):
                 busy = near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
+            holding = holds.points[0] + holds.points[1] > 0
             if count[AWAKE] > 0:
                 for s in range(count[SUBSTEP], rules.substeps):
                     if s == count[NEXT]:
@@ -206,114 +115,80 @@ def _compile(sources: str) -> Callable[..., int]:
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
                         n, farthest = narrow_vertex_triangle(
-                            count[VT],
-                            pairs.vt,
-                            pairs.side,
-                            pairs.vt_due,
-                            count[NOW],
-                            body.tri,
-                            state.x,
-                            state.v,
-                            state.wa,
-                            thick,
-                            PHASE * h,
-                            pairs.vt_j,
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            pairs.act_m,
-                            pairs.act_c,
-                            pairs.inside,
-                        )
-                        n = meet_once(
-                            n,
-                            pairs.vt,
-                            state.last_row,
-                            pairs.chain,
-                            pairs.better,
-                            pairs.inside,
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            pairs.act_m,
-                            pairs.act_c,
-                        )
+                            count[VT], count[NOW], thick, PHASE * h, body.tri, state.x, state.v, state.wa, pairs,
+                            state.last_row
+                        )  # fmt: skip
                         count[ACTIVE_VT] = n
                         n, edges_farthest = narrow_edge_edge(
-                            count[EE],
-                            pairs.ee,
-                            pairs.near,
-                            pairs.normal,
-                            pairs.ee_due,
-                            count[NOW],
-                            body.edge,
-                            body.rim,
-                            state.x,
-                            state.v,
-                            state.wa,
-                            EDGE_SHARE * thick,
-                            PHASE * h,
-                            pairs.ee_j,
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            pairs.act_m,
-                            pairs.act_c,
-                            n,
-                        )
+                            count[EE], n, count[NOW], EDGE_SHARE * thick, PHASE * h, body.edge, body.rim, state.x,
+                            state.v, state.wa, pairs
+                        )  # fmt: skip
                         count[ACTIVE] = n
                         fast = max(farthest, edges_farthest) > FAST * thick
                         count[NEXT] = min(s + HASTE, s - s % PHASE + PHASE) if fast else s - s % PHASE + PHASE
                     if s % PHASE == 0:
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
-                    _integrate(rules, state)
+                    integrate(
+                        count[AWAKE], awake, h, rules.drag, rules.max_speed, gravity, state.x, state.xp, state.v
+                    )  # fmt: skip
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
-                    _bend(body, rules, state, s)
+                    lead(count[AWAKE], awake, rules.bend_gamma, state.x, state.xp, state.u)
+                    if len(rub.most):
+                        if s % PHASE == 0:
+                            measure_turns(
+                                count[HINGES], state.which, state.hinge, rub.soft, body.w, state.x, state.axis,
+                                state.foot, state.turn, state.rub_inverse
+                            )  # fmt: skip
+                        rub_hinges(
+                            count[HINGES], state.which, state.hinge, rub.near, rub.share, rub.most, state.axis,
+                            state.foot, state.turn, state.rub_inverse, state.slip, state.held, state.x,
+                            state.moment
+                        )  # fmt: skip
+                        solve_rubbed_hinges(
+                            count[HINGES], state.hinge, state.weight, state.inverse, state.axis, state.foot,
+                            state.moment, 1.0 + rules.bend_gamma, state.wa, state.u
+                        )  # fmt: skip
+                    else:
+                        solve_hinges(
+                            count[HINGES], state.hinge, state.weight, state.inverse, state.wa, state.u
+                        )  # fmt: skip
+                    follow(count[AWAKE], awake, rules.bend_gamma, state.x, state.xp, state.u)
                     a = (s + 1.0) / rules.substeps
-                    hold(rules, state, holds, a, tool_p, tool_r, f)
+                    if holding:
+                        hold(
+                            holds.points, holds.age, holds.hand, holds.vertex, holds.bary, holds.offset,
+                            holds.height, holds.impulse, rules.hold_compliance / h**2, state.x, state.wa,
+                            a * frame, tool_p[f], tool_r[f], tool_p[f + 1], tool_r[f + 1], a
+                        )  # fmt: skip
                     apply_impulses(
-                        count[ACTIVE],
-                        pairs.act_i,
-                        pairs.act_b,
-                        pairs.act_n,
-                        pairs.act_m,
-                        pairs.act_j,
-                        pairs.act_p,
-                        state.wa,
-                        state.x,
-                        state.xp,
-                    )
-                    clear_press(state)
-                    press_on_table(rules, state)
+                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_m, pairs.act_j,
+                        pairs.act_p, pairs.act_g, state.wa, state.x, state.xp
+                    )  # fmt: skip
+                    low = 0
+                    if rules.table:
+                        low = find_low(
+                            count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, state.x, state.xp,
+                            state.v, state.press, state.low, state.floor, state.rub
+                        )  # fmt: skip
                     for sw in range(SWEEPS):
-                        if sw > 0:
-                            press_on_table(rules, state)
+                        press_on_table(
+                            low, state.low, 0.5 * thick, state.floor, state.rub, state.x, state.xp, state.press
+                        )  # fmt: skip
                         solve_contacts(
-                            count[ACTIVE],
-                            pairs.act_i,
-                            pairs.act_b,
-                            pairs.act_n,
-                            pairs.act_d,
-                            pairs.act_w,
-                            pairs.act_j,
-                            pairs.act_p,
-                            state.wa,
-                            state.x,
-                            rules.mu_layers,
-                            h,
+                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w,
+                            pairs.act_j, pairs.act_p, pairs.act_g, state.wa, state.x, rules.mu_layers, h,
                             s * SWEEPS + sw,  # there in one substep and back in the next
-                        )
+                        )  # fmt: skip
                     average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)
                     if len(busy):
-                        push_by_capsules(rules, state, busy, a, s / rules.substeps, cap_p0, cap_p1, cap_r, f)
-                    press_on_table(rules, state)
-                    _take_speed(rules, state)
+                        push_by_capsules(
+                            busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,
+                            0.5 * thick, h, state.edge, state.x, state.xp, state.wa
+                        )  # fmt: skip
+                    press_on_table(
+                        low, state.low, 0.5 * thick, state.floor, state.rub, state.x, state.xp, state.press
+                    )  # fmt: skip
+                    take_speed(count[AWAKE], awake, h, state.x, state.xp, state.v)
                     count[NOW] += 1
                     if s + 1 == count[NEXT]:
                         remember_impulses(

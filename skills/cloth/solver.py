@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from robots.errors import InternalError
+from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
 from skills.cloth.contact import PHASE
@@ -40,6 +40,7 @@ from skills.cloth.state import (
 )
 from skills.cloth.topology import topology_of
 from skills.cloth.untangle import Tangles, no_tangles
+from skills.cloth.vectors import WIDTH, rows_of
 from skills.vocabulary import Material
 
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
@@ -133,12 +134,12 @@ class ClothSimulation:
     @property
     def positions(self) -> Array:
         """(n, 3) [m], table frame (a copy)."""
-        return self._state.x.copy()
+        return self._state.x[:, :3].copy()
 
     @property
     def velocities(self) -> Array:
         """(n, 3) [m/s] (a copy)."""
-        return self._state.v.copy()
+        return self._state.v[:, :3].copy()
 
     @property
     def asleep(self) -> NDArray[np.bool_]:
@@ -153,7 +154,7 @@ class ClothSimulation:
     @property
     def table_force(self) -> Array:
         """(3,) [N] force of the cloth on the table in the last substep, table frame."""
-        press = self._state.press / np.where(self._body.w > 0.0, self._body.w, np.inf)[:, None]
+        press = self._state.press[:, :3] / np.where(self._body.w > 0.0, self._body.w, np.inf)[:, None]
         return -press.sum(axis=0) / self._rules.h**2
 
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
@@ -163,14 +164,14 @@ class ClothSimulation:
         that is only turned or shifted feels nothing of it.
         """
         x = np.asarray(positions, dtype=float)
-        if x.shape != self._state.x.shape or not np.isfinite(x).all():
+        if x.shape != self._state.ref.shape or not np.isfinite(x).all():
             raise InternalError("positions must be finite and (n, 3)", shape=tuple(x.shape), n=len(self._state.x))
         s = self._state
-        s.x[:], s.xp[:], s.ref[:], s.last[:] = x, x, x, x
-        s.v[:] = 0.0 if velocities is None else velocities
+        for place in (s.x, s.xp, s.u, s.ref, s.last):
+            place[:, :3] = x
+        s.v[:, :3] = 0.0 if velocities is None else velocities
         s.quiet[:], s.awake[:], s.expired[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
         s.turned[:], s.moving[:] = False, False
-        s.u[:] = x
         s.press[:], s.still[:] = 0.0, False
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
@@ -186,11 +187,11 @@ class ClothSimulation:
         s = self._state
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._rules.sleep_frames
-        s.base[:], s.course[:] = s.x[self._body.patches.corner].T, 0.0
+        s.base[:], s.course[:] = s.x[self._body.patches.corner, :3].T, 0.0
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
         s.counts[AWAKE] = 0
         if len(s.slip):
-            s.slip[:], s.held[:] = turns(self._body.hinge, s.x), 0.0
+            s.slip[:], s.held[:] = turns(self._body.hinge, s.x[:, :3]), 0.0
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
         """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
@@ -199,7 +200,7 @@ class ClothSimulation:
         """
         self.release(hand)
         p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
-        found = find_pinched(self.mesh, self._state.x, p, r, self.pads, self.material.thickness)
+        found = find_pinched(self.mesh, self._state.x[:, :3], p, r, self.pads, self.material.thickness)
         h = self._holds
         free = np.flatnonzero(h.hand < 0)[: len(found.vertex)]
         m = len(free)
@@ -296,14 +297,20 @@ class ClothSimulation:
         return out
 
     def restore(self, saved: Mapping[str, Array]) -> None:
-        """Back to a checkpoint of a simulation with the same mesh, material and settings."""
+        """Back to a checkpoint of a simulation with the same mesh, material and settings. Raises
+        ConfigurationError for one that another version of the solver wrote."""
+        if not _own_parts() <= saved.keys() or saved["state.x"].shape[1:] != (WIDTH,):
+            raise ConfigurationError(
+                "the state of the cloth was written by another foldcell",
+                "go on with the version that began the run, or start a new one",
+            )
         if saved["state.x"].shape != self._state.x.shape:
             raise InternalError("a checkpoint of another mesh", shape=tuple(saved["state.x"].shape))
         if saved["state.slip"].shape != self._state.slip.shape:
             raise InternalError("a checkpoint of cloth with other friction in bending")
 
         def part(name: str) -> dict[str, Any]:
-            return {k.split(".")[1]: v.copy() for k, v in saved.items() if k.startswith(name + ".")}
+            return {k.split(".")[1]: _copied(v) for k, v in saved.items() if k.startswith(name + ".")}
 
         self._state = State(**part("state"))
         self._pairs = Pairs(**part("pairs"))
@@ -319,6 +326,16 @@ class ClothSimulation:
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
+
+
+def _own_parts() -> set[str]:
+    """Names of what a checkpoint is made of, but the tools' poses and the time."""
+    parts: dict[str, Any] = {"state": State, "pairs": Pairs, "holds": Holds, "tangles": Tangles}
+    return {f"{name}.{field}" for name, part in parts.items() for field in part._fields}
+
+
+def _copied(saved: Array) -> Array:
+    return rows_of(saved) if saved.dtype == float and saved.shape[1:] == (WIDTH,) else saved.copy()
 
 
 def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> Body:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.cloth.elastic import Rub
 from skills.cloth.patches import Patches
+from skills.cloth.vectors import rows
 
 HANDS = 2
 MAX_HELD = 128
@@ -66,8 +67,10 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. wa: inverse mass, 0 for a vertex asleep.
-    press: what the table bore of each vertex in the last substep: displacements along x and y and upwards.
+    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began,
+    and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep.
+    press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
+    low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
     born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
@@ -98,6 +101,9 @@ class State(NamedTuple):
     last_row: NDArray[np.int32]
     near: NDArray[np.bool_]
     awake_list: NDArray[np.int32]
+    low: NDArray[np.int32]
+    floor: Array
+    rub: Array
     counts: NDArray[np.int64]
     edge: NDArray[np.int32]
     length: Array
@@ -120,10 +126,11 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 3) what it bears [kg m];
-    act_j, act_m: what a contact bears in this substep, and of late; act_c: its pair; act_p: (m, 4) how far apart
-    its sides were when the substep began, and how far along its normal; inside: of a vertex over a triangle, the
-    least barycentric coordinate; new_vt, new_ee, key, row, kept, chain, better: scratch."""
+    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
+    [kg m]; act_j, act_m: (m, 4) what a contact bears in this substep, and of late; act_n: (m, 4) its normal;
+    act_c: its pair; act_p: (m, 4) how far apart its sides were when the substep began, act_g: (m,) and how far
+    along its normal. Scratch: inside, of a vertex over a triangle the least barycentric coordinate; chain, the
+    next row of the same vertex; better, new_vt, new_ee, key, row, kept."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -148,6 +155,7 @@ class Pairs(NamedTuple):
     act_m: Array
     act_c: NDArray[np.int32]
     act_p: Array
+    act_g: Array
     chain: NDArray[np.int32]
     better: NDArray[np.int32]
     inside: Array
@@ -181,10 +189,10 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         return np.zeros(shape)
 
     return State(
-        x=f(n, 3),
-        xp=f(n, 3),
-        v=f(n, 3),
-        u=f(n, 3),
+        x=rows(n),
+        xp=rows(n),
+        v=rows(n),
+        u=rows(n),
         ref=f(n, 3),
         last=f(n, 3),
         base=np.zeros((3, corners), np.float32),
@@ -196,7 +204,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         watched=np.zeros(m, np.int32),
         turned=np.zeros(n, np.bool_),
         wa=f(n),
-        press=f(n, 3),
+        press=rows(n),
         quiet=np.zeros(n, np.int32),
         still=np.zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
@@ -204,6 +212,9 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         last_row=np.full(n, -1, np.int32),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
+        low=np.zeros(n, np.int32),
+        floor=f(n),
+        rub=f(n),
         counts=np.zeros(16, np.int64),
         edge=np.zeros((edges, 2), np.int32),
         length=f(edges),
@@ -228,32 +239,33 @@ def new_pairs(vt: int, ee: int) -> Pairs:
     """Lists with room for so many pairs of a vertex and a triangle, and of edges."""
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return Pairs(
-        np.zeros((vt, 2), np.int32),
-        np.zeros(vt, np.int8),
-        np.zeros(vt, np.int32),
-        np.zeros((vt, 3)),
-        np.zeros((ee, 2), np.int32),
-        np.zeros(ee, np.bool_),
-        np.zeros((ee, 3)),
-        np.zeros(ee, np.int32),
-        np.zeros((ee, 3)),
-        np.zeros((vt, 2), np.int32),
-        np.zeros((ee, 2), np.int32),
-        np.zeros(table, np.int64),
-        np.zeros(table, np.int32),
-        np.zeros((m, 6)),
-        np.zeros((m, 4), np.int32),
-        np.zeros((m, 4)),
-        np.zeros((m, 3)),
-        np.zeros(m),
-        np.zeros(m),
-        np.zeros((m, 3)),
-        np.zeros((m, 3)),
-        np.zeros(m, np.int32),
-        np.zeros((m, 4)),
-        np.zeros(m, np.int32),
-        np.zeros(m, np.int32),
-        np.zeros(m),
+        vt=np.zeros((vt, 2), np.int32),
+        side=np.zeros(vt, np.int8),
+        vt_due=np.zeros(vt, np.int32),
+        vt_j=rows(vt),
+        ee=np.zeros((ee, 2), np.int32),
+        near=np.zeros(ee, np.bool_),
+        normal=rows(ee),
+        ee_due=np.zeros(ee, np.int32),
+        ee_j=rows(ee),
+        new_vt=np.zeros((vt, 2), np.int32),
+        new_ee=np.zeros((ee, 2), np.int32),
+        key=np.zeros(table, np.int64),
+        row=np.zeros(table, np.int32),
+        kept=np.zeros((m, 6)),
+        act_i=np.zeros((m, 4), np.int32),
+        act_b=np.zeros((m, 4)),
+        act_n=rows(m),
+        act_d=np.zeros(m),
+        act_w=np.zeros(m),
+        act_j=rows(m),
+        act_m=rows(m),
+        act_c=np.zeros(m, np.int32),
+        act_p=rows(m),
+        act_g=np.zeros(m),
+        chain=np.zeros(m, np.int32),
+        better=np.zeros(m, np.int32),
+        inside=np.zeros(m),
     )
 
 

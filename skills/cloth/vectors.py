@@ -1,0 +1,189 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Points and directions as one register of four doubles, for compiled code.
+
+Arrays of them have four columns (`rows`), the fourth of which is zero and stays so. `load` and `store` move a row;
+a + b, a - b, -a, s * a (s a float), `dot`, `cross` and `vector` compute. Products and sums may be contracted, as
+everywhere in the solver. An array of fewer columns would be read and written beyond its rows: nothing checks that.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, overload, register_model
+
+from robots.ports import Array
+
+__all__ = ["WIDTH", "cross", "dot", "load", "rows", "rows_of", "store", "vector"]
+
+WIDTH = 4
+_REGISTER = ir.VectorType(ir.DoubleType(), WIDTH)
+_INDEX = ir.IntType(32)
+_FLAGS = ("contract",)
+
+
+class _Vector(types.Type):
+    pass
+
+
+_vector = _Vector(name="Vector")
+
+
+def _operation(definition: Callable[..., Any]) -> Any:
+    """An intrinsic: compiled code calls it without the typing context."""
+    return intrinsic(definition)
+
+
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _REGISTER)  # type: ignore[no-untyped-call]
+
+
+def rows(n: int) -> Array:
+    """(n, WIDTH) zeros, each row within one line of the cache."""
+    line = 64 // 8
+    flat = np.zeros(n * WIDTH + line)
+    first = -(flat.ctypes.data // 8) % line
+    return flat[first : first + n * WIDTH].reshape(n, WIDTH)
+
+
+def rows_of(a: Array) -> Array:
+    """A copy of (n, WIDTH) as `rows` lie."""
+    made = rows(len(a))
+    made[:] = a
+    return made
+
+
+def _row(context: Any, builder: Any, array_type: Any, array: Any, i: Any) -> Any:
+    """Where row i of an array begins."""
+    found = context.make_array(array_type)(context, builder, array)
+    place = [i, context.get_constant(types.intp, 0)]
+    pointer = cgutils.get_item_pointer(context, builder, array_type, found, place, wraparound=False)
+    return builder.bitcast(pointer, _REGISTER.as_pointer())
+
+
+@_operation
+def load(typingctx, array, i):
+    """Row i of an array (n, WIDTH)."""
+
+    def generate(context, builder, signature, arguments):
+        read = builder.load(_row(context, builder, signature.args[0], *arguments), typ=_REGISTER)
+        read.align = 8
+        return read
+
+    return _vector(array, types.intp), generate
+
+
+@_operation
+def store(typingctx, array, i, v):
+    """Write v to row i of an array (n, WIDTH)."""
+
+    def generate(context, builder, signature, arguments):
+        row = _row(context, builder, signature.args[0], *arguments[:2])
+        builder.store(arguments[2], row).align = 8
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, _vector), generate
+
+
+@_operation
+def vector(typingctx, x, y, z):
+    """Of three floats."""
+
+    def generate(context, builder, signature, arguments):
+        made = ir.Constant(_REGISTER, [0.0] * WIDTH)
+        for k, value in enumerate(arguments):
+            made = builder.insert_element(made, value, ir.Constant(_INDEX, k))
+        return made
+
+    return _vector(types.float64, types.float64, types.float64), generate
+
+
+def _elementwise(name: str) -> Any:
+    @_operation
+    def apply(typingctx, a, b):
+        def generate(context, builder, signature, arguments):
+            return getattr(builder, name)(*arguments, flags=_FLAGS)
+
+        return _vector(_vector, _vector), generate
+
+    return apply
+
+
+_plus, _minus, _times = (_elementwise(name) for name in ("fadd", "fsub", "fmul"))
+
+
+@_operation
+def _all(typingctx, s):
+    """s in every place."""
+
+    def generate(context, builder, signature, arguments):
+        empty = ir.Constant(_REGISTER, ir.Undefined)
+        first = builder.insert_element(empty, arguments[0], ir.Constant(_INDEX, 0))
+        return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH))
+
+    return _vector(types.float64), generate
+
+
+@_operation
+def _turned(typingctx, v):
+    """(y, z, x)."""
+
+    def generate(context, builder, signature, arguments):
+        order = ir.Constant(ir.VectorType(_INDEX, WIDTH), [1, 2, 0, 3])
+        return builder.shuffle_vector(arguments[0], ir.Constant(_REGISTER, ir.Undefined), order)
+
+    return _vector(_vector), generate
+
+
+@_operation
+def dot(typingctx, a, b):
+    """a . b"""
+
+    def generate(context, builder, signature, arguments):
+        products = builder.fmul(*arguments, flags=_FLAGS)
+        x, y, z = (builder.extract_element(products, ir.Constant(_INDEX, k)) for k in range(3))
+        return builder.fadd(builder.fadd(x, y, flags=_FLAGS), z, flags=_FLAGS)
+
+    return types.float64(_vector, _vector), generate
+
+
+@njit(nogil=True)
+def cross(a, b):
+    """a x b"""
+    return _turned(_minus(_times(a, _turned(b)), _times(_turned(a), b)))
+
+
+@overload(operator.add)
+def _add(a, b):
+    if a == _vector and b == _vector:
+        return lambda a, b: _plus(a, b)
+    return None
+
+
+@overload(operator.sub)
+def _subtract(a, b):
+    if a == _vector and b == _vector:
+        return lambda a, b: _minus(a, b)
+    return None
+
+
+@overload(operator.mul)
+def _scale(a, b):
+    if isinstance(a, types.Float) and b == _vector:
+        return lambda a, b: _times(_all(a), b)
+    return None
+
+
+@overload(operator.neg)
+def _negate(a):
+    if a == _vector:
+        return lambda a: _times(_all(-1.0), a)
+    return None
