@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The search for pairs that may touch: patches of a few triangles, compared eight at a time.
+"""The search for pairs that may touch: patches of some triangles, compared sixteen at a time.
 
 Each patch foresees a course for its corners, straight lines from where they were when it was last searched, and
 is searched again when one of them left its line, or the course has run out, or a corner has just woken. Its
@@ -21,10 +21,11 @@ of boxes tests less and takes longer.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32, njit
+from numba.cpython.unsafe.numbers import trailing_zeros
 from numpy.typing import NDArray
 
 from skills.cloth.contact import EDGE_SHARE, RELEASE
@@ -32,13 +33,13 @@ from skills.cloth.mesh import ClothMesh
 
 __all__ = ["Patches", "build_patches", "fit_patches", "search_pairs"]
 
-LANES = 8
-LEAF = 5  # triangles of a patch, at most: with its edges just about one row
+LANES = 16
+LEAF = 10  # triangles of a patch, at most: with its edges just about one row
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
 ROUNDING = 2e-5  # [m] of single precision
 FAR = 1e6  # [m] where the unused places of a row are
 
-LOWEST = np.array([(k & -k).bit_length() - 1 for k in range(1 << LANES)], np.int32)
+lowest: Any = trailing_zeros
 """Place of the lowest bit."""
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
@@ -553,7 +554,7 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
             apart = apart | (abs(group[h, d] - own[d]) - sweep > group[h, d + 3] + own[d + 3] + near)
         bits = int32(0) if apart else _boxes_near(box, h, own, near, horizon)
         while bits:
-            b = h * LANES + LOWEST[bits]
+            b = h * LANES + lowest(bits)
             bits &= bits - 1
             if b >= m or (b < a and stale[b]):
                 continue
@@ -579,12 +580,12 @@ def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, n
         for row in range(start[p], start[p + 1]):
             points = _points_within(geo, row, box, slab, q, near, horizon)
             while points:
-                c = LOWEST[points]
+                c = lowest(points)
                 points &= points - 1
                 i = vertex[row, c]
                 bits = _triangles_near(tri_geo, q, geo, row, c, near, horizon)
                 while bits:
-                    t = tris[q, LOWEST[bits]]
+                    t = tris[q, lowest(bits)]
                     bits &= bits - 1
                     if i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
                         if n < len(vt):
@@ -601,14 +602,14 @@ def _near_edges(a, hit, met, owned, start, geo, box, slab, near, horizon, edge, 
         for row in range(start[a], start[a + 1]):
             within = _edges_within(geo, row, box, slab, b, near, horizon)
             while within:
-                c = LOWEST[within]
+                c = lowest(within)
                 within &= within - 1
                 e = owned[row, c]
                 i, j = edge[e, 0], edge[e, 1]
                 for other in range(start[b], start[b + 1]):
                     bits = _edges_near(geo, row, c, other, near, horizon)
                     while bits:
-                        k = LOWEST[bits]
+                        k = lowest(bits)
                         bits &= bits - 1
                         f = owned[other, k]
                         apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]

@@ -46,14 +46,15 @@ def poked(reach):
 
 @pytest.mark.parametrize("reach", [0.02, 0.05])
 def test_a_bulge_that_was_pushed_through_a_sheet_goes_back(reach):
-    """The upper sheet ends where it would have without: nothing is torn, nothing hangs on the memory of sides."""
+    """The upper sheet ends where it would have without: nothing is torn, nothing hangs on the memory of sides. Of
+    72 starts that differed by 1e-6 m two still had a bulge after 2 s, none after 4 s."""
     mesh, x, _ = poked(reach)
     assert count_crossings(x, mesh.triangles) >= 5
     s = ClothSimulation(mesh, MATERIAL, x)
-    s.advance(120)
+    s.advance(240)
     assert count_crossings(s.positions, mesh.triangles) == 0
     undisturbed = ClothSimulation(mesh, MATERIAL, two_sheets()[1])
-    undisturbed.advance(120)
+    undisturbed.advance(240)
     assert np.linalg.norm(s.positions - undisturbed.positions, axis=1).max() < 0.002
 
 
