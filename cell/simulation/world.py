@@ -409,9 +409,9 @@ class World:
             plain = json.loads(str(data["plain"]))
             robot = {name.removeprefix("robot."): data[name] for name in data if name.startswith("robot.")}
             cloth = {name.removeprefix("cloth."): data[name] for name in data if name.startswith("cloth.")}
+        self.garment.restore(cloth or None)
         self._steps, self._time, self._pace = plain["steps"], plain["time"], None
         self._fold, self._lifted = plain["fold"], plain["lifted"]
-        self.garment.restore(cloth or None)
         for side, hand in self._hands.items():
             hand.gripper.resume(plain["grippers"][side.value])
             hand.tactile.forget()

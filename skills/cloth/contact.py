@@ -1,11 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Self-contact of cloth: vertex against triangle and edge against edge.
+"""Self-contact of cloth: what contacts are, and the sweeps over them.
 
-The search for pairs is in patches.py. Narrow phase, every few substeps: which of the pairs are near, on which
-side, and with which weights; such a contact is one linear constraint n . sum(b_i x_i) >= thickness until the
-next narrow phase. The side of a pair follows the geometry as long as it is apart and is kept while it is
-near: a pair that was pressed through is pushed back to where it came from. What comes so fast that it could be
-through by the next narrow phase has the next one earlier.
+The search for pairs is in patches.py. Narrow phase, every few substeps (vertex_triangle.py, edge_edge.py): which
+of the pairs are near, on which side, and with which weights; such a contact is one linear constraint
+n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair follows the geometry as long as it
+is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What
+comes so fast that it could be through by the next narrow phase has the next one earlier.
 
 Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
 Coulomb's at position level, bounded by all that a contact has borne in the substep.
@@ -35,10 +35,17 @@ STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretell
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # phases that a pair which is far apart is left out
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
-# neighbours in the list share vertices, and have to wait for each other: contacts of so many parts of it in turn
+# neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
+# so many parts of the list in turn
 PARTS = 4
 OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
 OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
+
+
+@njit(nogil=True)
+def later(now, free, reach):
+    """When a pair is to be looked at again that has to come nearer by `free`, and may by `reach` in a phase."""
+    return now + PHASE * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import GIVE_UP, LEAST_SHARE, MAX_WAIT, PARKED, PHASE, RELEASE, STRAY
+from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
 from skills.cloth.vectors import cross, dot, load, store, vector
 
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
@@ -73,7 +73,7 @@ def narrow_edge_edge(count, n, now, thick, span, edge, rim, x, v, w, pairs):
         reach = STRAY + span * 1.5 * np.sqrt(dot(slide, slide))
         if d2 > (release + reach) ** 2:
             near[c] = False
-            due[c] = now + PHASE * (1 + int(min((np.sqrt(d2) - release - reach) / reach, MAX_WAIT)))
+            due[c] = later(now, np.sqrt(d2) - release, reach)
             continue
         direction = cross(a, b)
         nn = dot(direction, direction)

@@ -44,6 +44,14 @@ def follow(count, awake, g, x, xp, u):
         store(x, i, scale * (load(u, i) + g * load(xp, i)))
 
 
+@njit(nogil=True)
+def put_back(first, end, awake, x, xp):
+    """Those from `first` to `end` where they were."""
+    for c in range(first, end):
+        i = awake[c]
+        store(x, i, load(xp, i))
+
+
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def take_speed(count, awake, h, x, xp, v):
     """Velocities from displacements."""

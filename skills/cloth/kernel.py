@@ -38,7 +38,7 @@ from skills.cloth.elastic import (
     solve_rubbed_hinges,
 )
 from skills.cloth.hold import hold, let_go
-from skills.cloth.integrate import follow, integrate, lead, take_speed
+from skills.cloth.integrate import follow, integrate, lead, put_back, take_speed
 from skills.cloth.pairs import needs_search, search
 from skills.cloth.sleep import pack, update_sleep
 from skills.cloth.state import (
@@ -49,6 +49,7 @@ from skills.cloth.state import (
     EE,
     FRAME,
     HINGES,
+    MOVABLE,
     NEXT,
     NOW,
     PACKED,
@@ -129,10 +130,10 @@ def _compile(sources: str) -> Callable[..., int]:
                     if s % PHASE == 0:
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     integrate(
-                        count[AWAKE], awake, h, rules.drag, rules.max_speed, gravity, state.x, state.xp, state.v
+                        count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, state.x, state.xp, state.v
                     )  # fmt: skip
                     solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
-                    lead(count[AWAKE], awake, rules.bend_gamma, state.x, state.xp, state.u)
+                    lead(count[MOVABLE], awake, rules.bend_gamma, state.x, state.xp, state.u)
                     if len(rub.most):
                         if s % PHASE == 0:
                             measure_turns(
@@ -146,13 +147,14 @@ def _compile(sources: str) -> Callable[..., int]:
                         )  # fmt: skip
                         solve_rubbed_hinges(
                             count[HINGES], state.hinge, state.weight, state.inverse, state.axis, state.foot,
-                            state.moment, 1.0 + rules.bend_gamma, state.wa, state.u
+                            state.moment, 1.0 + rules.bend_gamma, state.free, state.u
                         )  # fmt: skip
                     else:
                         solve_hinges(
-                            count[HINGES], state.hinge, state.weight, state.inverse, state.wa, state.u
+                            count[HINGES], state.hinge, state.weight, state.inverse, state.free, state.u
                         )  # fmt: skip
                     follow(count[AWAKE], awake, rules.bend_gamma, state.x, state.xp, state.u)
+                    put_back(count[AWAKE], count[MOVABLE], awake, state.x, state.xp)
                     a = (s + 1.0) / rules.substeps
                     if holding:
                         hold(
@@ -209,4 +211,6 @@ def _compile(sources: str) -> Callable[..., int]:
     return run_frames
 
 
-run_frames = _compile(_fingerprint())
+SOURCES = _fingerprint()
+"""What the loop is compiled from."""
+run_frames = _compile(SOURCES)

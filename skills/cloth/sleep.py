@@ -1,5 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""What is at rest sleeps and costs nothing: who wakes, who falls asleep, and the lists of what is awake."""
+"""What is at rest sleeps and costs nothing: who wakes, who falls asleep, and the lists of what is awake.
+
+Falling asleep must not move those who stay awake. In a substep all that moves falls by g h^2 first, and the sweeps
+lift it again; a sleeper that stayed where it is would hold up its neighbours meanwhile, by as much as half their
+weight, and each time some fell asleep the creases beside them would start to swing. So what sleeps within some
+rings of what is awake, the fringe, takes part in the elastic sweeps, and is put back after them.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +13,10 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.capsules import squared_distance
-from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, PACKED, SEARCHED, WATCHED
+from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
 STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
+FRINGE = 2  # rings
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 
 
@@ -142,24 +149,33 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa
 
 @njit(nogil=True)
 def pack(body, rules, state):
-    """Lists of what is awake: vertices, and constraints with an awake end, with their shares ready. The shares are
-    those of the free masses: what a vertex feels must not change when its neighbour falls asleep."""
-    count, wa = state.counts, state.wa
+    """Lists of what is awake, and of its fringe behind: vertices, and constraints with such an end, with their
+    shares ready. The shares are those of the free masses: what a vertex feels must not change when its neighbour
+    falls asleep."""
+    count, free, near = state.counts, state.free, state.near
+    near[:] = state.awake
+    _grow(body.ring_start, body.ring, near, FRINGE)
     n = 0
-    for i in range(len(wa)):
+    for i in range(len(free)):
+        free[i] = body.w[i] if near[i] else 0.0
         if state.awake[i]:
             state.awake_list[n] = i
             n += 1
     count[AWAKE] = n
+    for i in range(len(free)):
+        if free[i] > 0.0 and not state.awake[i]:
+            state.awake_list[n] = i
+            n += 1
+    count[MOVABLE] = n
     n = 0
     inv_h2 = 1.0 / rules.h**2
     for e in range(len(body.length)):
         i, j = body.edge[e, 0], body.edge[e, 1]
-        if state.awake[i] or state.awake[j]:
+        if free[i] > 0.0 or free[j] > 0.0:
             inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
             state.edge[n, 0], state.edge[n, 1] = i, j
             state.length[n] = body.length[e]
-            state.wi[n], state.wj[n] = wa[i] * inv, wa[j] * inv
+            state.wi[n], state.wj[n] = free[i] * inv, free[j] * inv
             state.rate[n] = body.damping[e]
             n += 1
     count[EDGES] = n
@@ -170,7 +186,7 @@ def pack(body, rules, state):
         den = 0.0
         for m in range(4):
             i = body.hinge[e, m]
-            some = some or state.awake[i]
+            some = some or free[i] > 0.0
             den += grow * body.w[i] * body.weight[e, m] ** 2
         if some:
             for m in range(4):

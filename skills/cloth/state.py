@@ -16,9 +16,9 @@ HANDS = 2
 MAX_HELD = 128
 
 # places in State.counts
-VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists
+VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
 # what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT = range(6, 16)
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
 
 
 class Body(NamedTuple):
@@ -68,7 +68,8 @@ class Rules(NamedTuple):
 
 class State(NamedTuple):
     """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began,
-    and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep.
+    and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the same, but not 0 in the
+    fringe of what is awake (sleep.py). awake_list: what is awake, and its fringe behind.
     press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
     low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
@@ -93,6 +94,7 @@ class State(NamedTuple):
     watched: NDArray[np.int32]
     turned: NDArray[np.bool_]
     wa: Array
+    free: Array
     press: Array
     quiet: NDArray[np.int32]
     still: NDArray[np.bool_]
@@ -204,6 +206,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         watched=np.zeros(m, np.int32),
         turned=np.zeros(n, np.bool_),
         wa=f(n),
+        free=f(n),
         press=rows(n),
         quiet=np.zeros(n, np.int32),
         still=np.zeros(n, np.bool_),
@@ -215,7 +218,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         low=np.zeros(n, np.int32),
         floor=f(n),
         rub=f(n),
-        counts=np.zeros(16, np.int64),
+        counts=np.zeros(17, np.int64),
         edge=np.zeros((edges, 2), np.int32),
         length=f(edges),
         wi=f(edges),

@@ -9,7 +9,7 @@ from numba import njit
 from skills.cloth.contact import OVERLAP_SHARE, OVERLAP_SPEED
 from skills.cloth.vectors import load, store, vector
 
-LOW = 1.5  # x thickness above the table: what is higher is not pressed on it before the next substep
+LOW = 0.004  # [m] above its rest on the table: what is higher is not pressed on it before the next substep
 SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
 
 
@@ -24,7 +24,7 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
     for c in range(count):
         i = awake[c]
         store(press, i, nothing)
-        if x[i, 2] >= LOW * thickness:
+        if x[i, 2] >= rest + LOW:
             continue
         old = xp[i, 2]
         least = old + min(OVERLAP_SHARE * (rest - old), OVERLAP_SPEED * h)

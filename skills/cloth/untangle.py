@@ -61,7 +61,7 @@ def no_tangles(vertices: int) -> Tangles:
 @njit(nogil=True)
 def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
     """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
-    x: (n, 3) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
+    x: (n, 4) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
     n = _find(
         soon, n_vt, pairs.vt, pairs.vt_due, n_ee, pairs.ee, pairs.near, body.tri, body.edge, body.edge_tri,
         body.ring_start, body.ring, body.ring_edge, x, REACH * thickness, tangles.cross

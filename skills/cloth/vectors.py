@@ -16,6 +16,7 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic, models, overload, register_model
 
 from robots.ports import Array
@@ -33,6 +34,13 @@ class _Vector(types.Type):
 
 
 _vector = _Vector(name="Vector")
+
+
+def _check(array: Any) -> None:
+    """That rows of it can be vectors, but for their number of columns, which no type tells."""
+    fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.float64
+    if not fits or array.layout != "C":
+        raise TypingError(f"vectors are rows of a C-ordered array (n, {WIDTH}) of doubles, not of {array}")
 
 
 def _operation(definition: Callable[..., Any]) -> Any:
@@ -72,6 +80,7 @@ def _row(context: Any, builder: Any, array_type: Any, array: Any, i: Any) -> Any
 @_operation
 def load(typingctx, array, i):
     """Row i of an array (n, WIDTH)."""
+    _check(array)
 
     def generate(context, builder, signature, arguments):
         read = builder.load(_row(context, builder, signature.args[0], *arguments), typ=_REGISTER)
@@ -84,6 +93,7 @@ def load(typingctx, array, i):
 @_operation
 def store(typingctx, array, i, v):
     """Write v to row i of an array (n, WIDTH)."""
+    _check(array)
 
     def generate(context, builder, signature, arguments):
         row = _row(context, builder, signature.args[0], *arguments[:2])

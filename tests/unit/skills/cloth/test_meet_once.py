@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from skills.cloth.contact import RELEASE
 from skills.cloth.state import new_pairs
 from skills.cloth.vectors import rows
 from skills.cloth.vertex_triangle import narrow_vertex_triangle
@@ -67,6 +68,37 @@ def test_weights_go_over_a_border_without_a_jump():
         at.append((kept, share))
     assert at[0][0] != at[1][0]
     np.testing.assert_allclose(at[0][1], at[1][1], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_who_bears_what_hangs_on_positions_and_not_on_the_order_of_the_pairs(seed):
+    rng = np.random.default_rng(seed)
+    x, tri = fan()
+    x[1:7, 2] = 0.008 * rng.standard_normal(6)
+    x[-1] = *(3e-4 * rng.standard_normal(2)), 0.5 * THICK
+    borne = rng.standard_normal((6, 3))
+    shares = []
+    for _ in range(4):
+        kept, _, push = contacts(x, tri, rng.permutation(6), borne)
+        shares.append(dict(zip(kept, push.tolist(), strict=True)))
+    for other in shares[1:]:
+        assert other.keys() == shares[0].keys()
+        for t, push in other.items():
+            np.testing.assert_allclose(push, shares[0][t])
+
+
+def test_what_comes_fast_beside_a_triangle_keeps_its_side():
+    """Further off than a side is remembered, but there by the next narrow phase: it must be known where it came
+    from."""
+    x, tri = fan()
+    pairs, place, speed, last = new_pairs(1, 0), rows(len(x)), rows(len(x)), np.full(len(x), -1, np.int32)
+    pairs.vt[0] = len(x) - 1, 0
+    place[:, :3] = x
+    place[-1, :3] = -0.0025, 0.0, 0.0035  # beside the corner 0 of the triangle, and above
+    speed[-1, 2] = -1.0
+    kept, _ = narrow_vertex_triangle(1, 0, THICK, 0.004, tri[:1], place, speed, np.ones(len(x)), pairs, last)
+    assert np.linalg.norm(place[-1]) > RELEASE * THICK
+    assert kept == 1 and pairs.side[0] == 1
 
 
 def test_the_walls_of_a_valley_are_met_one_by_one():

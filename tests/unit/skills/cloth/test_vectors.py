@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.errors import TypingError
 
 from skills.cloth.vectors import WIDTH, cross, dot, load, rows, store, vector
 
@@ -25,8 +26,19 @@ def test_they_compute_as_numpy_does_and_the_fourth_column_stays_zero(seed):
     computed(given, out)
     a, b = given[:, :3]
     expected = [a + b, a - b, -a, 2.5 * a, np.cross(a, b), [a @ b, 1.0, 2.0], np.zeros(3)]
-    np.testing.assert_allclose(out[:, :3], expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(out[:, :3], expected, rtol=0, atol=1e-14)
     assert not out[:, 3].any()
+
+
+@njit
+def first(given, out):
+    store(out, 0, load(given, 0))
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 4), np.float32), np.zeros(4), np.zeros((4, 2)).T])
+def test_other_arrays_are_refused(wrong):
+    with pytest.raises(TypingError, match="C-ordered"):
+        first(wrong, rows(1))
 
 
 @pytest.mark.parametrize("n", [1, 7, 1000])
