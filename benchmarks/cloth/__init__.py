@@ -54,7 +54,7 @@ PARTS: Mapping[str, Part] = {
     "pants": Part("contact:pants", "pants in two folds"),
     "variants": Part("contact:variants", "the same with other friction, thickness and speed"),
     "shipped": Part("contact:shipped", "all shipped garments through their folds"),
-    "starts": Part("contact:starts", "shirt, pants and all garments from starts that differ by 1e-6 m"),
+    "starts": Part("contact:starts", "shirt and all shipped garments from starts that differ by 1e-6 m"),
     "determinism": Part("smooth:determinism", "the same bits in another process and thread"),
     "roughness": Part("smooth:roughness", "how far a perturbation grows, and what it does to a cost"),
     "conservation": Part("physics:conservation", "momentum, energy and rest"),

@@ -69,8 +69,9 @@ def apply_impulses(n, act_i, act_b, act_n, act_m, act_j, act_p, act_g, w, x, xp)
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w, x, friction, h, sweep):
-    """One sweep: no approach below the contact distance, old overlap released, Coulomb friction. act_j:
-    what each contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
+    """One sweep, through PARTS of the list in turn, and back where `sweep` is odd: no approach below the contact
+    distance, old overlap released, Coulomb friction. act_j: what each contact has borne in this substep so far
+    [kg m]; the sweep may take from it, but no contact pulls."""
     cap = OVERLAP_SPEED * h
     part = (n + PARTS - 1) // PARTS
     for row in range(PARTS * part):

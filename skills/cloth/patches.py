@@ -39,8 +39,7 @@ SMOOTH = 0.15  # how far the normals of a region have to lean towards one direct
 ROUNDING = 2e-5  # [m] of single precision
 FAR = 1e6  # [m] where the unused places of a row are
 
-lowest: Any = trailing_zeros
-"""Place of the lowest bit."""
+lowest: Any = trailing_zeros  # place of the lowest bit; an intrinsic of numba's, which its own sets use
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
 
