@@ -20,9 +20,10 @@ from typing import Any
 
 from robots.errors import ConfigurationError
 
-__all__ = ["PARTS", "measure"]
+__all__ = ["PARTS", "Tell", "measure"]
 
 Tell = Callable[[str], None]
+"""Takes a line for the person who waits."""
 PEER_FIGURE = "mujoco_final_error_difference_mm"
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration", "benchmarks/cloth")
@@ -30,16 +31,16 @@ MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration",
 
 @dataclass(frozen=True)
 class Part:
-    """A function `measure(quick) -> figures` of a module here, named MODULE:FUNCTION; needs: a package that only
-    peers need."""
+    """A function `measure(quick, tell) -> figures` of a module here, named MODULE:FUNCTION, that tells what it has
+    done where that takes minutes; needs: a package that only peers need."""
 
     function: str
     about: str
     needs: str | None = None
 
-    def measure(self, quick: bool) -> dict[str, Any]:
+    def measure(self, quick: bool, tell: Tell) -> dict[str, Any]:
         module, function = self.function.split(":")
-        return dict(getattr(importlib.import_module(f"benchmarks.cloth.{module}"), function)(quick))
+        return dict(getattr(importlib.import_module(f"benchmarks.cloth.{module}"), function)(quick, tell))
 
 
 PARTS: Mapping[str, Part] = {
@@ -95,7 +96,7 @@ def measure(
             continue
         tell(f"{k + 1:2d}/{len(chosen)} {name}: {part.about} ...")
         start = time.process_time()
-        found = part.measure(quick)
+        found = part.measure(quick, lambda text: tell(f"      {text}"))
         tell(f"      {time.process_time() - start:.0f} s of CPU")
         kept.put(name, found)
         figures |= found

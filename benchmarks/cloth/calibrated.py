@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from calibration.friction import calibrate_friction
 from calibration.identify import identify_material, predict_candidates, silhouette
 from calibration.shear import calibrate_shear, clip_and_lowest, elongations
@@ -26,7 +28,7 @@ TRUE_FRICTION = 0.8
 """Over what is believed, in the test of the identification."""
 
 
-def hung(quick: bool) -> dict[str, Any]:
+def hung(quick: bool, tell: Tell) -> dict[str, Any]:
     """The paper's test of its garments: each calibrated on the mesh that predicts its folds, and on a finer and
     a coarser one; there the fabric is hung again with the predictor's own substeps. The spread: one fabric, the
     one of the predicting mesh, on all of them."""
@@ -56,6 +58,7 @@ def hung(quick: bool) -> dict[str, Any]:
                 "spread_of_starts_percent": 100.0 * test.spread,
             })  # fmt: skip
         rows.append(row)
+        tell(f"{name}: asked for {100.0 * wanted:.2f} %, hung {', '.join(_hung(h) for h in row['hung'])}")
     return {
         "calibrated_garments": len(rows),
         "hang_garment_error_pp_max": 100.0 * first,
@@ -65,7 +68,11 @@ def hung(quick: bool) -> dict[str, Any]:
     }
 
 
-def friction(quick: bool) -> dict[str, Any]:
+def _hung(test: Mapping[str, float]) -> str:
+    return f"{test['calibrated_percent']:.2f} % with {test['mesh_mm']:.0f} mm"
+
+
+def friction(quick: bool, tell: Tell) -> dict[str, Any]:
     """Each garment on the paper's tilted table: the coefficient at which it begins to slide against tan(angle)."""
     worst = 0.0
     names = QUICK if quick else tuple(PAPER)
@@ -74,10 +81,11 @@ def friction(quick: bool) -> dict[str, Any]:
         height = math.sin(math.radians(PAPER[name][1]))
         test = calibrate_friction(garment.template, garment.layers, garment.material, height, 1.0)
         worst = max(worst, abs(test.error))
+        tell(f"{name}: {100.0 * test.error:+.2f} % from tan(angle)")
     return {"friction_garments": len(names), "friction_calibration_error_rel_max": worst}
 
 
-def identified(quick: bool) -> dict[str, Any]:
+def identified(quick: bool, tell: Tell) -> dict[str, Any]:
     """Friction from the outline of one fold that drags, in a world with another mesh."""
     believed = Material(0.4, 0.03, 0.012, 0.0025, 0.45, 0.85 * 0.45, 0.6)
     contour = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])

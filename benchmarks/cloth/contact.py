@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import (
     MATERIAL,
     RELEASE,
@@ -68,6 +69,12 @@ class Folded:
             "end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual),
             "strain_percent": 100.0 * max(self.strain),
         }  # fmt: skip
+
+    def line(self) -> str:
+        """The same for a person who waits."""
+        return f"{max(self.end)} crossings at the end, {max(self.most)} on the way, " + (
+            f"{1e3 * max(self.residual):.2f} mm of motion, strain {100.0 * max(self.strain):.1f} %"
+        )
 
     def figures(self, name: str) -> dict[str, Any]:
         return {
@@ -135,7 +142,7 @@ def _sharp(mesh: ClothMesh, x: Array) -> Array:
     return mesh.hinges[cos < np.cos(SHARP)]
 
 
-def shirt(quick: bool) -> dict[str, Any]:
+def shirt(quick: bool, tell: Tell) -> dict[str, Any]:
     mesh, folds = shirt_folds()
     rest = ClothSimulation(mesh, MATERIAL)
     rest.advance(60)
@@ -161,7 +168,7 @@ def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
     return speeds
 
 
-def shirting(quick: bool) -> dict[str, Any]:
+def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
     """The same folds with a fabric that stretches as that of the paper's large shirt."""
     paper = load_garment("long_sleeve_shirt_large").material
     material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
@@ -169,7 +176,7 @@ def shirting(quick: bool) -> dict[str, Any]:
     return fold_all(mesh, material, folds).figures("shirting")
 
 
-def sides(quick: bool) -> dict[str, Any]:
+def sides(quick: bool, tell: Tell) -> dict[str, Any]:
     """The same shirt, its sleeves folded in together with its sides."""
     mesh = mesh_from_contour(SHIRT, SHIRT_EDGE, layers=2)
     speeds = _speeds(mesh, mesh.lay_flat(MATERIAL.thickness), sides_folds())
@@ -177,17 +184,18 @@ def sides(quick: bool) -> dict[str, Any]:
     return figures | fold_all(mesh, MATERIAL, sides_folds()).figures("sides")
 
 
-def shipped(quick: bool) -> dict[str, Any]:
+def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
     """Every shipped garment through its plan, along the same kind of arc: the worst of all, and each one."""
     rows, worst = [], Folded([], [], [], [])
     for name in list_garments()[: 2 if quick else None]:
         found = fold_all(*planned_folds(name))
         worst.add(found)
         rows.append({"garment": name} | found.row())
+        tell(f"{name}: {found.line()}")
     return worst.figures("shipped") | {"shipped": rows}
 
 
-def starts(quick: bool) -> dict[str, Any]:
+def starts(quick: bool, tell: Tell) -> dict[str, Any]:
     """Folds of the two-layer shirt and of all shipped garments that begin a little differently: how much of one
     garment's figures is luck. Folds that end with crossings, have more than five at a frame, or still move."""
     mesh, folds = shirt_folds()
@@ -197,6 +205,7 @@ def starts(quick: bool) -> dict[str, Any]:
         found = Folded([], [], [], [])
         for start in range(2 if quick else STARTS):
             found.add(fold_all(*scene, start))
+            tell(f"{name}, start {start + 1}: {found.line()} so far")
         rows.append({
             "garment": name, "folds": len(found.end), "end_crossed": sum(n > 0 for n in found.end),
             "crossed_over_5": sum(n > 5 for n in found.most), "not_at_rest": sum(r > 5e-4 for r in found.residual),
@@ -207,12 +216,12 @@ def starts(quick: bool) -> dict[str, Any]:
     return {f"starts_{key}": sum(row[key] for row in rows) for key in counted} | {"starts": rows}
 
 
-def pants(quick: bool) -> dict[str, Any]:
+def pants(quick: bool, tell: Tell) -> dict[str, Any]:
     mesh, material, folds = planned_folds("pants")
     return fold_all(mesh, material, folds).figures("pants")
 
 
-def variants(quick: bool) -> dict[str, Any]:
+def variants(quick: bool, tell: Tell) -> dict[str, Any]:
     """Shirt and pants with other friction and thickness, and moved faster: the worst of all, and each one's."""
     rows, worst = [], Folded([], [], [], [])
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
@@ -220,6 +229,7 @@ def variants(quick: bool) -> dict[str, Any]:
         worst.add(found)
         case = {"garment": name, "friction": mu, "thickness_mm": 1e3 * thickness, "speed": speed}
         rows.append(case | found.row())
+        tell(f"{name}, friction {mu}, {1e3 * thickness:.0f} mm, speed x{speed:g}: {found.line()}")
     figures = worst.figures("variants")
     figures["variants_folds"] = len(worst.end)
     figures["variants_folds_that_end_with_crossings"] = sum(n > 0 for n in worst.end)

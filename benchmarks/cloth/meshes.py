@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.physics import EDGES
 from cell.garments import list_garments, load_garment
 from skills.cloth.mesh import mesh_from_contour
 
 
-def quality(quick: bool) -> dict[str, Any]:
+def quality(quick: bool, tell: Tell) -> dict[str, Any]:
     """The smallest angle, the shortest and the longest edge over the edge length that was asked for."""
     angles, shortest, longest, seconds = [], [], [], []
     names = sorted(list_garments())

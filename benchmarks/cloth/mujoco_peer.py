@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.physics import (
     CREEP_RATIO,
     FRICTIONS,
@@ -119,7 +120,7 @@ def apart(a: Array, b: Array) -> float:
     return 1e3 * float(np.linalg.norm(a - b, axis=1).mean())
 
 
-def refinement(quick: bool) -> Figures:
+def refinement(quick: bool, tell: Tell) -> Figures:
     """MuJoCo's own: how far the end of the fold moves when step and contact time are halved, and whether it moves
     by less than SETTLED from the settings that the folds are compared with."""
     fold, rows, before = plain_fold(), [], None
@@ -130,6 +131,7 @@ def refinement(quick: bool) -> Figures:
             "change_mm": None if before is None else apart(end, before), "error_mm": 1e3 * fold.error(end),
         })  # fmt: skip
         before = end
+        tell(f"{steps} steps a frame: {1e3 * fold.error(end):.1f} mm from the ideal fold, {speed:.2f} x real time")
     change = float(rows[-1]["change_mm"])
     return {
         "mujoco_refinement": rows,
@@ -138,7 +140,7 @@ def refinement(quick: bool) -> Figures:
     }
 
 
-def folds(quick: bool) -> Figures:
+def folds(quick: bool, tell: Tell) -> Figures:
     """The same folds in both, with the pads at the same places of the same mesh."""
     figures: Figures = {"mujoco_steps_a_frame": USED}
     settings, rows = refined(USED), []
@@ -151,6 +153,7 @@ def folds(quick: bool) -> Figures:
             "mujoco_error_mm": 1e3 * fold.error(theirs), "drift_mm": _drift(fold, ours),
             "mujoco_drift_mm": _drift(fold, theirs),
         })  # fmt: skip
+        tell(f"friction {mu}: {rows[-1]['difference_mm']:.2f} mm apart")
         if mu == MATERIAL.friction_static:
             figures["mujoco_towel_x_realtime"] = speed
             figures["mujoco_towel_shape_difference_mm_mean"] = rows[-1]["difference_mm"]
@@ -160,7 +163,7 @@ def folds(quick: bool) -> Figures:
     return figures
 
 
-def optimised(quick: bool) -> Figures:
+def optimised(quick: bool, tell: Tell) -> Figures:
     """The trajectory that our predictor found, in both."""
     best = optimised_fold()
     ours = predict_fold(best.mesh, best.start, best.material, best.paths, RELEASE, SETTLE).vertices
@@ -179,7 +182,7 @@ def _drift(fold: SharedFold, x: Array) -> float:
     return 1e3 * float(np.linalg.norm((x - fold.start)[rests], axis=1).mean())
 
 
-def lab(quick: bool) -> Figures:
+def lab(quick: bool, tell: Tell) -> Figures:
     """The laboratory's tests."""
     figures: Figures = {"mujoco_version": mujoco.__version__}
     tilt(figures, (0.6,) if quick else FRICTIONS)

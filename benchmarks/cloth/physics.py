@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, frames_of, stacked, towel_half, towel_mesh
 from calibration.bending import cantilever
 from robots.ports import Array
@@ -34,7 +35,7 @@ def slide_expected(mu: float, angle: float, seconds: float = 1.0) -> float:
     return float(0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)) * seconds**2)
 
 
-def tilt(quick: bool) -> dict[str, Any]:
+def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
     """Coulomb: what holds does not creep, what slides slides as a block."""
     mesh = mesh_from_contour(PATCH, 0.026)
     creep, error = 0.0, 0.0
@@ -53,7 +54,7 @@ def tilt(quick: bool) -> dict[str, Any]:
     return {"tilt_creep_mm_max": creep, "tilt_slide_error_rel_max": error}
 
 
-def layers(quick: bool) -> dict[str, Any]:
+def layers(quick: bool, tell: Tell) -> dict[str, Any]:
     """The same of a sheet that lies on a sheet which the table holds, once it lies (0.2 s)."""
     n, mesh = _sheet_on_a_sheet()
     creep, error = 0.0, 0.0
@@ -83,7 +84,7 @@ def _sheet_on_a_sheet() -> tuple[int, ClothMesh]:
     return len(lower.rest), stacked([lower, upper])
 
 
-def hang_strip(quick: bool) -> dict[str, Any]:
+def hang_strip(quick: bool, tell: Tell) -> dict[str, Any]:
     """Hung by its upper edge a strip elongates by areal_mass g L / (2 Y)."""
     width, length = STRIP
     worst, substeps = 0.0, 0
@@ -103,7 +104,7 @@ def hang_strip(quick: bool) -> dict[str, Any]:
     return {"hang_strip_error_pp_max": 100.0 * worst, "hang_strip_substeps_max": substeps}
 
 
-def bending(quick: bool) -> dict[str, Any]:
+def bending(quick: bool, tell: Tell) -> dict[str, Any]:
     """Peirce's cantilever."""
     worst = 0.0
     for length in (0.012, 0.020, 0.035):
@@ -113,7 +114,7 @@ def bending(quick: bool) -> dict[str, Any]:
     return {"bending_error_rel_max": worst}
 
 
-def conservation(quick: bool) -> dict[str, Any]:
+def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
     """In the void: the share of the momentum that is lost, and of the kinetic energy that is won, in half a second
     of wild motion. On the table: how far a sheet at rest moves in 10 s."""
     mesh = mesh_from_contour(PATCH, 0.026)
@@ -138,7 +139,7 @@ def conservation(quick: bool) -> dict[str, Any]:
     }
 
 
-def grasp(quick: bool) -> dict[str, Any]:
+def grasp(quick: bool, tell: Tell) -> dict[str, Any]:
     """How far the held line strays from between the pads in a fold; what a hanging towel weighs to the hand, and
     at which force it slips out, against its weight."""
     mesh, material = towel_mesh(425)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import RELEASE, SETTLE, SharedFold, plain_fold
 from robots.baxter.pybullet_body import pb
 from robots.ports import Array
@@ -104,7 +105,7 @@ def _order(start: Array, nodes: Array) -> np.ndarray:
     return np.array([int(np.argmin(np.linalg.norm(nodes - p, axis=1))) for p in start])
 
 
-def measure(quick: bool) -> dict[str, Any]:
+def measure(quick: bool, tell: Tell) -> dict[str, Any]:
     fold, rows = plain_fold(), []
     for substeps in SUBSTEPS[: 1 if quick else None]:
         end, speed = folded(fold, substeps)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import (
     MATERIAL,
     RELEASE,
@@ -30,7 +31,7 @@ SUBSTEPS = (8, 12, 16, 24, 32)
 FINEST = 48
 
 
-def substeps(quick: bool) -> dict[str, Any]:
+def substeps(quick: bool, tell: Tell) -> dict[str, Any]:
     """Every fold from where it begins when the finest steps made those before it, so that errors do not add up:
     mean distance of the vertices from the finest, in mm, and simulated seconds over CPU seconds. chosen: by the
     solver; with fewer the cloth stretches more than it should."""
@@ -48,6 +49,8 @@ def substeps(quick: bool) -> dict[str, Any]:
                 row[f"x_realtime_{n}"] = seconds_of(paths) / (time.thread_time() - start)
                 row[f"off_mm_{n}"] = 1e3 * float(np.linalg.norm(end - finest, axis=1).mean())
             rows.append(row)
+            off = ", ".join(f"{row[f'off_mm_{n}']:.2f} mm with {n}" for n in counts)
+            tell(f"{name}, fold {number}: {off}")
             x = finest
     return {"substeps_folds": rows}
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import (
     MATERIAL,
     RELEASE,
@@ -38,7 +39,7 @@ def digest() -> str:
     return hashlib.sha256(towel.tobytes() + sleeve.tobytes()).hexdigest()
 
 
-def determinism(quick: bool) -> dict[str, Any]:
+def determinism(quick: bool, tell: Tell) -> dict[str, Any]:
     here = digest()
     command = "from benchmarks.cloth.smooth import digest; print(digest())"
     there = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
@@ -51,7 +52,7 @@ def determinism(quick: bool) -> dict[str, Any]:
     }
 
 
-def roughness(quick: bool) -> dict[str, Any]:
+def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
     """Growth: how far apart vertices end when the start is perturbed by 1e-6 m, and a cost's spread (standard
     deviation). Along a parameter: what of the cost is no parabola when the arc's height goes by steps of 0.001."""
     samples = 3 if quick else 8
@@ -63,6 +64,7 @@ def roughness(quick: bool) -> dict[str, Any]:
 
     ends = _jittered(mesh, flat, material, [towel_half()], samples)
     figures = _spread("towel", ends, towel_cost)
+    tell(f"{len(ends)} towels from starts that differ by 1e-6 m")
     shirt, folds = shirt_folds()
     lying = shirt.lay_flat(MATERIAL.thickness)
     sleeves = _jittered(shirt, lying, MATERIAL, folds[:2], samples)
@@ -72,6 +74,7 @@ def roughness(quick: bool) -> dict[str, Any]:
         return float(np.average(np.linalg.norm(x - lying, axis=1), weights=shirt.vertex_area))
 
     figures |= _spread("shirt_two_sleeves", sleeves, shirt_cost)
+    tell(f"{len(sleeves)} shirts likewise")
     lifts = 0.40 + 1e-3 * np.arange(-3 if quick else -6, 4 if quick else 7)
     costs = [towel_cost(_end(mesh, flat, material, towel_half(lift))) for lift in lifts]
     smooth = np.polyval(np.polyfit(lifts - 0.40, costs, 2), lifts - 0.40)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import mirrored, shortened, timed, towel_half, towel_mesh, towel_quarter
 from robots.errors import InternalError
 from skills.cloth.crossings import count_crossings
@@ -19,7 +20,7 @@ from skills.cloth.solver import ClothSimulation
 SIZES = (425, 1300, 5200, 20000)
 
 
-def towel(quick: bool) -> dict[str, Any]:
+def towel(quick: bool, tell: Tell) -> dict[str, Any]:
     mesh, material = towel_mesh(425)
     flat = mesh.lay_flat(material.thickness)
     timed(mesh, flat, material, towel_half())  # compiles
@@ -35,7 +36,7 @@ def towel(quick: bool) -> dict[str, Any]:
     }
 
 
-def sizes(quick: bool) -> dict[str, Any]:
+def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
     """The 5200-vertex fold, and what the first second of the fold costs over the number of vertices (CPU seconds;
     about linear is an exponent of about one); sizes at which the cloth lost its positions."""
     speed = None
@@ -55,6 +56,7 @@ def sizes(quick: bool) -> dict[str, Any]:
             continue
         counts.append(len(mesh.rest))
         seconds.append(time.thread_time() - start)
+        tell(f"{counts[-1]} vertices: {seconds[-1]:.1f} s of CPU")
     counts, seconds = counts[1:], seconds[1:]
     return {
         "towel_5200_x_realtime": speed,
@@ -66,7 +68,7 @@ def sizes(quick: bool) -> dict[str, Any]:
     }
 
 
-def threads(quick: bool) -> dict[str, Any]:
+def threads(quick: bool, tell: Tell) -> dict[str, Any]:
     """Two simulations in two threads against one after the other (wall time, best of three: on an idle machine
     the three agree)."""
     mesh, material = towel_mesh(1300)
@@ -95,7 +97,7 @@ print(time.perf_counter() - start)
 """
 
 
-def start(quick: bool) -> dict[str, Any]:
+def start(quick: bool, tell: Tell) -> dict[str, Any]:
     """Wall time [s] from a new interpreter to the end of its first fold; the compiled loop is cached on disk."""
     found = [
         float(subprocess.run([sys.executable, "-c", FIRST_FOLD], capture_output=True, check=True).stdout)

@@ -14,7 +14,7 @@ from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from skills.perception.alignment import edge_deviation
-from skills.perception.diagnosis import beyond_limits, diagnose
+from skills.perception.diagnosis import beyond_limits, diagnose, outline_good, told_by_height
 from skills.perception.inspect import Inspection, InspectionSettings, inspect
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
@@ -43,7 +43,7 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
         seen = judged_as_before(context.inspection, seen, context.step, cell.inspection)
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
-    if seen.diagnosis in {None, FailureKind.PILING}:
+    if seen.diagnosis is None or told_by_height(seen, cell.inspection):
         pressing = plan_pressing(cell, context)
         if pressing is not None:
             return replace(pressing, record={**figures(seen), **pressing.record})
@@ -63,10 +63,10 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
 def judged_as_before(
     before: Inspection, seen: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
-    """What is seen after a fold was pressed, judged anew, but for the outline of a good one that lies as it lay: a
+    """What is seen after a fold was pressed, judged anew, but for an outline that was good and lies as it lay: a
     crease that is pressed reaches further out than the unpressed one that was predicted."""
     displaced, _ = edge_deviation(before.contour, seen.contour)
-    if before.diagnosis is not None or abs(displaced) >= DISPLACED:
+    if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
         return seen
     kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
     return replace(seen, diagnosis=kind, confidence=confidence)

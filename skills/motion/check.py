@@ -7,17 +7,19 @@ between them that the arms will be given.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array
-from skills.motion.collision import CollisionChecker
+from skills.motion.collision import CollisionChecker, Contact
 from skills.motion.timing import Peaks, peaks
 from skills.vocabulary import Outcome
 
-__all__ = ["check_trajectory", "thinned"]
+__all__ = ["check_trajectory", "contact_along", "thinned"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
@@ -121,21 +123,34 @@ def _limit(what: str, values: Mapping[str, object]) -> Failure:
 
 
 def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_fingertips: bool) -> Failure | None:
-    q = thinned(trajectory.q, CHECK_STEP)
-    contact = checker.first_collision(q, allow_fingertips=allow_fingertips)
+    contact = contact_along(checker, trajectory, allow_fingertips=allow_fingertips)
     if contact is None:
         return None
     return Failure(
         FailureKind.IN_COLLISION,
         f"the trajectory comes too near: {contact}",
         "plan again; if it stays, clear the arms' way",
-        {"pair": str(contact), "share_of_path": contact.index / max(len(q) - 1, 1)},
+        {"pair": str(contact), "at_s": float(trajectory.t[contact.index])},
     )
+
+
+def contact_along(
+    checker: CollisionChecker, trajectory: ArmTrajectory, *, allow_fingertips: bool = False
+) -> Contact | None:
+    """The first contact on a trajectory's way, and at which of its samples. Planners look at what they made just
+    so: between samples that are further apart two hands can pass through each other."""
+    kept = _apart(trajectory.q, CHECK_STEP)
+    contact = checker.first_collision(trajectory.q[kept], allow_fingertips=allow_fingertips)
+    return None if contact is None else replace(contact, index=int(kept[contact.index]))
 
 
 def thinned(q: Array, step: float) -> Array:
     """The samples (m, 14) of q (n, 14) that are at most about `step` [rad] apart, ends included."""
+    return q[_apart(q, step)]
+
+
+def _apart(q: Array, step: float) -> NDArray[np.intp]:
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)
     keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))
-    return q[np.minimum(keep, len(q) - 1)]
+    return np.minimum(keep, len(q) - 1)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array
-from skills.motion.check import thinned
+from skills.motion.check import contact_along
 from skills.motion.collision import CollisionChecker
-from skills.motion.route import free_path, rounded
+from skills.motion.route import blocked_end, no_way, rounded, ways
 from skills.motion.sensible import senseless_goal, senseless_state
 from skills.motion.timing import free_motion, join, time_path
 from skills.vocabulary import Outcome
@@ -32,21 +33,31 @@ def plan_free_motion(
 ) -> Outcome[ArmTrajectory]:
     """From rest at q0 (14,) to rest at q1 (14,), free of collision.
 
-    Straight if that is free; else by way-points, with rounded corners if those are free too.
+    Straight if that is free; else by way-points, with rounded corners if those are free too. What comes out is
+    free by the very look that is taken before it is sent.
     limits: the model's planning set when None. rng: for the search of detours.
-    Failures: STALE_STATE (q0 is no state), LIMIT_EXCEEDED (q1 is no goal), those of `route.free_path`.
+    Failures: STALE_STATE (q0 is no state), LIMIT_EXCEEDED (q1 is no goal), IN_COLLISION (an end is not free, or no
+    way was found).
     """
     limits = limits or model.planning
     senseless = senseless_state(model, q0) or senseless_goal(model, q1, q0)
     if senseless:
         return Outcome(failure=senseless)
-    way = free_path(model, checker, q0, q1, rng)
-    if way.failure:
-        return Outcome(failure=way.failure)
-    points = way.unwrap()
+    blocked = blocked_end(checker, q0, q1)
+    if blocked:
+        return Outcome(failure=blocked)
+    for kind, points in ways(model, checker, q0, q1, rng):
+        for motion in _timed(points, limits):
+            if contact_along(checker, motion) is None:
+                return Outcome(motion, notes={"way": kind})
+    return Outcome(failure=no_way())
+
+
+def _timed(points: Array, limits: JointLimits) -> Iterator[ArmTrajectory]:
+    """Trajectories through points (n, 14): round its corners where that is faster, and at rest in each."""
     stopping = join([free_motion(a, b, limits) for a, b in pairwise(points)])
     for share in CORNERS if len(points) > 2 else ():
         flowing = time_path(rounded(points, share), limits)
-        if flowing.duration < stopping.duration and checker.first_collision(thinned(flowing.q, 0.03)) is None:
-            return Outcome(flowing, notes=dict(way.notes))
-    return Outcome(stopping, notes=dict(way.notes))
+        if flowing.duration < stopping.duration:
+            yield flowing
+    yield stopping

@@ -8,7 +8,7 @@ from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice
 from skills.motion import ik
-from skills.motion.check import thinned
+from skills.motion.check import contact_along
 from skills.motion.collision import CollisionChecker
 from skills.motion.refused import too_near
 from skills.motion.sensible import senseless_height, senseless_state
@@ -54,10 +54,11 @@ def plan_lift(
         q[:, cut] = solution.q
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
-    contact = checker.first_collision(thinned(q, 0.03), allow_fingertips=True)
+    lift = time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED)
+    contact = contact_along(checker, lift, allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near("the way up", str(contact)))
-    return Outcome(time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED))
+    return Outcome(lift)
 
 
 def _too_high(side: Side, height: float, reached: float) -> Failure:

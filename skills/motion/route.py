@@ -6,6 +6,7 @@ bounded number of tries; the result is shortened by random shortcuts.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -14,51 +15,58 @@ from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion.collision import CollisionChecker
-from skills.vocabulary import Outcome
 
-__all__ = ["free_path", "rounded"]
+__all__ = ["blocked_end", "no_way", "rounded", "ways"]
 
 STEP = 0.35
 """Longest new branch [rad, largest joint]."""
 TRIES = 1500
 SHORTCUTS = 60
+COARSE, FINE = 0.05, 0.01
+"""[rad, largest joint] between two looks at a way: hands that pass each other can slip through the coarse ones."""
 LEADS = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
 """Shares of their ways that the arms have made half-way, when one goes ahead."""
 
 
-def free_path(
+def ways(
     model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator | None = None
-) -> Outcome[Array]:
-    """Way-points (n, 14) from q0 to q1, straight in joint space between them and free of collision.
-
-    IN_COLLISION when an end is not free, or when no way was found within the tries.
-    """
-    for name, q in (("start", q0), ("goal", q1)):
-        contact = checker.contact(q)
-        if contact is not None:
-            return Outcome(
-                failure=Failure(
-                    FailureKind.IN_COLLISION,
-                    f"the {name} of a free motion is too near: {contact}",
-                    "raise the hands straight up first",
-                    {"pair": str(contact), "end": name},
-                )
-            )
+) -> Iterator[tuple[str, Array]]:
+    """Way-points (n, 14) from q0 to q1, straight in joint space between them, and how they were found; the best
+    first. They are free of collision as far as a coarse look tells, only the last one by a fine look."""
     for via in _obvious(model, q0, q1):
         points = np.array([q0, *via, q1])
         if _free(checker, points):
-            return Outcome(points, notes={"way": "straight" if not via else "via"})
-    found = _connect(model, checker, q0, q1, rng or np.random.default_rng(0))
-    if found is None:
-        return Outcome(
-            failure=Failure(
+            yield "via" if via else "straight", points
+    rng = rng or np.random.default_rng(0)
+    for resolution in (COARSE, FINE):
+        found = _connect(model, checker, q0, q1, rng, resolution)
+        if found is None:
+            return
+        yield "rrt", found
+
+
+def blocked_end(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | None:
+    """IN_COLLISION when no way from q0 (14,) to q1 (14,) can be free, since one of them is not."""
+    for name, q in (("start", q0), ("goal", q1)):
+        contact = checker.contact(q)
+        if contact is not None:
+            return Failure(
                 FailureKind.IN_COLLISION,
-                f"no free way was found in {TRIES} tries",
-                "clear the table's surroundings, or jog the arms apart",
-                {"tries": TRIES},
+                f"the {name} of a free motion is too near: {contact}",
+                "raise the hands straight up first",
+                {"pair": str(contact), "end": name},
             )
-        )
-    return Outcome(found, notes={"way": "rrt"})
+    return None
+
+
+def no_way() -> Failure:
+    """IN_COLLISION: the tries are used up."""
+    return Failure(
+        FailureKind.IN_COLLISION,
+        f"no free way was found in {TRIES} tries",
+        "clear the table's surroundings, or jog the arms apart",
+        {"tries": TRIES},
+    )
 
 
 def rounded(points: Array, share: float, samples: int = 120) -> Array:
@@ -100,7 +108,7 @@ def _obvious(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
 
 
 def _free(checker: CollisionChecker, points: Array) -> bool:
-    return all(checker.edge_free(a, b) for a, b in pairwise(points))
+    return all(checker.edge_free(a, b, resolution=COARSE) for a, b in pairwise(points))
 
 
 class _Tree:
@@ -124,37 +132,42 @@ class _Tree:
         return way
 
 
-def _extend(checker: CollisionChecker, tree: _Tree, goal: Array) -> tuple[int, bool]:
+def _extend(checker: CollisionChecker, tree: _Tree, goal: Array, resolution: float) -> tuple[int, bool]:
     """One branch towards goal: (new node or -1, whether it got there)."""
     near = tree.nearest(goal)
     gap = goal - tree.nodes[near]
     length = float(np.abs(gap).max())
     q = goal if length <= STEP else tree.nodes[near] + gap * (STEP / length)
-    if not checker.edge_free(tree.nodes[near], q):
+    if not checker.edge_free(tree.nodes[near], q, resolution=resolution):
         return -1, False
     return tree.add(q, near), length <= STEP
 
 
 def _connect(
-    model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator
+    model: RobotModel,
+    checker: CollisionChecker,
+    q0: Array,
+    q1: Array,
+    rng: np.random.Generator,
+    resolution: float = COARSE,
 ) -> Array | None:
     lower, upper = np.minimum(q0, q1) - 0.8, np.maximum(q0, q1) + 0.8
     lower, upper = np.maximum(lower, model.planning.lower), np.minimum(upper, model.planning.upper)
     a, b = _Tree(q0), _Tree(q1)
     for k in range(TRIES):
-        new, _ = _extend(checker, a, rng.uniform(lower, upper))
+        new, _ = _extend(checker, a, rng.uniform(lower, upper), resolution)
         if new >= 0:
-            met, there = _extend(checker, b, a.nodes[new])
+            met, there = _extend(checker, b, a.nodes[new], resolution)
             while met >= 0 and not there:
-                met, there = _extend(checker, b, a.nodes[new])
+                met, there = _extend(checker, b, a.nodes[new], resolution)
             if there:
                 way = [*a.back(new)[::-1], *b.back(met)[1:]]
-                return _shortcut(checker, np.array(way if k % 2 == 0 else way[::-1]), rng)
+                return _shortcut(checker, np.array(way if k % 2 == 0 else way[::-1]), rng, resolution)
         a, b = b, a
     return None
 
 
-def _shortcut(checker: CollisionChecker, points: Array, rng: np.random.Generator) -> Array:
+def _shortcut(checker: CollisionChecker, points: Array, rng: np.random.Generator, resolution: float) -> Array:
     """Cut corners between random points on the way while it is longer than a straight line."""
     for _ in range(SHORTCUTS):
         if len(points) < 3:
@@ -163,7 +176,7 @@ def _shortcut(checker: CollisionChecker, points: Array, rng: np.random.Generator
         u, v = rng.uniform(size=2)
         a = points[i] + u * (points[i + 1] - points[i])
         b = points[j] + v * (points[j + 1] - points[j])
-        if checker.edge_free(a, b):
+        if checker.edge_free(a, b, resolution=resolution):
             points = np.vstack([points[: i + 1], a, b, points[j + 1 :]])
     keep = [0]
     for k in range(1, len(points)):

@@ -7,14 +7,14 @@ import numpy as np
 from skills.perception.inspection import Inspection, InspectionSettings
 from skills.vocabulary import FailureKind, FoldStep
 
-__all__ = ["beyond_limits", "diagnose"]
+__all__ = ["beyond_limits", "diagnose", "outline_good", "told_by_height"]
 
 
 def diagnose(
     seen: Inspection, step: FoldStep | None, settings: InspectionSettings
 ) -> tuple[FailureKind | None, float]:
     """What went wrong, if anything, and how sure that is (0..1: how far beyond its threshold it lies)."""
-    shape_good = seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
+    shape_good = outline_good(seen, settings)
     lag = _lag(seen)
     least = _least_left(seen)
     if not shape_good and least > settings.left_behind:
@@ -43,9 +43,22 @@ def diagnose(
     return None, float(np.clip(1.0 - 0.5 * worst, 0.5, 1.0))
 
 
+def outline_good(seen: Inspection, settings: InspectionSettings) -> bool:
+    """Whether the silhouette is as predicted."""
+    return seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
+
+
+def told_by_height(seen: Inspection, settings: InspectionSettings) -> bool:
+    """Whether only heights speak against the fold: cloth that stands up, or a moved edge that was looked for where
+    the surface rose by one layer, which cloth that stands up hides."""
+    if seen.diagnosis is FailureKind.PILING:
+        return True
+    return seen.diagnosis in {FailureKind.SAG, FailureKind.DROPPED_CORNER} and outline_good(seen, settings)
+
+
 def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, ...]:
     """The figures that are not as predicted, each with its limit, for people."""
-    shape_good = seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
+    shape_good = outline_good(seen, settings)
     behind = (np.nan, np.nan) if shape_good else (_lag(seen), _least_left(seen))
     edge = (np.nan, np.nan) if seen.edge is None else (seen.edge.corner, seen.edge.sag)
     lengths = (

@@ -20,8 +20,9 @@ from skills.cloth.predict import predict_fold
 def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, told, measured = tmp_path / "kept.json", [], []
 
-    def made(self: bench.Part, quick: bool) -> dict[str, float]:
+    def made(self: bench.Part, quick: bool, tell: bench.Tell) -> dict[str, float]:
         measured.append(self.function)
+        tell("half of it")
         if len(measured) == 2:
             raise KeyboardInterrupt
         return {self.function: float(len(measured))}
@@ -32,6 +33,7 @@ def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: py
     figures = bench.measure(told.append, peers=False, quick=True, only=["towel", "tilt"], keep=file)
     assert figures == {"speed:towel": 1.0, "physics:tilt": 3.0}
     assert measured == ["speed:towel", "physics:tilt", "physics:tilt"]
+    assert told.count("      half of it") == 3, "what a part tells on its way"
     # a full run does not take the figures of a quick one
     assert bench.measure(told.append, peers=False, quick=False, only=["towel"], keep=file)["speed:towel"] == 4.0
     with pytest.raises(ConfigurationError, match="no part"):

@@ -104,24 +104,52 @@ def test_where_no_hand_can_press_the_fold_stands_and_it_is_told(
 
 @pytest.mark.parametrize(
     ("diagnosis", "event"),
-    [(None, Event.PRESS), (FailureKind.PILING, Event.PRESS), (FailureKind.DROPPED_CORNER, Event.FAILED)],
+    [
+        (None, Event.PRESS),
+        (FailureKind.PILING, Event.PRESS),
+        (FailureKind.OFF_TARGET, Event.FAILED),
+        (FailureKind.MISSED_LAYER, Event.FAILED),
+    ],
 )
 def test_good_folds_and_heaps_are_pressed_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind | None, event: Event
 ) -> None:
-    import cell.effects.inspecting as inspecting
-
-    context = replace(
-        seen(0.030, diagnosis), predicted=PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
-    )
-    inspection = SimpleNamespace(**vars(context.inspection), contour=np.zeros((3, 2)))
-    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(inspection))
-    monkeypatch.setattr(inspecting, "figures", lambda seen: {})
-    monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
-    workcell = cell_with(tmp_path, tries=1)
+    context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.0)
     assert inspect_fold(workcell, context).event is event
     if event is Event.PRESS:
         assert inspect_fold(replace(workcell, approve=True), context).event is Event.APPROVAL_NEEDED
+
+
+@pytest.mark.parametrize("diagnosis", [FailureKind.DROPPED_CORNER, FailureKind.SAG])
+def test_an_edge_behind_is_looked_for_again_under_a_flatter_stack_unless_the_outline_says_so_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind
+) -> None:
+    context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.021)
+    assert inspect_fold(workcell, context).event is Event.PRESS
+    context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.023)
+    assert inspect_fold(workcell, context).event is Event.FAILED
+    context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.021, press_tries=1)
+    assert inspect_fold(workcell, context).event is Event.FAILED, "pressed already"
+
+
+def high(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    diagnosis: FailureKind | None,
+    outline_off: float,
+    **changes: Any,
+) -> tuple[Context, Any]:
+    """A fold that stands high when it is inspected, and a cell that may press it once."""
+    import cell.effects.inspecting as inspecting
+
+    shape = PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
+    context = replace(seen(0.030, diagnosis), predicted=shape, **changes)
+    figures = {"contour": np.zeros((3, 2)), "iou_aligned": 0.95, "edge_deviation_m": outline_off}
+    inspection = SimpleNamespace(**vars(context.inspection), **figures)
+    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(inspection))
+    monkeypatch.setattr(inspecting, "figures", lambda seen: {})
+    monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
+    return context, cell_with(tmp_path, tries=1)
 
 
 SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
@@ -151,7 +179,9 @@ def test_a_pressed_crease_that_reaches_further_out_is_no_fault_and_a_turned_corn
     assert judged_as_before(before, heap, STEP, settings).diagnosis is FailureKind.PILING, (
         "all else is judged anew"
     )
-    bad = look(outline(SQUARE), diagnosis=FailureKind.PILING)
+    flattened = look(outline(SQUARE), diagnosis=FailureKind.PILING)
+    assert judged_as_before(flattened, look(outline(further), **off), STEP, settings).diagnosis is None
+    bad = look(outline(SQUARE), diagnosis=FailureKind.OFF_TARGET, edge_deviation_m=0.0225)
     assert judged_as_before(bad, look(outline(further), **off), STEP, settings).diagnosis is FailureKind.OFF_TARGET
 
 

@@ -402,6 +402,24 @@ def test_detours_are_found_when_straight_on_is_blocked(checker):
     assert check_trajectory(MODEL, checker, motion, a, MODEL.planning).ok
 
 
+def test_hands_that_were_brought_close_find_a_way_home_that_the_last_look_lets_pass(checker):
+    """Between two samples of the way hands may not pass through each other: the look before a motion is sent would
+    refuse it, again and again, and the run would end as a fault."""
+    close = np.array(  # over the waist of pants, as a fold ended: straight home the hands come within 3 mm
+        [
+            *(0.868, -0.0888, -1.4884, 2.0291, 1.1993, 1.3277, 2.7912),
+            *(1.5307, -0.452, 0.9237, 1.1312, -0.8533, 1.2613, -1.5753),
+        ]
+    )
+    rng = np.random.default_rng(0)
+    starts = [close, *(close + rng.normal(scale=0.1, size=(60, 14)))]
+    free = [q for q in starts if not checker.in_collision(q)]
+    assert len(free) > 10 and free[0] is close
+    for q in free:
+        motion = plan_free_motion(MODEL, checker, q, MODEL.q_park).unwrap()
+        assert check_trajectory(MODEL, checker, motion, q, MODEL.planning).ok
+
+
 def test_rrt_connect_finds_the_same_way_for_the_same_seed(checker):
     step, paths = towel_fold("small", 2)
     a = planned(checker, step, paths).unwrap().grasp.q_above
