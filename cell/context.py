@@ -30,7 +30,8 @@ __all__ = ["Context", "Result", "StepNote"]
 
 @dataclass(frozen=True, eq=False)
 class StepNote:
-    """One fold as it was made, for the report. Shapes (k, 2) contours and (n, 3) meshes in the table frame."""
+    """One fold as it was made, for the report. Shapes (k, 2) contours and (n, 3) meshes in the table frame. What
+    nobody looked at is NaN or empty: a fold that failed on its way."""
 
     name: str
     accepted: bool
@@ -45,7 +46,7 @@ class StepNote:
     grasps: int
     pressed: tuple[Inspection, ...]
     """How it was seen to stand each time before it was pressed,"""
-    inspected: Inspection
+    inspected: Inspection | None
     """and at last."""
     predicted: PredictedShape
     observed: Array

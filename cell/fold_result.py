@@ -13,6 +13,7 @@ from cell.driver import is_simulated
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import RunEnd
 from cell.states import State
+from cell.step_notes import notes_by_step
 from robots.errors import Failure
 
 __all__ = ["fold_result", "told"]
@@ -65,20 +66,25 @@ def told(failure: Failure) -> dict[str, str]:
 
 
 def _steps(context: Context) -> Iterator[dict[str, Any]]:
-    """Every planned fold: what was made of it."""
-    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
+    """Every planned fold: what was made of it. A fold that is not done has figures, too, if it came so far."""
+    notes, done = notes_by_step(context), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         note = notes.get(step.name)
         yield {
             "name": step.name,
-            "done": note is not None,
+            "done": step.name in done,
+            "accepted": note.accepted if note and note.inspected else None,
             "source": note.source if note else None,
-            "dissimilarity_m": note.dissimilarity_m if note else None,
-            "predicted_iou": note.predicted_iou if note else None,
-            "observed_iou": note.observed_iou if note else None,
-            "drift_m": note.drift_m if note else None,
-            "observed_height_m": note.height_m if note and math.isfinite(note.height_m) else None,
+            "dissimilarity_m": _known(note.dissimilarity_m if note else math.nan),
+            "predicted_iou": _known(note.predicted_iou if note else math.nan),
+            "observed_iou": _known(note.observed_iou if note else math.nan),
+            "drift_m": _known(note.drift_m if note else math.nan),
+            "observed_height_m": _known(note.height_m if note else math.nan),
             "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
             "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }
+
+
+def _known(figure: float) -> float | None:
+    return figure if math.isfinite(figure) else None

@@ -18,6 +18,7 @@ from cell.observers import Remark
 from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import RunEnd
+from cell.step_notes import notes_by_step
 from robots.ports import Array, Side
 from skills.vocabulary import GraspTrajectory
 
@@ -45,11 +46,11 @@ def report(
     """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
     StorageError when the page cannot be."""
     context = end.context
-    notes = {note.name: note for note in context.done}  # a fold that was skipped has none
+    notes = notes_by_step(context)
     steps = [
         _step(notes[s["name"]], s, _held_during(notes[s["name"]], frames), triangles, request)
         if s["name"] in notes
-        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), accepted=False)
+        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]))
         for s in result.steps
     ]
     failure = result.failure or {}
@@ -76,7 +77,7 @@ def report(
         recording="run.rrd",
     )
     _write_strip(folder / "fold.png", steps)
-    _write_pressing(folder / "pressing.png", context.done)
+    _write_pressing(folder / "pressing.png", list(notes.values()))
     return write_report(folder / "report.html", record)
 
 
@@ -129,7 +130,7 @@ def _step(
         pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, (t, *_) in zip(drawn, chosen, strict=True)]
         made_from.append("simulated cell: the recorded garment")
     pictures += [Picture(f.rgb, f"camera, {f.stamp:.1f} s") for f in note.pictures]
-    pictures += list(_pressings(note))
+    pictures += list(_pressings(note)) or list(_refused(note))
     return StepRecord(
         name=note.name,
         source=note.source,
@@ -141,11 +142,11 @@ def _step(
         attempts=note.grasps,
         recoveries=tuple(figures["recoveries"]),
         duration_s=note.trajectory.duration,
-        accepted=note.accepted,
+        accepted=note.accepted if note.inspected else None,
         key_frames=tuple(pictures),
         key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
-        observed=(note.observed,),
+        observed=(note.observed,) if len(note.observed) else (),
         height_m=note.height_m if np.isfinite(note.height_m) else None,
         pressed_from_m=tuple(before.height_m for before in note.pressed),
     )
@@ -153,12 +154,18 @@ def _step(
 
 def _pressings(note: StepNote) -> Iterator[Picture]:
     """The heights that the camera saw before each pressing and after the last, if it was looked at then."""
-    if not note.pressed or note.inspected is note.pressed[-1]:
+    if not note.pressed or note.inspected is None or note.inspected is note.pressed[-1]:
         return
     looks = (*note.pressed, note.inspected)
     when = ["before"] * len(note.pressed) + ["after"]
     for look, picture, told in zip(looks, height_maps(looks), when, strict=True):
         yield Picture(picture, f"heights seen {told} pressing, {look.height_m * 1e3:.0f} mm")
+
+
+def _refused(note: StepNote) -> Iterator[Picture]:
+    """The heights that the camera saw of a fold that was not accepted."""
+    if note.inspected is not None and not note.accepted:
+        yield Picture(height_maps([note.inspected])[0], f"heights seen, {note.inspected.height_m * 1e3:.0f} mm")
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:

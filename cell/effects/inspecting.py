@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.context import Context, Result, StepNote
+from cell.context import Context, Result
 from cell.effects.adapting import adapt
 from cell.effects.drifting import moved_along
 from cell.effects.pressing import plan_pressing
 from cell.states import Event
+from cell.step_notes import note_of
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from skills.perception.alignment import edge_deviation
@@ -140,25 +141,7 @@ def _compare(
 
 def _noted(context: Context) -> Context:
     """The fold on record, with the predicted shape as the belief of where the garment lies."""
-    seen, predicted, trajectory = context.inspection, context.predicted, context.trajectory
-    if seen is None or predicted is None or trajectory is None:  # skipped by an operator before it was made
+    note = note_of(context)
+    if note is None or note.inspected is None:  # skipped by an operator before it was made
         return context
-    note = StepNote(
-        name=context.step.name,
-        accepted=seen.diagnosis is None,
-        source=trajectory.source,
-        dissimilarity_m=context.dissimilarity_m,
-        predicted_iou=seen.iou_aligned,
-        observed_iou=seen.iou,
-        drift_m=seen.drift_m,
-        height_m=seen.height_m,
-        grasps=context.grasps,
-        pressed=context.pressed,
-        inspected=seen,
-        predicted=predicted,
-        observed=seen.contour,
-        trajectory=trajectory,
-        plan_frames=context.plan_frames if context.plan_frames is not None else np.zeros((0, 0, 3)),
-        pictures=context.pictures,
-    )
-    return replace(context, done=(*context.done, note), vertices=predicted.vertices)
+    return replace(context, done=(*context.done, note), vertices=note.predicted.vertices)

@@ -211,6 +211,8 @@ def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
     assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second try holds"
     assert result.steps[0]["recoveries"] == ["missed_grasp -> grasp_again (lower)"]
     assert result.steps[0]["attempts"] == 2
+    assert not result.steps[0]["done"] and result.steps[0]["accepted"] is None, "nobody judged it"
+    assert result.steps[0]["source"], "what was tried is told all the same"
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert result.failure["kind"] == "aborted", "the missed grasp was mended: it is not why the run ended"
     assert parked(onlooker), "aborted with cloth in the hands: it is let go and the arms are parked"

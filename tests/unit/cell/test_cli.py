@@ -27,6 +27,8 @@ FIGURES: dict[str, Any] = {
     "steps": [
         {
             "name": "half",
+            "done": True,
+            "accepted": True,
             "source": "library",
             "observed_iou": 0.93,
             "observed_height_m": 0.0182,
@@ -236,6 +238,22 @@ def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.C
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
     assert main(["fold", "vest"]) == 2
     assert "nothing lies on the table (lay the garment)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"done": False, "accepted": False}, "half: not accepted, observed overlap 0.930, 18 mm high"),
+        ({"done": False, "accepted": None, "observed_iou": None}, "half: not finished, 18 mm high"),
+        ({"done": False, "accepted": None, "source": None, "attempts": 0}, "half: not reached"),
+    ],
+)
+def test_the_summary_tells_how_far_a_fold_came(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
+) -> None:
+    fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
+    main(["fold", "vest"])
+    assert told in capsys.readouterr().out
 
 
 def test_a_run_that_saw_little_has_a_summary_too(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
