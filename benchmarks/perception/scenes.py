@@ -28,6 +28,7 @@ from cell.simulation.settings import DEFAULT_TABLE
 from robots.baxter.camera_mount import INTRINSICS, T_base_camera
 from robots.baxter.pybullet_body import pb
 from robots.errors import ConfigurationError
+from robots.exposures import EXPOSURES
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
 from skills.perception.refine import refine_calibration
@@ -99,7 +100,7 @@ class Studio:
     def shoot(self, vertices: Array | None) -> CameraFrame:
         """A picture of the garment's vertices (n, 3), table frame; None: of the empty table."""
         self._vertices, self._time = vertices, self._time + 1.0
-        return self._camera.capture()
+        return self._camera.capture(EXPOSURES)
 
     def picture(self, shot: Shot) -> Picture:
         """For the camera: what the renderer gives, in this scene's light."""

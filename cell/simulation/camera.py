@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cell.simulation.noise import CameraNoise
 from cell.simulation.render_server import Picture, Scene, Shot
 from robots.errors import DriverError, FailureKind
+from robots.exposures import mean_depth
 from robots.ports import CameraFrame, Intrinsics, frozen
 from skills.vocabulary import Array
 
@@ -102,10 +103,12 @@ class Renderer:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """How this camera sees, drawn once a world: exposure gain of each colour channel, corner shading."""
+    """How this camera sees, drawn once a world: gain of each colour channel, corner shading, and the part of the
+    depth's noise that is the same in every picture."""
 
     gain: Array
     vignette: NDArray[np.float32]
+    grain: Array
 
 
 class SimulatedCamera:
@@ -130,18 +133,25 @@ class SimulatedCamera:
         self._shot, self._now = shot, now
         self._sequence = 0
         self._last: CameraFrame | None = None
-        self._look = self._draw_look(np.random.default_rng((seed, 0)))
+        self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
         """Faults: the picture stays what it was; nothing but black; no answer."""
 
-    def _draw_look(self, rng: np.random.Generator) -> _Look:
+    def _draw_look(self, rng: np.random.Generator, lasting: np.random.Generator) -> _Look:
         noise, k = self._noise, self._intrinsics
         gain = np.exp(rng.normal(0.0, noise.white_balance, 3))
         v, u = np.mgrid[0 : k.height, 0 : k.width]
         r2 = ((u - k.cx) / k.cx) ** 2 + ((v - k.cy) / k.cy) ** 2
-        return _Look(gain, (1.0 - noise.vignette * r2 / 2).astype(np.float32))
+        return _Look(gain, (1.0 - noise.vignette * r2 / 2).astype(np.float32), self._grain(u.shape, lasting))
 
-    def capture(self) -> CameraFrame:
+    def _grain(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+        """Noise of deviation 1 in which neighbouring pixels are alike."""
+        width = self._noise.depth_grain_px
+        blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
+        return np.asarray(blurred * (2.0 * np.sqrt(np.pi) * width))  # blurring took this share of the deviation
+
+    def capture(self, exposures: int = 1) -> CameraFrame:
+        """A picture whose depth is the mean of so many exposures."""
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
@@ -153,7 +163,8 @@ class SimulatedCamera:
         picture = self._renderer.picture(self._shot())
         rgb, depth = picture.rgb, picture.depth
         if not self._ideal:
-            rgb, depth = self._sense_colour(rgb, rng), self._sense_depth(depth, rng)
+            rgb = self._sense_colour(rgb, rng)
+            depth = mean_depth([self._sense_depth(depth, rng) for _ in range(exposures)])
         if self.black:
             rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
         self._last = CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
@@ -182,8 +193,8 @@ class SimulatedCamera:
         noise = self._noise
         seen = np.isfinite(depth)
         z = np.where(seen, depth, 1.0).astype(np.float64)
-        grain = cv2.GaussianBlur(rng.standard_normal(z.shape), (0, 0), noise.depth_grain_px)
-        grain *= 2.0 * np.sqrt(np.pi) * noise.depth_grain_px  # blurring took this share of the deviation
+        lasting = noise.depth_lasting
+        grain = lasting * self._look.grain + np.sqrt(1.0 - lasting**2) * self._grain(z.shape, rng)
         noisy = z + noise.depth_sigma * z**2 * grain
         scale = self._intrinsics.fx * noise.depth_baseline / noise.disparity_step
         measured = scale / np.maximum(np.rint(scale / noisy), 1.0)

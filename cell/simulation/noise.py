@@ -95,6 +95,7 @@ class CameraNoise:
     blur_px: float
     depth_sigma: float
     depth_grain_px: float
+    depth_lasting: float
     depth_baseline: float
     disparity_step: float
     edge_jump: float

@@ -105,7 +105,7 @@ class _Camera(_Port):
         return _registry.world(self._cell).capture()
 
     def glimpse(self) -> CameraFrame:
-        return self.capture()
+        return _registry.world(self._cell).glimpse()
 
 
 class _Stop(_Port):

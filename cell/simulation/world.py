@@ -36,6 +36,7 @@ from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
 from robots.baxter.pybullet_body import BaxterBody, pb
 from robots.baxter.pybullet_files import seen_urdf
 from robots.errors import DriverError, FailureKind
+from robots.exposures import EVERY_S, EXPOSURES
 from robots.ports import Array, BoardPlace, CameraFrame, Side, frozen
 from skills.garments.garment import Garment
 
@@ -356,13 +357,22 @@ class World:
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def capture(self) -> CameraFrame:
+        """A still picture: the world goes on while it is exposed."""
+        self.sleep_until(self._time + EXPOSURES * EVERY_S)
+        return self._picture(EXPOSURES)
+
+    def glimpse(self) -> CameraFrame:
+        """One exposure, at once."""
+        return self._picture(1)
+
+    def _picture(self, exposures: int) -> CameraFrame:
         if self._camera is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
         t, camera = self._time, self._camera
         camera.frozen = self.faults.lasting(FaultKind.CAMERA_FREEZE, t, self._fold)
         camera.black = self.faults.lasting(FaultKind.CAMERA_BLACK, t, self._fold)
         camera.silent = self.faults.lasting(FaultKind.CAMERA_SILENT, t, self._fold)
-        return camera.capture()
+        return camera.capture(exposures)
 
     def _shot(self) -> Shot:
         q, _, _, pan = self._body.read()

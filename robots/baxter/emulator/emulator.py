@@ -306,8 +306,10 @@ class Emulator:
             return
         self._next_picture = self._now + PICTURE_EVERY
         try:
-            frame = self._ports.camera.capture()
+            frame = self._ports.camera.glimpse()
         except DriverError:
+            return
+        if frame is None:
             return
         rgb, depth, info = telling.picture(self._messages, frame)
         self._publishers[self._camera.info].tell(info)

@@ -22,6 +22,7 @@ from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
+from robots.exposures import EXPOSURES, mean_depth
 from robots.ports import CameraFrame, Intrinsics, frozen
 
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
@@ -31,6 +32,8 @@ ANSWER_S = 4.0
 POLL_S = 0.02
 GRACE_S = 1.0
 """Beyond which whoever fetches a picture is stuck."""
+EXPOSED_S = 0.6
+"""After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow."""
 GLIMPSE_AGE_S = 0.5
 """Of the cell's clock: an older one was meant for another moment."""
 TOGETHER_S = 0.025
@@ -58,18 +61,28 @@ class _Shots:
             if near is not None and abs(near - t) <= TOGETHER_S and max(self.depth) >= t:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
-    def chosen(self, which: int, settle: float) -> tuple[float, float, Any, Any] | None:
-        """The which-th pair, or the first one so long after the first [s], whichever is later; None: not yet."""
+    def chosen(self, wanted: _Wanted, now: float) -> list[tuple[float, float, Any, Any]]:
+        """The pairs that make the picture; none: not yet."""
         if self.info is None:
-            return None
-        late = (p for p in self.pairs[which - 1 :] if p[1] >= self.pairs[0][1] + settle)
-        return next(late, None)
+            return []
+        late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
+        enough = len(late) >= wanted.exposures or (late and now >= late[0][1] + EXPOSED_S)
+        return late[: wanted.exposures] if enough else []
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """From the first-th pair on, or the first one so long after the first [s], whichever is later; so many."""
+
+    first: int
+    settle: float
+    exposures: int
 
 
 class RosCamera:
-    """settle [s]: for so long the camera streams before a picture counts: its exposure settles. stopped: whether
-    the robot is, which ends the waiting. A picture is fetched on a thread of its own: a master that has gone holds
-    up nobody else."""
+    """settle [s]: for so long the camera streams before a picture counts: its brightness settles. exposures: whose
+    mean is a still picture's depth. stopped: whether the robot is, which ends the waiting. A picture is fetched on
+    a thread of its own: a master that has gone holds up nobody else."""
 
     def __init__(
         self,
@@ -78,18 +91,19 @@ class RosCamera:
         topics: CameraTopics,
         settle: float = 0.0,
         stopped: Callable[[], bool] = lambda: False,
+        exposures: int = EXPOSURES,
     ) -> None:
-        self._node, self._clock, self._topics = node, clock, topics
+        self._node, self._clock, self._topics, self._exposures = node, clock, topics, exposures
         self._settle, self._stopped = settle, stopped
         # never the same as in another process: a picture that comes again is told by its number
         self._numbers = itertools.count(time.time_ns() // 1_000_000)
         self._glimpse: Future[CameraFrame] | None = None
 
     def capture(self) -> CameraFrame:
-        """A picture that was taken after it was asked for: the second one that comes, since the first may have
-        been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot be
-        read."""
-        picture = self._fetched(2, self._settle)
+        """A picture that was taken after it was asked for: from the second one that comes on, since the first may
+        have been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot
+        be read."""
+        picture = self._fetched(_Wanted(2, self._settle, self._exposures))
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
             self._not_stopped()
@@ -105,24 +119,24 @@ class RosCamera:
             if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
                 return frame
         if self._glimpse is None:
-            self._glimpse = self._fetched(1, 0.0)
+            self._glimpse = self._fetched(_Wanted(1, 0.0, 1))
         return None
 
-    def _fetched(self, which: int, settle: float) -> Future[CameraFrame]:
+    def _fetched(self, wanted: _Wanted) -> Future[CameraFrame]:
         """What `_picture` gives, later."""
         picture: Future[CameraFrame] = Future()
 
         def fetch() -> None:
             try:
-                picture.set_result(self._picture(which, settle))
+                picture.set_result(self._picture(wanted))
             except BaseException as error:
                 picture.set_exception(error)
 
         threading.Thread(target=fetch, name="picture", daemon=True).start()
         return picture
 
-    def _picture(self, which: int, settle: float) -> CameraFrame:
-        """The first, second, ... that comes from now on, and later than `settle` seconds after the first."""
+    def _picture(self, wanted: _Wanted) -> CameraFrame:
+        """Of what comes from now on: the last exposure's colours, the mean of their depths."""
         shots, messages = _Shots(), load_messages()
 
         def colour(message: Any) -> None:
@@ -142,18 +156,19 @@ class RosCamera:
             self._node.listening(self._topics.rgb, messages.image, colour, queue=4),
             shots.arrived,
         ):
-            shots.arrived.wait_for(
-                lambda: shots.chosen(which, settle) is not None or self._stopped(), ANSWER_S + settle
-            )
-            chosen = shots.chosen(which, settle)
-        if chosen is None:
+            until = time.monotonic() + ANSWER_S + wanted.settle
+            while not (chosen := shots.chosen(wanted, self._clock.now())):
+                if self._stopped() or time.monotonic() > until:
+                    break
+                shots.arrived.wait(POLL_S)
+        if not chosen:
             self._not_stopped()
             raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
-        _, arrived, rgb, depths = chosen
+        _, arrived, rgb, _ = chosen[-1]
+        mean = mean_depth([read_depth(depths, rgb) for _, _, _, depths in chosen])
         return CameraFrame(
-            arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(read_depth(depths, rgb)),
-            read_intrinsics(shots.info, rgb),
-        )  # fmt: skip
+            arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(mean), read_intrinsics(shots.info, rgb)
+        )
 
     def _not_stopped(self) -> None:
         if self._stopped():

@@ -131,6 +131,15 @@ def test_depth_noise_grows_as_tabled_and_is_quantised() -> None:
     np.testing.assert_allclose(disparity, np.rint(disparity), atol=1e-3)
 
 
+def test_the_part_of_the_noise_that_lasts_stays_in_the_mean_of_many_exposures() -> None:
+    c = camera()
+    mean = c.capture(exposures=40).depth[20:180, 20:600] - 1.1
+    lasting = NOISE.depth_lasting * NOISE.depth_sigma * 1.1**2
+    assert np.nanstd(mean) == pytest.approx(lasting, rel=0.15)
+    again = c.capture(exposures=40).depth[20:180, 20:600] - 1.1
+    assert np.corrcoef(mean.ravel(), again.ravel())[0, 1] > 0.8, "it is the same in every picture"
+
+
 def test_depth_is_lost_at_edges_and_almost_nowhere_else() -> None:
     lost = np.isnan(camera().capture().depth)
     assert lost[200, 280:360].mean() > 0.6

@@ -368,7 +368,7 @@ class Shutter:
         self._cell, self.frames = cell, []
         self.silent = False
 
-    def capture(self) -> CameraFrame:
+    def glimpse(self) -> CameraFrame:
         if self.silent:
             raise DriverError(FailureKind.CAMERA_FAULT, "silent")
         n = len(self.frames)

@@ -91,7 +91,7 @@ def film(puppet: Puppet) -> Film:
 
 @pytest.fixture
 def camera(node: Node) -> RosCamera:
-    return RosCamera(node, HandClock(), CameraTopics(**CAMERA))
+    return RosCamera(node, HandClock(), CameraTopics(**CAMERA), exposures=1)
 
 
 def fault(act: Callable[[], Any]) -> str:
@@ -253,6 +253,28 @@ def test_a_picture_counts_once_the_exposure_has_settled(film: Film, node: Node) 
     clock.time += 0.6
     thread.join(30.0)
     assert taken and taken[0].stamp == clock.time
+
+
+def test_a_still_pictures_depth_is_the_mean_of_its_exposures(film: Film, node: Node) -> None:
+    film.pictures = lambda n: (image(colours(n), "rgb8"), image(1.0 + 0.001 * depths(n), "32FC1"))
+    camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), exposures=8)
+    frame = camera.capture()
+    last = float(frame.rgb[0, 0, 0])
+    np.testing.assert_allclose(frame.depth, 1.0 + 0.001 * (last + 0.5 - 3.5), atol=1e-6)
+
+
+def test_a_slow_camera_gives_what_it_exposed_in_time(film: Film, node: Node) -> None:
+    film.pictures = lambda n: (image(colours(n), "rgb8"), image(1.0 + 0.001 * depths(n), "32FC1"))
+    clock = HandClock()
+    camera = RosCamera(node, clock, CameraTopics(**CAMERA), exposures=1000)
+    taken: list[CameraFrame] = []
+    thread = threading.Thread(target=lambda: taken.append(camera.capture()), daemon=True)
+    thread.start()
+    wait(lambda: film.taken >= 4, "it looks")
+    assert not taken
+    clock.time += camera_module.EXPOSED_S + 0.1
+    thread.join(30.0)
+    assert taken and 1.001 < taken[0].depth[0, 0] < 2.0
 
 
 def test_a_stop_ends_the_waiting_for_a_picture(film: Film, node: Node) -> None:
