@@ -166,7 +166,8 @@ class ArmTrajectory:
 @dataclass(frozen=True)
 class GripperState:
     """opening: between the pads [m]; force: between the pads as the gripper measures it [N]. stamp: when that was
-    read or heard [s], however long ago; what was commanded since does not renew it."""
+    read or heard [s], however long ago; what was commanded since does not renew it. in_error: it refuses what it
+    is told until it is calibrated anew."""
 
     stamp: float
     side: Side
@@ -174,6 +175,7 @@ class GripperState:
     force: float
     moving: bool
     calibrated: bool
+    in_error: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,7 +92,7 @@ def prepare(cell: Workcell, context: Context) -> Result:
 
 def reenter(cell: Workcell, context: Context) -> Result:
     """Make an interrupted run's cell ready again: motors on, whatever the hands may hold let go, head turned back,
-    arms parked. Grippers that lost their calibration are calibrated, which also opens them."""
+    arms parked. Grippers that lost their calibration or are in error are calibrated, which also opens them."""
     ports, reentry = cell.ports, context.reentry
     assert reentry is not None
     failure = stopped(ports)
@@ -100,7 +100,8 @@ def reenter(cell: Workcell, context: Context) -> Result:
         ports.arms.enable()
         ports.head.command_pan(cell.calibration.head_pan)
         for gripper in ports.grippers.values():
-            if not gripper.state().calibrated:
+            state = gripper.state()
+            if state.in_error or not state.calibrated:
                 gripper.calibrate()
         control = pausable(cell)
         failure = _let_go_and_park(cell, control, HEAD_TURN_S)

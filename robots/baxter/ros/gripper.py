@@ -142,6 +142,7 @@ class RosGripper:
             stamp, self.side, message.position / 100.0 * FULL_OPENING, message.force / 100.0 * FULL_FORCE,
             moving=bool(waiting) or message.moving == 1,
             calibrated=not _calibrates(waiting) and self._calibrated(message),
+            in_error=message.error == 1 and not _calibrates(waiting),
         )  # fmt: skip
 
     def _calibrated(self, message: Any) -> bool:

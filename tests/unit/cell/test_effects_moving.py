@@ -105,26 +105,28 @@ INTERRUPTED = Context(reentry=Event.LOOK_AGAIN)
 
 
 class Hand:
-    """The left gripper, which lost its calibration or does not move."""
+    """The left gripper, which lost its calibration, is in error or does not move."""
 
     max_opening = 0.0416
 
-    def __init__(self, cell: FakeCell, calibrated: bool = True, stuck: bool = False) -> None:
-        self._cell, self._calibrated, self._stuck = cell, calibrated, stuck
+    def __init__(
+        self, cell: FakeCell, calibrated: bool = True, stuck: bool = False, in_error: bool = False
+    ) -> None:
+        self._cell, self._calibrated, self._stuck, self._in_error = cell, calibrated, stuck, in_error
         self.calibrations = 0
 
     def calibrate(self) -> None:
         self.calibrations += 1
-        self._calibrated = True
+        self._calibrated, self._in_error = True, False
 
     def command(self, opening: float, force: float) -> None:
-        assert self._calibrated, "a gripper that is not calibrated refuses"
+        assert self._calibrated and not self._in_error, "it refuses"
         if not self._stuck:
             self._cell.openings[Side.LEFT] = opening
 
     def state(self) -> GripperState:
         return GripperState(
-            self._cell.now, Side.LEFT, self._cell.openings[Side.LEFT], 0.0, False, self._calibrated
+            self._cell.now, Side.LEFT, self._cell.openings[Side.LEFT], 0.0, False, self._calibrated, self._in_error
         )
 
 
@@ -134,14 +136,14 @@ def with_left(cell: FakeCell, hand: Hand) -> Workcell:
     return fake_workcell(cell, ports=replace(ports, grippers=grippers))
 
 
-@pytest.mark.parametrize("calibrated", [True, False])
-def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool) -> None:
-    """Calibrating closes a hand before it opens: only what lost its calibration is calibrated."""
+@pytest.mark.parametrize(("calibrated", "in_error"), [(True, False), (False, False), (True, True)])
+def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_error: bool) -> None:
+    """Calibrating closes a hand before it opens: only what does nothing without it is calibrated."""
     cell = FakeCell()
     cell.openings = dict.fromkeys(Side, 0.0)
-    hand = Hand(cell, calibrated)
+    hand = Hand(cell, calibrated, in_error=in_error)
     result = reenter(with_left(cell, hand), INTERRUPTED)
-    assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated else 1)
+    assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated and not in_error else 1)
     assert min(cell.openings.values()) > 0.04
     assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the ledger"
 

@@ -323,7 +323,9 @@ def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
 ) -> None:
     bench.hand.error, bench.hand.calibrated = 1, int(calibrated)
     puppet.let(10)
+    assert bench.port.state().in_error
     bench.port.calibrate() if at_once else bench.calibrate()
+    assert not bench.port.state().in_error, "that is what the calibration ends"
     bench.port.command(0.02, 6.0)
     bench.done()
     cleared = ["clear_calibration"] * calibrated
