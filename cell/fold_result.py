@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.context import Context
+from cell.context import Context, StepNote
 from cell.driver import is_simulated
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import RunEnd
@@ -73,7 +73,7 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
         yield {
             "name": step.name,
             "done": step.name in done,
-            "accepted": note.accepted if note and note.inspected else None,
+            "accepted": _accepted(note, step.name in done),
             "source": note.source if note else None,
             "dissimilarity_m": _known(note.dissimilarity_m if note else math.nan),
             "predicted_iou": _known(note.predicted_iou if note else math.nan),
@@ -84,6 +84,13 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }
+
+
+def _accepted(note: StepNote | None, done: bool) -> bool | None:
+    """None: nobody judged it, or the run ended before what was seen counted."""
+    if note is None or note.inspected is None or (note.accepted and not done):
+        return None
+    return note.accepted
 
 
 def _known(figure: float) -> float | None:

@@ -142,7 +142,7 @@ def _step(
         attempts=note.grasps,
         recoveries=tuple(figures["recoveries"]),
         duration_s=note.trajectory.duration,
-        accepted=note.accepted if note.inspected else None,
+        accepted=figures["accepted"],
         key_frames=tuple(pictures),
         key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
@@ -165,7 +165,8 @@ def _pressings(note: StepNote) -> Iterator[Picture]:
 def _refused(note: StepNote) -> Iterator[Picture]:
     """The heights that the camera saw of a fold that was not accepted."""
     if note.inspected is not None and not note.accepted:
-        yield Picture(height_maps([note.inspected])[0], f"heights seen, {note.inspected.height_m * 1e3:.0f} mm")
+        height = f", {note.height_m * 1e3:.0f} mm" if np.isfinite(note.height_m) else ""
+        yield Picture(height_maps([note.inspected])[0], f"heights seen{height}")
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:

@@ -16,7 +16,8 @@ EXPOSURES = 8
 EVERY_S = 1.0 / 30.0
 """From one to the next, of an RGB-D camera [s]."""
 APART = 0.030
-"""Exposures that differ by more [m] saw different surfaces beside an edge: their median counts, not their mean."""
+"""Exposures that differ by more [m] saw different surfaces beside an edge: a median that one of them saw counts,
+not their mean, which is on neither."""
 
 
 def mean_depth(exposures: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
@@ -30,6 +31,7 @@ def mean_depth(exposures: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(seen, depth, 0.0).sum(axis=0, dtype=np.float64) / count
         apart = known & (np.fmax.reduce(depth) - np.fmin.reduce(depth) > APART)
-    mean[apart] = np.nanmedian(depth[:, apart], axis=0)
+    middle = (count[apart] - 1) // 2  # sorted, what was not seen comes last
+    mean[apart] = np.take_along_axis(np.sort(depth[:, apart], axis=0), middle[None], axis=0)[0]
     mean[~known] = np.nan
     return frozen(mean.astype(np.float32))

@@ -40,8 +40,8 @@ def inspect_fold(cell: Workcell, context: Context) -> Result:
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
-    if context.pressed and context.inspection is not None:
-        seen = judged_as_before(context.inspection, seen, context.step, cell.inspection)
+    if context.pressed:
+        seen = judged_as_before(context.pressed[0], seen, context.step, cell.inspection)
     context = replace(context, inspection=seen)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
     if seen.diagnosis is None or told_by_height(seen, cell.inspection):
@@ -76,15 +76,14 @@ def judged_as_before(
 def next_step(cell: Workcell, context: Context) -> Result:
     """The fold at hand counts as done: what was predicted is now believed, moved to where it is seen."""
     context = moved_along(_noted(context), context.inspection)
-    index = context.index + 1
-    if index >= len(context.steps):
-        return Result(Event.ALL_FOLDED, context)
     fresh = replace(
-        context, index=index, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
-        inspection=None, pictures=(), plan_frames=None, grasps=0, avoided=(), carried=False,
+        context, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
+        inspection=None, pictures=(), plan_frames=None, avoided=(), carried=False,
         pressed=(), press_tries=0, press_motion=None, unpressed=False,
     )  # fmt: skip
-    return Result(Event.NEXT_FOLD, fresh)
+    if context.index + 1 >= len(context.steps):
+        return Result(Event.ALL_FOLDED, fresh)
+    return Result(Event.NEXT_FOLD, replace(fresh, index=context.index + 1, grasps=0))
 
 
 def find_folded(cell: Workcell, context: Context) -> Result:

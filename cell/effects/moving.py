@@ -118,10 +118,7 @@ def approach(cell: Workcell, context: Context) -> Result:
         command_grip(cell, side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, context.motion.approach, control=control)
-    begun = replace(
-        context, grasps=context.grasps + 1, before_fold=context.frame, carried=False, inspection=None, pressed=(),
-        press_tries=0, unpressed=False,
-    )  # fmt: skip
+    begun = replace(context, grasps=context.grasps + 1, before_fold=context.frame, carried=False)
     return _ended(waited(begun, control), failure)
 
 

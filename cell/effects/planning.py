@@ -241,5 +241,9 @@ def _believed(context: Context, prediction: FoldPrediction) -> tuple[Context, fl
     target = target_vertices(mesh, context.step.lines, context.known_garment.material)
     missed = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
     shape = PredictedShape(prediction.vertices, mesh.triangles, mesh.rest)
-    context = replace(context, predicted=shape, plan_frames=prediction.keyframes, dissimilarity_m=missed)
+    # what was seen of a try before belongs to that one
+    context = replace(
+        context, predicted=shape, plan_frames=prediction.keyframes, dissimilarity_m=missed, pictures=(),
+        inspection=None, pressed=(), press_tries=0, unpressed=False,
+    )  # fmt: skip
     return context, missed

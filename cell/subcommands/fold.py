@@ -76,9 +76,10 @@ def _summary(figures: dict) -> None:
         if isinstance(step.get("observed_height_m"), float):
             seen += f", {_mm(step['observed_height_m'])} high"
             seen += "".join(f", pressed from {_mm(height)}" for height in step.get("pressed_from_m") or ())
-        made = step.get("source") or "not reached"
-        if step.get("attempts") and not step.get("done"):
+        made = step.get("source")
+        if not step.get("done"):
             made = "not accepted" if step.get("accepted") is False else "not finished"
+            made = made if step.get("attempts") else "not made"
         print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
     score = figures.get("score")
     if score:

@@ -19,7 +19,7 @@ from skills.motion.collision import CollisionChecker, Contact
 from skills.motion.timing import Peaks, peaks
 from skills.vocabulary import Outcome
 
-__all__ = ["check_trajectory", "contact_along", "thinned"]
+__all__ = ["check_trajectory", "contact_along"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
@@ -144,12 +144,8 @@ def contact_along(
     return None if contact is None else replace(contact, index=int(kept[contact.index]))
 
 
-def thinned(q: Array, step: float) -> Array:
-    """The samples (m, 14) of q (n, 14) that are at most about `step` [rad] apart, ends included."""
-    return q[_apart(q, step)]
-
-
 def _apart(q: Array, step: float) -> NDArray[np.intp]:
+    """Which samples of q (n, 14) are at most about `step` [rad] apart, ends included."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)
     keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))

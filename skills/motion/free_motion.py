@@ -46,11 +46,13 @@ def plan_free_motion(
     blocked = blocked_end(checker, q0, q1)
     if blocked:
         return Outcome(failure=blocked)
+    contact = None
     for kind, points in ways(model, checker, q0, q1, rng):
         for motion in _timed(points, limits):
-            if contact_along(checker, motion) is None:
+            contact = contact_along(checker, motion)
+            if contact is None:
                 return Outcome(motion, notes={"way": kind})
-    return Outcome(failure=no_way())
+    return Outcome(failure=no_way(contact))
 
 
 def _timed(points: Array, limits: JointLimits) -> Iterator[ArmTrajectory]:

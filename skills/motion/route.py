@@ -14,7 +14,7 @@ import numpy as np
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
-from skills.motion.collision import CollisionChecker
+from skills.motion.collision import CollisionChecker, Contact
 
 __all__ = ["blocked_end", "no_way", "rounded", "ways"]
 
@@ -59,13 +59,13 @@ def blocked_end(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | No
     return None
 
 
-def no_way() -> Failure:
-    """IN_COLLISION: the tries are used up."""
+def no_way(contact: Contact | None) -> Failure:
+    """IN_COLLISION: the tries are used up; contact: what was in the last one's way, if it was looked at finely."""
+    what = f"no free way was found in {TRIES} tries"
+    if contact is not None:
+        what = f"no free way was found: the last one comes too near: {contact}"
     return Failure(
-        FailureKind.IN_COLLISION,
-        f"no free way was found in {TRIES} tries",
-        "clear the table's surroundings, or jog the arms apart",
-        {"tries": TRIES},
+        FailureKind.IN_COLLISION, what, "clear the table's surroundings, or jog the arms apart", {"tries": TRIES}
     )
 
 

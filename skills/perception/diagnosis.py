@@ -49,8 +49,8 @@ def outline_good(seen: Inspection, settings: InspectionSettings) -> bool:
 
 
 def told_by_height(seen: Inspection, settings: InspectionSettings) -> bool:
-    """Whether only heights speak against the fold: cloth that stands up, or a moved edge that was looked for where
-    the surface rose by one layer, which cloth that stands up hides."""
+    """Whether heights speak against the fold: cloth is heaped up, or, its outline being good, the moved edge lies
+    behind. That is looked for where the surface rose by one layer, which cloth that stands up hides."""
     if seen.diagnosis is FailureKind.PILING:
         return True
     return seen.diagnosis in {FailureKind.SAG, FailureKind.DROPPED_CORNER} and outline_good(seen, settings)

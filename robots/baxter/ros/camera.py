@@ -32,8 +32,9 @@ ANSWER_S = 4.0
 POLL_S = 0.02
 GRACE_S = 1.0
 """Beyond which whoever fetches a picture is stuck."""
-EXPOSED_S = 0.6
-"""After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow."""
+EXPOSED_S = 0.42
+"""After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow, and
+whoever asked takes none that is older than half a second."""
 GLIMPSE_AGE_S = 0.5
 """Of the cell's clock: an older one was meant for another moment."""
 TOGETHER_S = 0.025
@@ -61,12 +62,12 @@ class _Shots:
             if near is not None and abs(near - t) <= TOGETHER_S and max(self.depth) >= t:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
-    def chosen(self, wanted: _Wanted, now: float) -> list[tuple[float, float, Any, Any]]:
-        """The pairs that make the picture; none: not yet."""
+    def chosen(self, wanted: _Wanted, now: float, last: bool = False) -> list[tuple[float, float, Any, Any]]:
+        """The pairs that make the picture; none: not yet. last: no more are waited for."""
         if self.info is None:
             return []
         late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
-        enough = len(late) >= wanted.exposures or (late and now >= late[0][1] + EXPOSED_S)
+        enough = last or len(late) >= wanted.exposures or (late and now >= late[0][1] + EXPOSED_S)
         return late[: wanted.exposures] if enough else []
 
 
@@ -159,6 +160,7 @@ class RosCamera:
             until = time.monotonic() + ANSWER_S + wanted.settle
             while not (chosen := shots.chosen(wanted, self._clock.now())):
                 if self._stopped() or time.monotonic() > until:
+                    chosen = [] if self._stopped() else shots.chosen(wanted, self._clock.now(), last=True)
                     break
                 shots.arrived.wait(POLL_S)
         if not chosen:

@@ -245,7 +245,8 @@ def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.C
     [
         ({"done": False, "accepted": False}, "half: not accepted, observed overlap 0.930, 18 mm high"),
         ({"done": False, "accepted": None, "observed_iou": None}, "half: not finished, 18 mm high"),
-        ({"done": False, "accepted": None, "source": None, "attempts": 0}, "half: not reached"),
+        ({"done": False, "accepted": None, "source": None, "attempts": 0}, "half: not made"),
+        ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
     ],
 )
 def test_the_summary_tells_how_far_a_fold_came(

@@ -111,7 +111,7 @@ def test_where_no_hand_can_press_the_fold_stands_and_it_is_told(
         (FailureKind.MISSED_LAYER, Event.FAILED),
     ],
 )
-def test_good_folds_and_heaps_are_pressed_and_nothing_else(
+def test_good_folds_and_heaps_are_pressed_and_bad_outlines_are_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind | None, event: Event
 ) -> None:
     context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.0)

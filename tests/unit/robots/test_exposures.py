@@ -31,10 +31,13 @@ def test_what_fewer_than_half_of_them_saw_nobody_saw() -> None:
 
 
 def test_beside_an_edge_there_is_no_surface_between_the_two() -> None:
-    exposures = noisy(8)
-    for exposure in exposures[:3]:
-        exposure[5, :] -= 4.0 * APART
-    np.testing.assert_allclose(mean_depth(exposures)[5], 1.1, atol=0.006)
+    for seen, near in ((8, 3), (8, 4), (7, 3), (6, 3), (5, 2)):
+        exposures = noisy(8)
+        for k, exposure in enumerate(exposures):
+            exposure[5, :] = np.nan if k >= seen else exposure[5, :] - (4.0 * APART if k < near else 0.0)
+        off = np.abs(mean_depth(exposures)[5] - np.array([[1.1], [1.1 - 4.0 * APART]])).min(axis=0)
+        assert off.max() < 0.01, (seen, near)
+    assert np.abs(mean_depth([np.full((1, 1), 1.0, np.float32), np.full((1, 1), 1.1, np.float32)]) - 1.0) < 1e-6
 
 
 def test_one_exposure_is_itself_and_none_changes_what_it_is_given() -> None:

@@ -31,6 +31,7 @@ from cell.simulation.noise import load_noise
 from cell.simulation.world import World
 from robots.baxter.model import load_model
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError
+from robots.exposures import EVERY_S, EXPOSURES
 from robots.ports import Array, Ports, Side
 from skills.motion.ik import solve_pose
 from skills.vocabulary import tool_rotation
@@ -226,6 +227,19 @@ def test_a_run_is_a_function_of_its_seed_bit_for_bit() -> None:
     first = play(seeing, 3)
     assert first == play(seeing, 3, looking=True)  # and asking for the truth changes nothing
     assert all(a != b for a, b in zip(first, play(seeing, 4), strict=True))
+
+
+def test_a_still_picture_takes_the_time_of_its_exposures_and_a_glimpse_none(opened: Any) -> None:
+    """A glimpse is asked for between two set-points: a world that went on meanwhile would end the motion."""
+    ports = opened(SimulationSettings(garment="small_towel")).ports
+    began = ports.clock.now()
+    glimpse = ports.camera.glimpse()
+    assert ports.clock.now() == began and glimpse.stamp == began
+    still = ports.camera.capture()
+    assert ports.clock.now() - began == pytest.approx(EXPOSURES * EVERY_S, abs=1e-6) and still.stamp > began
+    table = (slice(300, 400), slice(250, 400))
+    one, mean = (np.nanstd(np.diff(frame.depth[table], axis=0)) for frame in (glimpse, still))
+    assert mean < 0.75 * one
 
 
 # the arms -------------------------------------------------------------------------------------------
