@@ -196,6 +196,11 @@ class Puppet:
         if topic not in self.silent:
             self._publishers[topic].publish(message)
 
+    def hush(self, *topics: str) -> None:
+        """It says no more on them, and what is on its way arrives: only then does the driver know nothing new."""
+        self.silent |= set(topics)
+        self.let(10)
+
     def listeners(self, topic: str) -> int:
         return int(self._publishers[topic].get_num_connections())
 

@@ -103,8 +103,7 @@ def test_the_state_is_read_by_name(puppet: Puppet, ports: Ports) -> None:
 
 def test_a_message_that_lacks_a_joint_or_a_figure_is_none(puppet: Puppet, arms: Arms) -> None:
     before = puppet.q.copy()
-    puppet.silent = {JOINTS}
-    puppet.let(10)
+    puppet.hush(JOINTS)
     arms.clock.time += 1.0
     puppet.q = before + 1.0
     lacking = puppet.joints()
@@ -129,9 +128,8 @@ def spoiled(message: Any, field: str, name: str, wrong: float) -> Any:
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_a_message_whose_figures_are_no_numbers_is_none(puppet: Puppet, arms: Arms, wrong: float) -> None:
+    puppet.hush(JOINTS)
     before = arms.port.state()
-    puppet.silent = {JOINTS}
-    puppet.let(10)
     arms.clock.time += 1.0
     places = [("position", "left_s0"), ("velocity", "right_w2"), ("effort", "left_e1"), ("position", "head_pan")]
     for field, name in places:
@@ -147,15 +145,14 @@ def test_a_message_whose_figures_are_no_numbers_is_none(puppet: Puppet, arms: Ar
 def test_the_stamp_is_the_arrival_and_grows_old(puppet: Puppet, arms: Arms) -> None:
     arms.pass_time(0.5)
     assert arms.port.state().stamp == arms.clock.now() == 100.5
-    puppet.silent = {JOINTS}
-    puppet.let(10)
+    puppet.hush(JOINTS)
     arms.clock.time += 3.0
     puppet.let(5)
     assert arms.port.state().stamp == 100.5
 
 
 def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: Node, limits: JointLimits) -> None:
-    puppet.silent = {JOINTS}
+    puppet.hush(JOINTS)
     clock = HandClock()
     stop = RosStop(node, clock)
     try:
@@ -195,8 +192,7 @@ def test_a_robot_that_does_not_switch_on_is_told_of(puppet: Puppet, ports: Ports
 def test_what_a_silent_robot_said_long_ago_is_not_believed(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(arms_module, "ENABLE_S", 0.5)
     ports.arms.enable()
-    puppet.silent = {STATE}
-    puppet.let(10)
+    puppet.hush(STATE)
     with pytest.raises(DriverError) as caught:
         ports.arms.enable()
     assert caught.value.kind is FailureKind.HARDWARE_FAULT

@@ -217,8 +217,7 @@ def test_a_deaf_gripper_is_a_fault_after_a_while(bench: Bench) -> None:
 
 def test_a_silent_gripper_is_a_fault_after_a_while(bench: Bench, puppet: Puppet) -> None:
     bench.calibrate()
-    puppet.silent.add("/robot/end_effector/left_gripper/state")
-    puppet.let(10)
+    puppet.hush("/robot/end_effector/left_gripper/state")
     bench.port.command(0.02, 6.0)
     bench.clock.time += 2.1
     stamp = bench.port.state().stamp
@@ -252,7 +251,7 @@ def test_its_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> Non
 
 
 def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: Node) -> None:
-    puppet.silent.add("/robot/end_effector/right_gripper/state")
+    puppet.hush("/robot/end_effector/right_gripper/state")
     state = RosGripper(node, HandClock(), Side.RIGHT).state()
     assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated
 

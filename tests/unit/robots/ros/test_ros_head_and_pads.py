@@ -131,15 +131,14 @@ def test_other_channels_and_other_sizes_are_understood(puppet: Puppet, node: Nod
 
 def test_silent_pads_grow_old(puppet: Puppet, tactile: tuple[RosTactile, HandClock]) -> None:
     port, clock = tactile
-    puppet.silent.add(PADS[LEFT])
-    puppet.let(10)
+    puppet.hush(PADS[LEFT])
     clock.time += 5.0
     puppet.let(10)
     assert port.reading().stamp == 100.0
 
 
 def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node: Node) -> None:
-    puppet.silent.add(PADS[LEFT])
+    puppet.hush(PADS[LEFT])
     reading = RosTactile(node, HandClock(), LEFT, 4).reading()
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
 

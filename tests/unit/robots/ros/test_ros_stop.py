@@ -65,8 +65,7 @@ def test_it_is_told_until_the_robot_has_stopped_and_no_longer(puppet: Puppet, st
 def test_a_robot_that_was_stopped_before_is_told_nevertheless(puppet: Puppet, stop: RosStop) -> None:
     puppet.stopped = True
     wait(lambda: stop.state().stopped, "seen")
-    puppet.silent.add(STATE)
-    puppet.let(10)
+    puppet.hush(STATE)
     stop.trigger("a test")
     wait(lambda: puppet.heard[STOP], "told")
 
@@ -241,8 +240,7 @@ def test_it_stays_stopped_when_the_robot_no_longer_says_so(puppet: Puppet, ports
 
 
 def test_an_unstopped_state_is_as_old_as_the_robots_last_word(puppet: Puppet, stop: RosStop) -> None:
-    puppet.silent.add(STATE)
-    puppet.let(10)
+    puppet.hush(STATE)
     state = stop.state()
     puppet.let(10)
     assert not state.stopped and stop.state().stamp == state.stamp == stop.robot.newest.stamp
@@ -324,8 +322,7 @@ def test_while_it_is_being_reset_nothing_moves(puppet: Puppet, ports: Ports, mon
 
 def test_what_a_silent_robot_said_long_ago_ends_no_stop(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
-    puppet.silent.add(STATE)
-    puppet.let(10)
+    puppet.hush(STATE)
     assert not stop.robot.newest.stopped and not stop.robot.newest.enabled
     stop.trigger("a test")
     with pytest.raises(DriverError, match="does not leave"):
