@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
@@ -255,11 +254,9 @@ def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
 
     there = answers(tmp_path)
     replayed = fake_workcell(cell, workers, ports=there.ports(), watched_stop=there.watched_stop())
-    began = time.monotonic()
-    hours = threading.Event()
-    now = computed(replayed, (lambda: hours.wait(20.0)) if pressed else (lambda: False))
-    hours.set()
-    assert time.monotonic() - began < 5.0, "it waited for what is void"
+    ages = threading.Event()
+    now = computed(replayed, ages.wait if pressed else (lambda: False))  # to wait for what is void takes for ever
+    ages.set()
     assert (now.failure and now.failure.what, now.value) == (then.failure and then.failure.what, then.value)
     assert there.next is not None and there.next.channel is Channel.END
 
@@ -268,15 +265,13 @@ def test_where_the_transcript_is_over_nothing_is_computed_in_vain(
     tmp_path: Path, workers: ThreadPoolExecutor
 ) -> None:
     write_transcript(tmp_path / TRANSCRIPT, CellConstants.of(FakeCell().ports()), [])
-    there, hours = answers(tmp_path), threading.Event()
+    there, ages = answers(tmp_path), threading.Event()
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
-    began = time.monotonic()
     try:
         with pytest.raises(Halt):
-            replayed.compute(1.0, lambda: hours.wait(20.0))
-        assert time.monotonic() - began < 2.0
+            replayed.compute(1.0, ages.wait)  # to wait for it would take for ever
     finally:
-        hours.set()
+        ages.set()
 
 
 # whole

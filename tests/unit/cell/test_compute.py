@@ -42,12 +42,10 @@ def test_a_stop_abandons_the_computation(workers: ThreadPoolExecutor) -> None:
     cell, free = FakeCell(), threading.Event()
     workcell = fake_workcell(cell, workers)
     threading.Timer(0.05, workcell.ports.stop.trigger, ["button"]).start()
-    began = time.monotonic()
     try:
         with pytest.raises(DriverError, match="button") as caught:
-            workcell.compute(2.5, lambda: free.wait(20.0))
+            workcell.compute(2.5, free.wait)  # to wait for a result that is void would take for ever
         assert caught.value.kind is FailureKind.STOPPED
-        assert time.monotonic() - began < 2.0, "it waited for a result that is void"
         assert cell.now == 0.0, "time was charged for it"
     finally:
         free.set()
