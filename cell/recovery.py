@@ -1,7 +1,8 @@
 """The fallback table as data: what failed, and how often by now -> what to try next. No code but the look-up.
 
 The tries of a row are taken one after the other, counted per fold step and failure kind; after the last
-one the cell asks the operator, or gives up when nobody attends.
+one the cell asks the operator, or gives up when nobody attends. To carry on is no try that could be used up: what
+is good enough once is so when it is looked at again.
 """
 
 from __future__ import annotations
@@ -100,8 +101,8 @@ def choose_recovery(
     retried by itself.
     """
     tries = RECOVERIES.get(kind, ())
-    if attempt <= len(tries):
-        recovery = tries[attempt - 1]
+    if tries and (attempt <= len(tries) or tries[-1].event is Event.CARRY_ON):
+        recovery = tries[min(attempt, len(tries)) - 1]
         if overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
             return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

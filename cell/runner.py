@@ -19,7 +19,7 @@ from cell.executive import Executive, Step
 from cell.journal import RunJournal
 from cell.states import TERMINAL, Effect, Event, State
 from cell.workcell import Workcell
-from robots.errors import CellError, DriverError, Failure, FailureKind, StorageError
+from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
 __all__ = ["EffectFunction", "Observer", "RunEnd", "Runner"]
 
@@ -95,7 +95,7 @@ class Runner:
         """Through the table to its end. Raises StorageError when the ledger takes no more lines."""
         clock = self._cell.ports.clock
         while True:
-            step = self._machine.handle(event)
+            step = self._moved(event)
             entered = clock.now()
             self._note_entry(entered, step)
             if step.target in TERMINAL:
@@ -107,6 +107,16 @@ class Runner:
             ended = clock.now()  # once, however many look on: what is asked of the cell does not depend on them
             for o in self._observers:
                 o.performed(ended, step, result)
+
+    def _moved(self, event: Event) -> Step:
+        """The machine one event on. One that the state does not know is a bug of the effect, and ends as one."""
+        try:
+            return self._machine.handle(event)
+        except InternalError as bug:
+            if Event.CRASH not in self._machine.allowed():
+                raise
+            self._context = self._context.with_failure(_crash(bug))
+            return self._machine.handle(Event.CRASH)
 
     def _unrecorded(self, error: StorageError) -> State:
         """What the ledger cannot tell of is not done: the arms are held where they are, and that is the end."""
@@ -156,10 +166,7 @@ class Runner:
             halted = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
             result = Result(Event.FAILED, context.with_failure(halted or e.failure()))
         except Exception as e:  # a bug or a broken file: the machine must know, the ledger must keep it
-            hint = e.hint if isinstance(e, CellError) else "this is a bug: keep the run folder and report it"
-            crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint,
-                            {"traceback": traceback.format_exc()})  # fmt: skip
-            result = Result(Event.CRASH, context.with_failure(crash))
+            result = Result(Event.CRASH, context.with_failure(_crash(e)))
         result = self._divert(step, result)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
             self._put_down(result.context)  # before the result: what is believed is never older than the ledger
@@ -209,3 +216,10 @@ class Runner:
             return context.with_failure(ABORTED)
         halted = stopped(self._cell.ports)
         return context.with_failure(halted) if halted else context
+
+
+def _crash(error: Exception) -> Failure:
+    """Of the exception that is being handled."""
+    hint = error.hint if isinstance(error, CellError) else "this is a bug: keep the run folder and report it"
+    what = f"{type(error).__name__}: {error}"
+    return Failure(FailureKind.SKILL_CRASHED, what, hint, {"traceback": traceback.format_exc()})

@@ -31,6 +31,8 @@ def choose_next(cell: Workcell, context: Context) -> Result:
         last_fold = bool(context.steps) and context.index == len(context.steps) - 1
         overlap = float(context.failure.values.get("iou_aligned", 1.0))
         recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap)
+    if recovery.event is Event.CARRY_ON and not context.carried:  # a fold that nobody made is not good enough
+        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
         failure = wait(cell.ports, dwell, cell.execution, telemetry(cell), cell.sent)
@@ -45,8 +47,8 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
         return Result(recovery.event, context, record)
     event: Event = recovery.event
-    if event is Event.LOOK_AGAIN or (context.carried and event is Event.GRASP_AGAIN):
-        event = _where_to_look(cell, context)
+    if event is Event.LOOK_AGAIN or (event is Event.GRASP_AGAIN and (context.carried or context.held)):
+        event = _where_to_look(cell, context)  # what was held was let go wherever it was
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
@@ -55,7 +57,7 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     if recovery.adjust is not Adjustment.NONE:
         adjustments = (*adjustments, recovery.adjust)
     recoveries = (*context.recoveries, (context.index, note))
-    return Result(event, replace(context, adjustments=adjustments, recoveries=recoveries), record)
+    return Result(event, replace(context, adjustments=adjustments, recoveries=recoveries, held={}), record)
 
 
 def _where_to_look(cell: Workcell, context: Context) -> Event:

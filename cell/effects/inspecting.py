@@ -74,16 +74,24 @@ def judged_as_before(
 
 
 def next_step(cell: Workcell, context: Context) -> Result:
-    """The fold at hand counts as done: what was predicted is now believed, moved to where it is seen."""
+    """Past the fold at hand: what was predicted is now believed, moved to where it is seen. After the last one the
+    garment is folded, unless the operator left folds out."""
+    ending = context.failure
     context = moved_along(_noted(context), context.inspection)
     fresh = replace(
         context, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
         inspection=None, pictures=(), plan_frames=None, avoided=(), carried=False,
         pressed=(), press_tries=0, press_motion=None, unpressed=False,
     )  # fmt: skip
-    if context.index + 1 >= len(context.steps):
+    if context.index + 1 < len(context.steps):
+        return Result(Event.NEXT_FOLD, replace(fresh, index=context.index + 1, grasps=0))
+    made = {note.name for note in fresh.done}
+    left_out = [step.name for step in fresh.steps if step.name not in made]
+    if fresh.steps and not left_out:
         return Result(Event.ALL_FOLDED, fresh)
-    return Result(Event.NEXT_FOLD, replace(fresh, index=context.index + 1, grasps=0))
+    if left_out:
+        ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(left_out)}")
+    return Result(Event.GIVE_UP, replace(fresh, failure=ending))
 
 
 def find_folded(cell: Workcell, context: Context) -> Result:
@@ -139,8 +147,10 @@ def _compare(
 
 
 def _noted(context: Context) -> Context:
-    """The fold on record, with the predicted shape as the belief of where the garment lies."""
+    """The fold on record, with the predicted shape as the belief of where the garment lies: a fold that was
+    carried through is believed, and made once somebody has seen what came of it."""
     note = note_of(context)
-    if note is None or note.inspected is None:  # skipped by an operator before it was made
+    if note is None or not (context.carried or note.inspected):  # the operator left it out
         return context
-    return replace(context, done=(*context.done, note), vertices=note.predicted.vertices)
+    done = (*context.done, note) if note.inspected else context.done
+    return replace(context, done=done, vertices=note.predicted.vertices)

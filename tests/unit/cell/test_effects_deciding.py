@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,14 +55,22 @@ def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
 def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
     kind: FailureKind, event: Event
 ) -> None:
-    context = failed(kind, context=replace(SEEN, steps=(SimpleNamespace(name="half"),)))  # type: ignore[arg-type]
-    assert choose_next(fake_workcell(FakeCell()), context).event is event
+    plan: Any = (SimpleNamespace(name="half"),)
+    context = replace(SEEN, steps=plan, carried=True)
+    for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
+        assert choose_next(fake_workcell(FakeCell()), failed(kind, looks, context)).event is event
+
+
+@pytest.mark.parametrize("kind", [K.DRIFT, K.MISSED_LAYER])
+def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
+    assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is Event.GIVE_UP
 
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))
 def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
-    context, tried = SEEN, []
-    while True:
+    accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
+    context, tried = replace(SEEN, carried=accepted), []
+    while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
         context = result.context
         if result.event is Event.GIVE_UP:

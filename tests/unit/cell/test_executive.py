@@ -49,6 +49,12 @@ def test_stop_and_crash_are_known_everywhere(state: State) -> None:
     assert to[Event.CRASH][0] in {State.MAKING_SAFE, State.FAULT}
 
 
+@pytest.mark.parametrize("state", WORKING)
+def test_a_failure_is_known_everywhere(state: State) -> None:
+    """Also where the cell only waits: the arms can be pushed there, and the driver can fall silent."""
+    assert Event.FAILED in {r.event for r in ROWS if r.state is state}
+
+
 def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
     for s in HANDS_ON_CLOTH:
         target = next(r.target for r in ROWS if r.state is s and r.event is Event.FAILED)
@@ -136,7 +142,9 @@ def test_recoveries_are_bounded_and_known_to_the_machine(kind: FailureKind, atte
     known = {r.event for r in ROWS if r.state is State.RECOVERING}
     tried = [choose_recovery(kind, n, attended).event for n in range(1, 10)]
     assert set(tried) <= known
-    assert tried[-1] is (Event.ASK if attended else Event.GIVE_UP)
+    accepted = Event.CARRY_ON in tried  # which leads past the fold
+    assert tried[-1] is (Event.CARRY_ON if accepted else Event.ASK if attended else Event.GIVE_UP)
+    assert not accepted or set(tried) == {Event.CARRY_ON}
 
 
 def test_a_stop_is_never_recovered_by_itself() -> None:

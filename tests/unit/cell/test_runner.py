@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cell.context import Context, Result
 from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.effects.inspecting import next_step
 from cell.executive import Step
 from cell.journal import Journal, RunJournal
 from cell.runner import EffectFunction, RunEnd, Runner
 from cell.states import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
+from robots.ports import Side
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -184,6 +188,111 @@ def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> Non
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(Effect.FOLD)
     assert rig.performed[at : at + 4] == [Effect.FOLD, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+
+
+@pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
+@pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
+def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
+    held: Any = {Side.LEFT: object()}
+    rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, replace(x, held=held))
+    rig.special[effect] = failing(kind)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(effect)
+    assert rig.performed[at : at + 4] == [effect, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+
+
+def test_what_was_not_taken_yet_is_grasped_again_without_a_look(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.CHOOSE_RECOVERY)
+    assert rig.performed[at + 1] is Effect.PLAN_MOTION
+
+
+def frozen_state(cell: FakeCell) -> None:
+    cell.frozen_since = cell.now
+
+
+def pushed(cell: FakeCell) -> None:
+    cell.follows, cell.q = False, cell.q + 0.2
+
+
+@pytest.mark.parametrize("spoil", [frozen_state, pushed])
+def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
+    rig: Rig, spoil: Callable[[FakeCell], None]
+) -> None:
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # it waits for a second before it looks again
+    begun = STRAIGHT.index(Effect.LOOK) + 2
+    rig.cell.at(begun + 0.3, lambda: spoil(rig.cell))
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-3:] == [Effect.CHOOSE_RECOVERY, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.transitions()[-2:] == [("failed", "making_safe"), ("done", "fault")]
+
+
+def test_a_driver_that_fails_while_the_operator_is_asked_is_made_safe(rig: Rig) -> None:
+    def lost(cell: Any, context: Context) -> Result:
+        raise DriverError(K.HARDWARE_FAULT, "the clock stands still")
+
+    rig.attended()
+    rig.special[Effect.LOOK] = failing(K.HARDWARE_FAULT)
+    rig.special[Effect.ASK_OPERATOR] = lost
+    end = rig.run()
+    assert end.state is State.FAULT and rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.NOTHING]
+    assert end.context.failure is not None and end.context.failure.what == "the clock stands still"
+
+
+def test_an_event_that_the_state_does_not_know_is_a_crash_and_no_traceback(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = lambda c, x: Result(Event.NEXT_FOLD, x)
+    end = rig.run()
+    assert end.state is State.FAULT and Effect.MAKE_SAFE in rig.performed
+    assert end.context.failure is not None and end.context.failure.kind is K.SKILL_CRASHED
+    assert "next_fold" in end.context.failure.what
+
+
+# what the operator leaves out
+
+
+def plan_of(*names: str) -> Any:
+    return tuple(SimpleNamespace(name=name) for name in names)
+
+
+def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig: Rig) -> None:
+    rig.attended()
+    rig.special |= {Effect.RECOGNISE: failing(K.UNKNOWN_GARMENT, 9), Effect.NEXT_STEP: next_step}
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure is not None and end.context.failure.kind is K.UNKNOWN_GARMENT
+
+
+def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig) -> None:
+    rig.attended()
+    rig.special |= {
+        Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, replace(x, steps=plan_of("half", "quarter"))),
+        Effect.GRASP: failing(K.HARDWARE_FAULT, 9),
+        Effect.NEXT_STEP: next_step,
+    }
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP), rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure is not None and end.context.failure.what.endswith("half, quarter")
+
+
+def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
+    """Somebody has looked at it, and finds it good enough."""
+    rig.attended()
+    made = SimpleNamespace(predicted=SimpleNamespace(vertices=np.zeros((3, 3))), trajectory=None, inspection=None)
+
+    def planned(cell: Any, context: Context) -> Result:
+        return Result(Event.DONE, replace(context, steps=plan_of("half")))
+
+    def refused(cell: Any, context: Context) -> Result:
+        note: Any = SimpleNamespace(name="half", inspected=True, predicted=made.predicted)
+        return failing(K.SAG, 9)(cell, replace(context, carried=True, done=(note,)))
+
+    rig.special |= {Effect.PLAN_FOLDS: planned, Effect.INSPECT: refused, Effect.NEXT_STEP: next_step}
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
+    assert rig.run().state is State.FOLDED
 
 
 @pytest.mark.parametrize("kind", [K.MISSED_GRASP, K.UNREACHABLE, K.STALE_STATE, K.HARDWARE_FAULT])
