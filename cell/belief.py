@@ -27,6 +27,7 @@ from cell.resumable import CONTEXT
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
+from skills.perception.inspection import Inspection
 
 __all__ = ["read_belief", "write_belief"]
 
@@ -91,7 +92,7 @@ def read_belief(folder: Path, frames: FrameStore) -> Context:
 
 def _schema() -> str:
     """Of what a context is made of: a checkout can change without its version."""
-    fields = [f.name for kind in (Context, StepNote) for f in dataclasses.fields(kind)]
+    fields = [f.name for kind in (Context, StepNote, Inspection) for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
 
 

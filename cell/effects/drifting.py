@@ -18,15 +18,14 @@ def moved_along(context: Context, seen: Inspection | None) -> Context:
     """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
     if seen is None or context.mesh is None or context.vertices is None:
         return context
-    centre = context.vertices[:, :2].mean(axis=0)
 
     def move(xy: Array) -> Array:
-        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, centre))
+        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, seen.drift_about))
 
     vertices = frozen(np.column_stack([move(context.vertices[:, :2]), context.vertices[:, 2]]))
     return replace(
         context,
-        steps=translate_plan(context.steps, seen.drift, seen.drift_rad, centre),
+        steps=translate_plan(context.steps, seen.drift, seen.drift_rad, seen.drift_about),
         mesh=replace(context.mesh, rest=move(context.mesh.rest)),
         vertices=vertices,
     )

@@ -131,6 +131,7 @@ class _Figures:
             iou=_iou(mask, where),
             iou_aligned=_iou(mask, np.isfinite(moved)),
             drift=frozen(drift),
+            drift_about=frozen(centre),
             drift_m=float(np.linalg.norm(drift)),
             drift_rad=float(np.arctan2(self.R[1, 0], self.R[0, 0])),
             height_m=upper_height(smooth, judged),

@@ -56,7 +56,8 @@ class Inspection:
     """Observed against predicted.
 
     iou: as seen; iou_aligned: after the rigid motion that lays the prediction on what is seen. drift: (2,)
-    [m] that motion of the prediction's centroid, drift_m its length, drift_rad its angle.
+    [m] how that motion moves drift_about (2,), the middle of the prediction's outline; drift_m its length,
+    drift_rad its angle: p -> turned(p - drift_about) + drift_about + drift.
     height_m: how high the stack stands above the table, away from the plan's fold lines (95th percentile; NaN
     where too little is seen). extra_height_m: likewise above the prediction, where both are.
     piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
@@ -72,6 +73,7 @@ class Inspection:
     iou: float
     iou_aligned: float
     drift: Array
+    drift_about: Array
     drift_m: float
     drift_rad: float
     height_m: float

@@ -107,6 +107,9 @@ def test_drift_is_measured_and_named(shift, turn):
     assert np.allclose(seen.drift, shift, atol=0.002)
     assert np.rad2deg(seen.drift_rad) == pytest.approx(turn, abs=0.3)
     assert seen.iou_aligned > 0.97 > seen.iou
+    c, sn = np.cos(seen.drift_rad), np.sin(seen.drift_rad)
+    again = (HALF - seen.drift_about) @ np.array([[c, sn], [-sn, c]]) + seen.drift_about + seen.drift
+    np.testing.assert_allclose(again, moved, atol=0.003)
 
 
 @pytest.mark.parametrize(
