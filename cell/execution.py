@@ -33,6 +33,7 @@ __all__ = [
     "followed",
     "fresh_state",
     "hold",
+    "start_mismatch",
     "stream",
     "wait",
 ]
@@ -206,7 +207,7 @@ class PathControl:
     commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
     the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the ledger: paused
     and resumed, both written while the arms rest. sent: remembers the set-points. waited_s: cell time spent at
-    rest in a pause, summed over the motions.
+    rest in a pause, summed over the motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
     """
 
     commands: CommandQueue | None
@@ -216,6 +217,7 @@ class PathControl:
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
     sent: Sent = field(default_factory=Sent)
     waited_s: float = 0.0
+    stop_s: float = STOP_TIME
 
     def wanted(self) -> Event | None:
         return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
@@ -269,10 +271,10 @@ class PathClock:
             self._warp = None
 
     def stop(self) -> None:
-        self._change(0.0, self._control.stop)
+        self._change(0.0, self._control.stop, self._control.stop_s)
 
     def go(self) -> None:
-        self._change(1.0, self._control.go)
+        self._change(1.0, self._control.go, STOP_TIME)
 
     def begin_again(self) -> bool:
         """After a stall the arms stand: from the last set-point on, the clock runs up as after a pause. -> False
@@ -289,8 +291,8 @@ class PathClock:
         _, rate, slope = self._warp.at(self._ticks * TICK_S)
         return float(rate), float(slope)
 
-    def _change(self, goal: float, limits: JointLimits) -> None:
-        change = ClockWarp(self.t, STOP_TIME, goal, *self._rate())
+    def _change(self, goal: float, limits: JointLimits, seconds: float) -> None:
+        change = ClockWarp(self.t, seconds, goal, *self._rate())
         self._warp, self._goal, self._ticks = warp_clock(self._trajectory, change, limits), goal, 0
 
 
@@ -309,7 +311,7 @@ def stream(
     same way, but for arms that stray: these hold where they are.
     """
     start = fresh_state(ports, limits)
-    failure = stopped(ports) or start.failure or _start_mismatch(start.unwrap(), trajectory.q[0], limits)
+    failure = stopped(ports) or start.failure or start_mismatch(start.unwrap(), trajectory.q[0], limits)
     if failure:
         return Outcome(failure=failure)
     motion = _Motion(ports, trajectory, limits, watch, control)
@@ -369,9 +371,9 @@ class _Motion:
                 self._control.sent.q = None
             return read
         state = read.unwrap()
-        failure = self._watch(Tick(t, state)) if self._watch and not self._ending else None
+        failure = self._watch(Tick(t, state)) if self._watch else None  # also while it is brought to rest
         if failure or self._ending:
-            return self._bring_to_rest(failure or self._ending)
+            return self._bring_to_rest(self._ending or failure)
         self._settling += TICK_S if arrived else 0.0
         off = float(np.abs(state.q - self._trajectory.q[-1]).max())
         if arrived and (off < self._limits.settled or self._settling >= self._limits.settle_s):
@@ -399,7 +401,7 @@ class _Motion:
             self._keep_pause()
             said = self._control.answer()
             if said is Event.RESUME:
-                mismatch = _start_mismatch(state, q, self._limits)
+                mismatch = start_mismatch(state, q, self._limits)
                 if mismatch:
                     return Outcome(failure=mismatch)
                 self._control.note("resumed", {"path_s": self._path.t})
@@ -439,7 +441,7 @@ def _altered(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure 
     )
 
 
-def _start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Failure | None:
+def start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Failure | None:
     off = np.abs(state.q - q0)
     joint = int(off.argmax())
     if off[joint] <= limits.start:

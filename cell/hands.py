@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.execution import Watch, faded, followed, fresh_state
+from cell.execution import Watch, faded, followed, fresh_state, start_mismatch
 from cell.ticks import TICK_S, Ticks
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
@@ -86,7 +86,7 @@ def each_hand(
 
     tick: (side, reading, state) -> next state or outcome. arms: the set-point (14,) to command given the
     states of the hands that still run, asked once a tick; None: the arms stand still. Failures: the first hand's
-    that fails, STOPPED, STALE_STATE, LIMIT_EXCEEDED, TRACKING_ERROR.
+    that fails, STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED, TRACKING_ERROR.
     """
     ports = cell.ports
     running, values = dict(states), dict[Side, V]()
@@ -95,6 +95,9 @@ def each_hand(
         return Outcome(failure=start.failure)
     still = start.unwrap().q
     first = arms(running) if arms else still
+    elsewhere = start_mismatch(start.unwrap(), first, cell.execution)
+    if elsewhere:
+        return Outcome(failure=elsewhere)
     offset = cell.sent.offset(first)
     q = first + offset
     ticks = Ticks(ports)

@@ -29,6 +29,8 @@ from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
 
+YIELD_S = 0.06
+"""In which a hand that presses comes to rest when it is told to [s]: it must not go on to where it was sent."""
 GAIN = 0.0015
 """A fold that pressing did not lower by this much is not pressed again [m]."""
 
@@ -73,13 +75,14 @@ def press(cell: Workcell, context: Context) -> Result:
     zeros = each_hand(cell, {s: start_zero(cell.grasp) for s in motion.postures}, lambda side, r, s: zero(r, s))
     if zeros.failure:
         return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
+    context = waited(context, control)
     arc = plan_arc(
         cell.robot, cell.guard, cell.table, context.press_paths, motion.postures, cell.ports.arms.state().q,
         limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
         return Result(Event.FAILED, waited(context, control).with_failure(arc.failure))
-    guard = _Guard(cell, zeros.unwrap())
+    guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
     context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))
     ended = guard.pushed is not None

@@ -109,7 +109,7 @@ class SimulatedRobot:
             )
         if not self._enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
-        sent = clip_setpoint(q, qd, self._sent, self._limits, self._t)
+        sent = clip_setpoint(q, qd, self._sent, self.state().q, self._limits, self._t)
         self._queue.append(_Setpoint(self._t + self._lag, sent.q, sent.qd))
         self._sent = sent.q
         return sent

@@ -107,7 +107,7 @@ class RosArms:
                 FailureKind.STALE_STATE, "nobody knows where the arms stand", "check the network to the robot"
             )
         before = self._last(now)
-        setpoint = clip_setpoint(q, qd, before.q, self._limits, now)
+        setpoint = clip_setpoint(q, qd, before.q, self.state().q, self._limits, now)
         for side in Side:
             part = arm_slice(side)
             self._commands[side].tell(

@@ -35,6 +35,8 @@ GRACE_S = 1.0
 EXPOSED_S = 0.42
 """After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow, and
 whoever asked takes none that is older than half a second."""
+LAST_S = 0.3
+"""Of the cell's clock: for so long a further exposure is waited for."""
 GLIMPSE_AGE_S = 0.5
 """Of the cell's clock: an older one was meant for another moment."""
 TOGETHER_S = 0.025
@@ -67,7 +69,8 @@ class _Shots:
         if self.info is None:
             return []
         late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
-        enough = last or len(late) >= wanted.exposures or (late and now >= late[0][1] + EXPOSED_S)
+        over = late and now >= min(late[0][1] + EXPOSED_S, late[-1][1] + LAST_S)
+        enough = last or over or len(late) >= wanted.exposures
         return late[: wanted.exposures] if enough else []
 
 

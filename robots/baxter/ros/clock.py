@@ -19,6 +19,8 @@ __all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
 SILENCE_S = 20.0
 """On the wall: a simulated robot's clock that stands still for so long has died."""
 ROUNDING = 1e-6
+WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+"""Linux's monotonic clock stands still while the machine is suspended."""
 
 
 class RosClock(Protocol):
@@ -30,13 +32,14 @@ class RosClock(Protocol):
 
 
 class WallClock:
-    """Seconds since it was made; never set back."""
+    """Seconds since it was made; never set back. The time in which the machine was suspended counts: what was
+    known before it slept is old."""
 
     def __init__(self) -> None:
-        self._start = time.monotonic()
+        self._start = time.clock_gettime(WALL)
 
     def now(self) -> float:
-        return time.monotonic() - self._start
+        return time.clock_gettime(WALL) - self._start
 
     def sleep_until(self, t: float) -> None:
         left = t - self.now()

@@ -100,9 +100,9 @@ class Node:
             return False
         try:
             socket.create_connection((address.hostname, address.port), ANSWER_S).close()
-        except (ConnectionError, TimeoutError):
+        except ConnectionError:
             return False
-        except OSError:  # a name that is not known here: nobody can tell
+        except OSError:  # a name that is not known here, a network that answers nothing: nobody can tell
             return True
         return True
 

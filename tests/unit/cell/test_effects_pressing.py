@@ -16,12 +16,14 @@ from cell.config import load_settings
 from cell.context import Context
 from cell.effects.inspecting import inspect_fold, judged_as_before
 from cell.effects.pressing import plan_pressing, press
+from cell.execution import PathControl
 from cell.states import Event
+from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
 from skills.grasping.reading import HandReading
 from skills.perception.inspect import Inspection, InspectionSettings
-from skills.planning.pressing import Dab
+from skills.planning.pressing import Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -158,7 +160,8 @@ SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
 def look(contour: np.ndarray, **changes: Any) -> Inspection:
     """A good fold, seen so."""
     good: dict[str, Any] = {
-        "iou": 0.96, "iou_aligned": 0.97, "drift": np.zeros(2), "drift_m": 0.002, "drift_rad": 0.0,
+        "iou": 0.96, "iou_aligned": 0.97, "drift": np.zeros(2), "drift_about": np.zeros(2), "drift_m": 0.002,
+        "drift_rad": 0.0,
         "height_m": 0.02, "extra_height_m": 0.0, "piled_area_m2": 0.0, "edge_deviation_m": 0.019,
         "edge_place": np.zeros(2),
         "missing_layer": 0.1, "edge": None, "left_behind": {}, "diagnosis": None, "confidence": 1.0,
@@ -202,6 +205,43 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
         assert result.record["stopped_by_force"] is ended
         assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
         assert result.record["strongest_n"] == pytest.approx(push)
+
+
+@pytest.mark.parametrize(("stiff_m", "deepest_m"), [(0.006, 0.005), (0.010, 0.0075), (0.016, 0.010)])
+def test_a_hand_that_is_pushed_hard_goes_hardly_deeper(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stiff_m: float, deepest_m: float
+) -> None:
+    """Something hard lies so far above where the tips were to end: they come to rest on it, not where they were
+    sent. The first joint stands for the height, as with a lever of a metre."""
+    through = pressing.stream
+    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    context = standing_by(workcell, monkeypatch)
+    (path,) = press_paths(STEP.line, [Dab(np.zeros(2), FLAT, 0.02)], 0.035).values()
+    q, qd = np.zeros((len(path.t), 14)), np.zeros((len(path.t), 14))
+    q[:, 0] = path.position[:, 2]
+    qd[:, 0] = np.gradient(q[:, 0], path.t)
+    dab = SimpleNamespace(fold=ArmTrajectory(path.t, q, qd, np.gradient(qd, path.t, axis=0)))
+    monkeypatch.setattr(pressing, "plan_arc", lambda *_, **__: Outcome(dab))
+    monkeypatch.setattr(pressing, "stream", through)
+    baxter = load_model()
+    control = PathControl(None, baxter.protective, baxter.commissioning)
+    monkeypatch.setattr(pressing, "pausable", lambda cell: control)
+    heights: list[float] = []
+
+    def read(cell: Any, side: Side, state: Any) -> HandReading:
+        heights.append(float(state.q[0]))
+        into = max(0.0, FLAT + stiff_m - heights[-1])
+        tactile = TactileReading(state.stamp, side, np.zeros((2, 4, 3)), np.array([0.0, 1e4 * into]))
+        gripper = GripperState(state.stamp, side, 0.03, 0.0, False, True)
+        return HandReading(state.stamp, tactile, gripper, 0.05, np.zeros(7))
+
+    monkeypatch.setattr(pushing, "read_hand", read)
+    workcell.ports.arms.command(q[0], np.zeros(14))
+    result = press(workcell, context)
+    assert result.event is Event.DONE and result.record["stopped_by_force"]
+    assert min(heights) >= FLAT + stiff_m - deepest_m
+    deepest = 1e4 * (FLAT + stiff_m - min(heights))
+    assert result.record["strongest_n"] == pytest.approx(deepest, abs=1.0), "it is watched to its end"
 
 
 @pytest.mark.parametrize(("force", "stamp"), [(float("nan"), 0.0), (0.0, -1.0)])

@@ -80,6 +80,18 @@ def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
         assert cell.commands[-1][1] == pytest.approx(cell.q), "they hold where they were pushed to"
 
 
+@pytest.mark.parametrize("off", [0.03, 0.055])
+def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody pushed an arm in a pause: a way that was planned from elsewhere would begin with a jump."""
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.q = cell.q + off
+    work = fake_workcell(cell)
+    began = each_hand(work, {Side.LEFT: None}, lambda side, now, state: state, lambda _: np.zeros(14))
+    assert began.failure is not None and began.failure.kind is FailureKind.START_MISMATCH
+    assert cell.commands == []
+
+
 def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()

@@ -40,7 +40,7 @@ def outside(q: Array) -> Array:
 
 @given(q=anywhere | inside, qd=anywhere, before=inside)
 def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: Array) -> None:
-    sent = clip_setpoint(q, qd, before, LIMITS, 1.0)
+    sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
     assert np.all((sent.q >= LIMITS.lower) & (sent.q <= LIMITS.upper))
     assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
     assert np.all(np.abs(sent.qd) <= LIMITS.velocity)
@@ -51,7 +51,7 @@ def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: A
 def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
     q: Array, qd: Array, before: Array
 ) -> None:
-    sent = clip_setpoint(q, qd, before, LIMITS, 1.0)
+    sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
     assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
     assert np.all(outside(sent.q) <= outside(before) + ROUNDING)
     assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
@@ -62,7 +62,7 @@ def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Arr
     """As directly as from anywhere else, a step's reach at a time."""
     steps = int(np.ceil(np.max(np.abs(goal - before) / REACH))) + 1
     for _ in range(steps):
-        sent = clip_setpoint(goal, np.zeros(14), before, LIMITS, 0.0).q
+        sent = clip_setpoint(goal, np.zeros(14), before, before, LIMITS, 0.0).q
         nearer = np.minimum(np.abs(goal - before), REACH)
         np.testing.assert_allclose(np.abs(sent - before), nearer, rtol=0, atol=ROUNDING)
         before = sent
@@ -71,7 +71,7 @@ def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Arr
 
 @given(before=far_out)
 def test_it_may_stay_where_it_stands_wherever_that_is(before: Array) -> None:
-    sent = clip_setpoint(before, np.zeros(14), before, LIMITS, 0.0)
+    sent = clip_setpoint(before, np.zeros(14), before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, before)
     assert not sent.clipped
 
@@ -79,7 +79,7 @@ def test_it_may_stay_where_it_stands_wherever_that_is(before: Array) -> None:
 @given(before=inside, share=vectors(-0.99, 0.99), qd=between(-VELOCITY, VELOCITY))
 def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array) -> None:
     q = np.clip(before + share * REACH, LIMITS.lower, LIMITS.upper)
-    sent = clip_setpoint(q, qd, before, LIMITS, 0.0)
+    sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, q)
     np.testing.assert_array_equal(sent.qd, qd)
     assert not sent.clipped
@@ -87,21 +87,38 @@ def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array
 
 @given(q=inside | anywhere, qd=between(-2.0 * VELOCITY, 2.0 * VELOCITY), before=inside)
 def test_says_whether_it_changed_anything(q: Array, qd: Array, before: Array) -> None:
-    sent = clip_setpoint(q, qd, before, LIMITS, 0.0)
+    sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
 
 
 @given(q=anywhere, before=inside)
 def test_goes_towards_what_was_asked_for(q: Array, before: Array) -> None:
-    sent = clip_setpoint(q, np.zeros(14), before, LIMITS, 0.0)
+    sent = clip_setpoint(q, np.zeros(14), before, before, LIMITS, 0.0)
     assert np.all(np.sign(q - before) * (sent.q - before) >= -ROUNDING)
     nearer = np.minimum(np.abs(q - before), REACH)
     free = (sent.q > LIMITS.lower) & (sent.q < LIMITS.upper)
     np.testing.assert_allclose(np.abs(sent.q - before)[free], nearer[free], atol=ROUNDING)
 
 
+@given(q=anywhere | inside | far_out, before=far_out, stands=far_out)
+def test_joints_that_stray_are_sent_no_further_than_around_where_they_are_and_were_sent(
+    q: Array, before: Array, stands: Array
+) -> None:
+    sent = clip_setpoint(q, np.zeros(14), before, stands, LIMITS, 0.0)
+    off = np.maximum(np.minimum(before, stands) - sent.q, sent.q - np.maximum(before, stands))
+    assert np.all(off <= REACH + ROUNDING)
+    assert np.all(outside(sent.q) <= outside(before) + ROUNDING)
+
+
+@given(before=inside, stands=inside)
+def test_blocked_joints_are_held_where_they_stand_however_far_they_were_sent(before: Array, stands: Array) -> None:
+    sent = clip_setpoint(stands, np.zeros(14), before, stands, LIMITS, 0.0)
+    np.testing.assert_array_equal(sent.q, stands)
+    assert not sent.clipped
+
+
 def test_is_nobodys_to_change() -> None:
     q = np.zeros(14)
-    sent = clip_setpoint(q, q, q, LIMITS, 0.0)
+    sent = clip_setpoint(q, q, q, q, LIMITS, 0.0)
     q[0] = 1.0
     assert sent.q[0] == 0.0 and not sent.q.flags.writeable and not sent.qd.flags.writeable

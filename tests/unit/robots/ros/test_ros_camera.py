@@ -332,3 +332,13 @@ def test_a_master_that_hangs_holds_nobody_up(film: Film, node: Node, monkeypatch
             RosCamera(node, HandClock(), CameraTopics(**CAMERA)).capture()
     finally:
         released.set()
+
+
+def test_a_slow_camera_is_not_waited_for_until_its_picture_is_old() -> None:
+    """One exposure every half a second: the next one is not worth the first one's age. One every fifth is."""
+    wanted = camera_module._Wanted(first=1, settle=0.0, exposures=8)
+    for arrivals, handed_over, exposures in (((10.0,), 10.3, 1), ((10.0, 10.2, 10.4), 10.42, 3)):
+        pairs = [(t, t, None, None) for t in arrivals]
+        shots = camera_module._Shots(info=object(), pairs=pairs)
+        assert shots.chosen(wanted, handed_over - 0.01) == []
+        assert len(shots.chosen(wanted, handed_over + 0.01)) == exposures

@@ -59,6 +59,15 @@ def test_the_walls_clock_never_goes_back() -> None:
     assert time.monotonic() - wall < 10.0
 
 
+def test_the_time_in_which_the_machine_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux's monotonic clock stands still in a suspend, the boot clock does not: what was heard before is old."""
+    slept, read = 0.0, time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda k: read(k) + (slept if k == time.CLOCK_BOOTTIME else 0.0))
+    clock = WallClock()
+    before, slept = clock.now(), 600.0
+    assert clock.now() - before >= 600.0
+
+
 def test_the_topic_says_what_time_it_is(told: Told) -> None:
     assert told.clock.now() == 0.0
     told.set(12.5)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import pytest
 from puppet import Connect, wait
 
+from robots.baxter.ros import node as node_module
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.topics import joint_command
 from robots.errors import ConfigurationError
@@ -61,3 +62,19 @@ def test_one_that_was_killed_is_not_in_the_way(connect: Connect, node: Node) -> 
         assert node.publishers(TOPIC) == []
         with connect():
             pass
+
+
+@pytest.mark.parametrize(("error", "alive"), [(ConnectionRefusedError(), False), (TimeoutError(), True)])
+def test_a_program_behind_a_network_that_answers_nothing_counts_as_alive(
+    connect: Connect, node: Node, monkeypatch: pytest.MonkeyPatch, error: OSError, alive: bool
+) -> None:
+    """The robot may still hear it: two programs must not pull at one arm."""
+
+    def answer(*_: object) -> None:
+        raise error
+
+    with another_program():
+        wait(lambda: len(node.publishers(TOPIC)) == 1, "the other program is known")
+        monkeypatch.setattr(node_module.socket, "create_connection", answer)
+        assert bool(node.publishers(TOPIC)) is alive
+        monkeypatch.undo()
