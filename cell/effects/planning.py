@@ -135,6 +135,11 @@ def _until_stopped(cell: Workcell) -> Predictor:
     return predict
 
 
+def _draws(cell: Workcell, search: int) -> np.random.Generator:
+    """The planner's draws, other ones for each further search: the same ones would fail again."""
+    return cell.rng().spawn(search)[-1] if search else cell.rng()
+
+
 def plan_motion(cell: Workcell, context: Context) -> Result:
     """Both arms' motion for the step, and the garment's shape that it is predicted to leave."""
     assert context.trajectory is not None
@@ -149,7 +154,7 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
         lambda: plan_fold_motion(
             cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
             approach_height=cell.settings.motion.approach_height, lift=cell.settings.grasp.lift_height,
-            rng=cell.rng(), avoid=avoid,
+            rng=_draws(cell, context.count(Adjustment.OTHER_SEARCH)), avoid=avoid,
         ),
     )  # fmt: skip
     if planned.failure:

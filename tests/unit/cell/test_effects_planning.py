@@ -11,7 +11,7 @@ import pytest
 
 from cell.config import load_settings
 from cell.context import Context, Result
-from cell.effects.planning import choose_trajectory
+from cell.effects.planning import _draws, choose_trajectory
 from cell.garments import load_garment
 from cell.recovery import Adjustment
 from cell.states import Event
@@ -212,3 +212,11 @@ def test_the_view_is_shown_every_candidate_of_the_search(
         for side, arc in arcs.items():
             assert arc.shape[1] == 3
             assert np.allclose(arc[0, :2], HALF.grasps[side].point) and np.allclose(arc[-1], HALF.targets[side])
+
+
+def test_another_search_draws_other_numbers_and_the_same_ones_in_every_run() -> None:
+    workcell = fake_workcell(FakeCell())
+    first, second, third = (_draws(workcell, k).random(4) for k in range(3))
+    assert len({tuple(x) for x in (first, second, third)}) == 3
+    np.testing.assert_array_equal(_draws(workcell, 2).random(4), third)
+    np.testing.assert_array_equal(first, workcell.rng().random(4), "the first one is as ever")
