@@ -14,11 +14,17 @@ from skills.perception.fold_heights import extra_height, judged_area, missing_la
 from skills.perception.inspection import Inspection, InspectionSettings
 from skills.perception.left_behind import left_behind
 from skills.perception.moved_edge import MovedEdge, moved_edge
-from skills.perception.perceive import camera_fault, height_above, smooth_height, touches_border
+from skills.perception.perceive import (
+    PerceptionSettings,
+    camera_fault,
+    height_above,
+    smooth_height,
+    touches_border,
+)
 from skills.perception.predicted_view import draw_shape, move_view, outline_of
-from skills.perception.segment import segment
+from skills.perception.segment import methods, segment
 from skills.perception.segmentation import Segmentation
-from skills.perception.view import TableView
+from skills.perception.view import RectifiedView, TableView
 from skills.vocabulary import (
     CameraCalibration,
     CameraFrame,
@@ -65,15 +71,10 @@ def inspect(
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
     height = height_above(seen, empty)
-    looking = settings.perception
-    bare = empty.rgb if empty is not None else None
-    found = segment(looking.method, seen.rgb, bare, seen.valid, height, looking.segmentation)
-    if not found.found:
-        return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is not seen on the table any more"))
-    if touches_border(found.mask, view.valid, 2):
-        return Outcome(
-            failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
-        )
+    looked = _segmented(seen, empty, height, settings.perception)
+    if looked.failure is not None:
+        return Outcome(failure=looked.failure)
+    found = looked.unwrap()
     expected = draw_shape(view, predicted)
     if flat_top is not None:
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
@@ -93,6 +94,33 @@ def inspect(
         "edge_deviation_m": inspection.edge_deviation_m, "segmentation_confidence": found.confidence,
     }
     return Outcome(value=inspection, notes=notes)
+
+
+def _segmented(
+    seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], looking: PerceptionSettings
+) -> Outcome[Segmentation]:
+    """The garment by the first method that finds it clearly, as `perceive` tries them; or else by the first that
+    finds it at all. height: (H, W) [m] above the table."""
+    bare = empty.rgb if empty is not None else None
+    vague: list[Segmentation] = []
+    beyond = False
+    for method in methods(looking.method, empty is not None):
+        found = segment(method, seen.rgb, bare, seen.valid, height, looking.segmentation)
+        if not found.found:
+            continue
+        if touches_border(found.mask, seen.valid, 2):
+            beyond = True
+        elif found.confidence >= looking.lowest_segmentation:
+            return Outcome(value=found)
+        else:
+            vague.append(found)
+    if vague:
+        return Outcome(value=vague[0])
+    if beyond:
+        return Outcome(
+            failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
+        )
+    return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is not seen on the table any more"))
 
 
 class _Figures:

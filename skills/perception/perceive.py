@@ -14,7 +14,7 @@ from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.energy import segment_lengths
 from skills.perception.register import Registration, RegistrationSettings, register
-from skills.perception.segment import segment
+from skills.perception.segment import methods, segment
 from skills.perception.segmentation import Segmentation, SegmentationSettings
 from skills.perception.template import GarmentOutline
 from skills.perception.view import RectifiedView, TableView
@@ -141,7 +141,7 @@ def perceive(
     picture = _Picture(view, seen, empty, height_above(seen, empty))
     stages.done("view")
     outcomes = []
-    for method in _methods(settings, empty):
+    for method in methods(settings.method, empty is not None):
         outcome = _perceive_by(method, picture, garments, wanted, settings, stages)
         if outcome.ok:
             return outcome
@@ -158,10 +158,6 @@ class _Picture:
     seen: RectifiedView
     empty: RectifiedView | None
     height: NDArray[np.float32]
-
-
-def _methods(settings: PerceptionSettings, empty: RectifiedView | None) -> tuple[str, ...]:
-    return ("plain", "grabcut") if settings.method == "reference" and empty is None else (settings.method,)
 
 
 def _perceive_by(

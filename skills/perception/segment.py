@@ -11,9 +11,15 @@ from skills.perception.segment_reference import segment_plain, segment_reference
 from skills.perception.segment_watershed import segment_watershed
 from skills.perception.segmentation import Field, Image, Mask, Segmentation, SegmentationSettings
 
-__all__ = ["METHODS", "segment"]
+__all__ = ["METHODS", "methods", "segment"]
 
 METHODS = ("reference", "plain", "grabcut", "watershed")
+
+
+def methods(method: str, reference: bool) -> tuple[str, ...]:
+    """What to try, one after the other. reference: whether there is a picture of the empty table; without one
+    'reference' stands for 'plain' and, where that finds nothing usable, 'grabcut'."""
+    return ("plain", "grabcut") if method == "reference" and not reference else (method,)
 
 
 def segment(

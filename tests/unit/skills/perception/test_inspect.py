@@ -179,6 +179,19 @@ def test_an_empty_table_is_a_failure_of_looking():
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.NO_GARMENT
 
 
+@pytest.mark.parametrize("seed", [4, 6])
+def test_on_boards_without_a_picture_of_the_empty_table_a_good_fold_is_accepted(seed):
+    """A board that differs from the rim's plane is taken for cloth by `plain`, not by `grabcut`."""
+    scene = Scene(seed=seed, polygons=[HALF], thickness=HEIGHT, wobble=0.001, planks=0.3)
+    seen = inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP)
+    assert seen.unwrap().accepted and seen.unwrap().iou > 0.97
+
+
+def test_on_boards_without_a_picture_of_the_empty_table_a_bad_fold_is_named():
+    scene = Scene(seed=4, polygons=[SAGGED], thickness=HEIGHT, wobble=0.001, planks=0.3)
+    assert inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP).unwrap().diagnosis is FailureKind.SAG
+
+
 def test_alignment_recovers_a_rigid_motion_in_spite_of_a_defect():
     """The motion is known, a corner of the target is torn off: it must not turn the rest."""
     turned = place(SHORT - (0.6, 0.0), 0.63, -0.02, 0.1)
