@@ -30,7 +30,7 @@ def diagnose(
         kind = _edge_defect(seen, step, settings)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _surety(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
-    # Loose layers lie lower or higher than predicted: heights count only where the edge itself cannot be seen.
+    # Loose layers lie lower or higher than predicted: heights count only where not all of the edge can be seen.
     if not _edge_seen(seen) and seen.missing_layer > settings.missing_share:
         return FailureKind.DROPPED_CORNER, 0.5 * _surety(seen.missing_layer, settings.missing_share) + 0.2
     if seen.drift_m > settings.drift or abs(seen.drift_rad) > settings.drift_angle:
@@ -101,7 +101,7 @@ def _edge_on_cloth(seen: Inspection, settings: InspectionSettings) -> tuple[Fail
 
 
 def _edge_seen(seen: Inspection) -> bool:
-    return seen.edge is not None and bool(np.isfinite([seen.edge.corner, seen.edge.sag]).all())
+    return seen.edge is not None and seen.edge.wholly_seen
 
 
 def _surety(value: float, threshold: float) -> float:

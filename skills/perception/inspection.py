@@ -44,10 +44,11 @@ class InspectionSettings:
     layer_height: float = 0.0018
     """Upper layers predicted thinner than this cannot be seen by depth."""
     edge_sag: float = 0.026
-    edge_corner: float = 0.019
+    edge_corner: float = 0.0195
     """How far the moved edge's middle, and a corner of it, may lie behind the rest, on cloth (`moved_edge`). A
-    corner is seen as the mean over its strip, in steps of 2 mm: 20 to 40 mm behind where it lies 40 mm behind. In
-    still pictures good folds lie behind by up to 15 mm, nearly all by less than 8."""
+    corner is seen as the mean over its strip, in steps of 2 mm, of 1 mm where a strip is not seen (the limit lies
+    on no step): 20 to 40 mm behind where it lies 40 mm behind. In still pictures good folds lie behind by up to
+    15 mm, nearly all by less than 8."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
 
 

@@ -58,10 +58,14 @@ class MovedEdge:
 
     @property
     def corner(self) -> float:
-        """How much further behind one end lies than the other half of the edge [m]: the worse end."""
-        n = len(self.lag)
-        worse = [self._end(lag) - _median(lag[n // 2 :]) for lag in (self.lag, self.lag[::-1])]
-        return float(np.nanmax(worse)) if np.isfinite(worse).any() else float("nan")
+        """How much further behind one end lies than the other half of the edge [m]: the worse end that is seen."""
+        behind = self._ends()
+        return float(np.nanmax(behind)) if np.isfinite(behind).any() else float("nan")
+
+    @property
+    def wholly_seen(self) -> bool:
+        """Whether both ends are seen, and enough between them."""
+        return bool(np.isfinite([*self._ends(), self.sag]).all())
 
     @property
     def sag(self) -> float:
@@ -78,6 +82,11 @@ class MovedEdge:
             fit = np.asarray(np.linalg.lstsq(basis * weight[:, None], lag * weight, rcond=None)[0], dtype=float)
             weight = np.sqrt(np.minimum(1.0, _TOLERANCE / np.maximum(np.abs(lag - basis @ fit), 1e-9)))
         return float(fit[2])
+
+    def _ends(self) -> tuple[float, float]:
+        """How much further behind each end lies than the other half of the edge [m]; NaN where it is not seen."""
+        first, last = (self._end(lag) - _median(lag[len(lag) // 2 :]) for lag in (self.lag, self.lag[::-1]))
+        return first, last
 
     @staticmethod
     def _end(lag: Array) -> float:

@@ -7,10 +7,11 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import Side
 from skills.perception.alignment import align
-from skills.perception.diagnosis import beyond_limits
+from skills.perception.diagnosis import beyond_limits, diagnose
 from skills.perception.fold_heights import upper_height
 from skills.perception.inspect import inspect
 from skills.perception.inspection import InspectionSettings
+from skills.perception.moved_edge import MovedEdge
 from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
@@ -168,6 +169,20 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
     knowing = inspect(picture, camera(), TABLE, bare(), two_layers, STEP, flat_top=0.0045).unwrap()
     assert blind.accepted and blind.missing_layer < 0.1
     assert knowing.missing_layer > 0.3
+
+
+@pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
+def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
+    """What is seen of the edge lies where it should; the unseen end's target lacks its layer."""
+    seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
+    lag = np.zeros(9)
+    whole = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
+    assert diagnose(whole, STEP, settings)[0] is None
+    lag[end] = np.nan
+    partly = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
+    assert partly.edge.corner == 0.0 and partly.edge.sag == pytest.approx(0.0)
+    assert diagnose(partly, STEP, settings)[0] is FailureKind.DROPPED_CORNER
+    assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
 
 
 def test_without_the_step_a_bad_edge_is_off_target():

@@ -8,7 +8,8 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import Side
 from skills.perception.inspect import inspect
-from skills.perception.moved_edge import moved_edge
+from skills.perception.inspection import InspectionSettings
+from skills.perception.moved_edge import MovedEdge, moved_edge
 from skills.perception.view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
@@ -96,6 +97,20 @@ def test_the_loop_of_an_earlier_crease_that_is_pressed_down_is_no_lost_corner(lo
 def test_a_lost_corner_is_found_beside_a_loop(end):
     seen = look(lambda t: 0.08 * (t if end else 1 - t) ** 1.5, loop=0.018)
     assert 0.030 < seen.corner < 0.08
+
+
+@pytest.mark.parametrize("behind", range(15, 24))
+def test_no_rounding_decides_about_a_corner(behind):
+    """Strips say where they are in steps of 2 mm, a median of two of them in steps of 1 mm: 19 mm are within the
+    limit and 20 beyond it, wherever they are counted from."""
+    places = np.arange(-0.024, 0.120, 0.002)
+    beyond = set()
+    for i in range(behind // 2 + 1, len(places)):
+        middle = [places[i - behind // 2], places[i - (behind + 1) // 2]]
+        edge = MovedEdge(np.array([places[i]] * 2 + [np.nan] * 3 + middle * 2), LAYER)
+        assert edge.corner == pytest.approx(1e-3 * behind, abs=1e-9)
+        beyond.add(edge.corner > InspectionSettings().edge_corner)
+    assert beyond == {behind > 19}
 
 
 def test_when_nothing_rose_nothing_is_said():
