@@ -26,6 +26,9 @@ LIKE = 5
 LACKING = 0.0035
 """Where the stack is lower than its layers by so much, the upper ones are not there [m]."""
 
+LOOKS = 3
+"""How often a place is looked up, each time where it appears at the height seen before."""
+
 
 @dataclass(frozen=True, eq=False)
 class Standing:
@@ -59,16 +62,28 @@ def standing(
     rows, columns = np.nonzero(inner & np.isfinite(height) & (np.nan_to_num(above, nan=-1.0) >= least))
     places = view.to_table(np.stack([columns, rows], axis=1), smooth[rows, columns].astype(float))
     whole = mask & (np.nan_to_num(above, nan=0.0) > -LACKING)
-    return Standing(places, above[rows, columns].astype(float), _clear_of_edges(whole, view))
+    return Standing(places, above[rows, columns].astype(float), _clear_of_edges(whole, smooth, view))
 
 
-def _clear_of_edges(whole: NDArray[np.bool_], view: TableView) -> Callable[[Array], bool]:
-    """whole: (H, W) where all layers of the stack are."""
+def _clear_of_edges(
+    whole: NDArray[np.bool_], smooth: NDArray[np.float32], view: TableView
+) -> Callable[[Array], bool]:
+    """whole: (H, W) where all layers of the stack are seen; smooth: (H, W) how high [m]."""
     closed = cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     depth = cv2.distanceTransform(closed, cv2.DIST_L2, 5) * view.pixel
+    heights = smooth[whole & np.isfinite(smooth)]
+    usual = float(np.median(heights)) if len(heights) else 0.0
 
     def inside(place: Array) -> bool:
-        column, row = np.round(view.to_pixel(place)).astype(int)
-        return bool(0 <= row < depth.shape[0] and 0 <= column < depth.shape[1] and depth[row, column] > EDGE)
+        """Looked up where cloth at this place appears: if it is as high as usual, and as high as is seen there."""
+        up = usual
+        for _ in range(LOOKS):
+            column, row = np.round(view.to_pixel(view.shadow_on_table(np.array([*place, up])))).astype(int)
+            if not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]):
+                return False
+            if not depth[row, column] * (1.0 - up / view.camera_position[2]) > EDGE:
+                return False
+            up = float(smooth[row, column]) if np.isfinite(smooth[row, column]) else usual
+        return True
 
     return inside

@@ -88,3 +88,21 @@ def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
     inside = looked_at(height + rng.normal(0.0, 0.001, height.shape).astype(np.float32), mask).inside
     assert inside(np.array([0.60, 0.23 - 0.042])) and not inside(np.array([0.60, 0.23 - 0.028]))
     assert not inside(np.array([0.60, 0.24]))
+
+
+@pytest.mark.parametrize("x", [0.55, 0.9])
+@pytest.mark.parametrize("thickness", [0.010, 0.020, 0.030])
+def test_room_is_measured_where_the_cloth_is_and_not_where_it_appears(x: float, thickness: float) -> None:
+    """A thick layer whose far edge lies at x appears up to 23 mm further away than it is."""
+    low, high = np.array([x - 0.3, -0.25]), np.array([x, 0.25])
+    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    flat = np.column_stack([corners, np.full(4, 0.5 * thickness)])
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    there = VIEW.to_table(np.dstack([columns, rows]), thickness)
+    mask = np.all((there > low) & (there < high), axis=2)
+    shape = PredictedShape(flat, np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
+    inside = standing(np.where(mask, np.float32(thickness), 0.0), mask, VIEW, shape, thickness, 0.007).inside
+    for corner, inwards in ((low, 1.0), (high, -1.0)):
+        for axis in np.eye(2):
+            edge = np.where(axis > 0, corner, 0.5 * (low + high))
+            assert inside(edge + inwards * 0.041 * axis) and not inside(edge + inwards * 0.031 * axis)
