@@ -16,6 +16,7 @@ from skills.perception.energy import segment_lengths
 from skills.perception.register import Registration, RegistrationSettings, register
 from skills.perception.segment import methods, segment
 from skills.perception.segmentation import Segmentation, SegmentationSettings
+from skills.perception.table_height import table_height
 from skills.perception.template import GarmentOutline
 from skills.perception.view import RectifiedView, TableView
 from skills.vocabulary import (
@@ -278,11 +279,7 @@ def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np
     """Height above the table as it was measured empty, which takes the calibration's error away [m]."""
     if empty is None:
         return seen.height
-    known = np.where(np.isfinite(empty.height), empty.height, np.float32(0.0))
-    rows, columns = known.shape
-    coarse = cv2.resize(known, (max(columns // 4, 1), max(rows // 4, 1)), interpolation=cv2.INTER_AREA)
-    smooth = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), 1.0), (columns, rows), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(seen.height - smooth, dtype=np.float32)
+    return np.asarray(seen.height - table_height(empty.height), dtype=np.float32)
 
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
