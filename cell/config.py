@@ -117,7 +117,7 @@ class PerceptionConfig(_Group):
     )
     lowest_confidence: float = _number(0.0, 1.0, "", "least confidence of a recognised garment")
     known_iou: float = _number(0.3, 1.0, "", "overlap with a template below which a garment is unknown")
-    size_tolerance: float = _number(0.02, 1.0, "", "relative difference from the expected garment's size")
+    size_tolerance: float = _number(0.02, 1.0, "", "relative difference from a garment's nominal size")
     flat_height: float = _number(0.002, 0.2, "m", "95th percentile of height up to which a garment lies flat")
 
     def settings(self) -> PerceptionSettings:

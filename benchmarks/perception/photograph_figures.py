@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
 from cell.config import load_settings
-from cell.subcommands.perceive import photographed
+from cell.subcommands.perceive import ANY_SIZE, photographed
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
 from skills.perception.perceive import Perception, perceive
@@ -38,7 +38,7 @@ def look_at(picture: Photograph, garments: Sequence[Garment]) -> Outcome[Percept
     calibration, table = photographed(picture.rgb.shape)
     depth = np.full(picture.rgb.shape[:2], np.nan, np.float32)
     frame = CameraFrame(0.0, 0, picture.rgb, depth, calibration.intrinsics)
-    settings = replace(load_settings().perception.settings(), depth_holes=1.0)
+    settings = replace(load_settings().perception.settings(), depth_holes=1.0, size_tolerance=ANY_SIZE)
     return perceive(frame, calibration, table, None, garments, None, settings)
 
 

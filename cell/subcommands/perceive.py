@@ -22,7 +22,7 @@ from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, perceive
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
-__all__ = ["look_at", "photographed", "read_frame", "run", "write_overlay"]
+__all__ = ["ANY_SIZE", "look_at", "photographed", "read_frame", "run", "write_overlay"]
 
 MILLIMETRES = 1e-3
 ANY_SIZE = 1e3

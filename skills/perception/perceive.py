@@ -64,7 +64,7 @@ class PerceptionSettings:
     category_margin: float = 0.03
     """The expected category is accepted when the best one overlaps no better than by this."""
     size_tolerance: float = 0.20
-    """Relative difference from the nominal size beyond which it is not the expected garment."""
+    """Relative difference from a garment's nominal size beyond which it is not that garment."""
     flat_height: float = 0.025
     """95th percentile of height over a garment that lies flat."""
     border: float = 0.006
@@ -387,7 +387,7 @@ def _choose(
             values,
         )
     if wanted is None:
-        return matches[0], None
+        return _of_its_size(matches, best, settings)
     ours = next(m for m in matches if m.name == wanted.name)
     if best.category != wanted.category and ours.iou < best.iou - settings.category_margin:
         return None, Failure(
@@ -396,7 +396,7 @@ def _choose(
             "put the expected garment on the table, or name the right one",
             {**values, "expected": wanted.name, "expected_iou": ours.iou},
         )
-    if abs(np.log(ours.scale)) > np.log1p(settings.size_tolerance):
+    if not _fits_in_size(ours, settings):
         return None, Failure(
             FailureKind.CATEGORY_MISMATCH,
             f"expected {wanted.name}, but the garment is {ours.scale:.2f} times its size",
@@ -404,6 +404,28 @@ def _choose(
             {**values, "expected": wanted.name, "scale": ours.scale},
         )
     return ours, None
+
+
+def _of_its_size(
+    matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
+) -> tuple[Match | None, Failure | None]:
+    """Of matches, in their order, the first that a second look, which expects it, would not take for another."""
+    near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
+    for match in near:
+        if _fits_in_size(match, settings):
+            return match, None
+    nearest = near[0]
+    return None, Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"no known garment is of this shape and size (nearest {nearest.name}, of which it is "
+        f"{nearest.scale:.2f} times the size)",
+        "put a known garment on the table, or make a template with `foldcell garment new`",
+        {"best": nearest.name, "best_iou": nearest.iou, "scale": nearest.scale},
+    )
+
+
+def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
+    return bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
 
 
 def _not_of_its_kind(

@@ -5,6 +5,7 @@ import pytest
 
 from robots.errors import FailureKind
 from robots.ports import CameraFrame
+from skills.perception.classify import Match
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.perceive import perceive
 from skills.perception.template import Template, polygon_area
@@ -85,6 +86,34 @@ def test_category_size_and_unknown(calibration, towels):
     assert failure(perceive(picture, calibration, TABLE, bare, [TRIANGLE])) is FailureKind.UNKNOWN_GARMENT
     with pytest.raises(ValueError, match="none of"):
         perceive(picture, calibration, TABLE, bare, towels, "sock")
+
+
+@pytest.mark.parametrize("size", [0.7, 1.0, 1.18, 1.3])
+def test_what_is_recognised_unasked_is_what_a_second_look_expects(calibration, towels, size):
+    """One known towel, and cloth of its shape in other sizes: both looks take it, or neither."""
+    scene = Scene(seed=3, polygons=[place(TOWEL * size, 0.62, 0.0, 0.1)])
+    picture, bare = render(scene), empty(scene)
+    first = perceive(picture, calibration, TABLE, bare, towels[:1])
+    second = perceive(picture, calibration, TABLE, bare, towels[:1], "medium_towel")
+    assert first.ok == second.ok == (abs(np.log(size)) < np.log(1.2))
+    if not first.ok:
+        assert failure(first) is FailureKind.UNKNOWN_GARMENT and failure(second) is FailureKind.CATEGORY_MISMATCH
+        assert first.failure.values["scale"] == second.failure.values["scale"] == pytest.approx(size, abs=0.02)
+        assert f"{first.failure.values['scale']:.2f} times" in first.failure.what
+
+
+@pytest.mark.parametrize(("overlap", "taken"), [(0.955, True), (0.94, False)])
+def test_the_next_best_is_taken_where_only_it_fits_in_size(calibration, towels, monkeypatch, overlap, taken):
+    """Unless it overlaps worse by more than a second look would let pass."""
+    known = [towels[0], Template("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
+    matches = (Match("medium_towel", "towel", 0.98, 0.7, 0.0), Match("napkin", "napkin", overlap, 1.0, 0.0))
+    monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
+    scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
+    picture, bare = render(scene), empty(scene)
+    first = perceive(picture, calibration, TABLE, bare, known)
+    second = perceive(picture, calibration, TABLE, bare, known, "napkin")
+    assert first.ok == second.ok == taken
+    assert not taken or first.unwrap().garment == "napkin"
 
 
 def broken(frame, how):
