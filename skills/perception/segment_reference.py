@@ -13,6 +13,7 @@ import numpy as np
 
 from skills.perception.boundary import refine_boundary
 from skills.perception.colour_model import colour_likelihood, log_colour, noise_scale, opponent
+from skills.perception.covered import mean_height
 from skills.perception.segmentation import (
     Field,
     Image,
@@ -47,12 +48,12 @@ def segment_reference(
     """Garment against a picture of the empty table, both (H, W, 3) uint8 in the same view.
 
     valid: (H, W), where both pictures see the table. height: (H, W) [m] above the empty table's own
-    measured height, NaN where unknown; it tells whether a dark, wide region is cloth or shadow, and helps where
-    colours leave a doubt.
+    measured height, NaN where unknown; it tells whether a dark, wide region is cloth or shadow, helps where
+    colours leave a doubt, and tells a garment that covers half of the view from a change of light.
     """
     settings = settings or SegmentationSettings()
     image, table = log_colour(rgb), log_colour(reference)
-    light = light_change(image, table, valid)
+    light = light_change(image, table, valid, height)
     few = np.s_[::_STRIDE, ::_STRIDE]
     sparse = opponent(image[few] - table[few] - light_plane(light, valid.shape, few))
     sparse_noise = noise_scale(np.ascontiguousarray(rgb[few]), 2.0 / _STRIDE)
@@ -179,11 +180,3 @@ def _height_odds(height: Field, core: Mask) -> Field:
         return np.zeros(height.shape, np.float32)
     mean, seen = mean_height(height, 7)
     return np.where(seen, np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0), 0.0).astype(np.float32)
-
-
-def mean_height(height: Field, size: int) -> tuple[Field, Mask]:
-    """Mean (h, w) over a square of `size` pixels of what depth knows, and where it knows enough."""
-    known = np.isfinite(height)
-    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
-    share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
-    return np.asarray(total / np.maximum(share, 1e-3), dtype=np.float32), share > 0.3

@@ -7,18 +7,23 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.colour_model import FLOOR, log_colour
+from skills.perception.covered import covered
 from skills.perception.segmentation import Field, Image, Mask, SegmentationSettings
 
 __all__ = ["fit_table", "light_change", "light_plane", "table_likelihood", "table_spread"]
 
-def light_change(image: Field, table: Field, valid: Mask) -> Field:
+
+def light_change(image: Field, table: Field, valid: Mask, height: Field | None = None) -> Field:
     """How the light (or the exposure) changed since the reference: a plane per channel, (3, 3), see `light_plane`.
 
-    Fitted to the pixels that agree with the commonest change; the garment is an outlier.
+    Fitted to the pixels that agree with the commonest change; the garment is an outlier, or is left out where
+    height (H, W) [m] above the table, NaN where unknown, tells that it covers much of the view.
     """
     rows, columns = valid.shape
     r, c = np.mgrid[0:rows:6, 0:columns:6]
     keep = valid[r, c]
+    if height is not None:
+        keep &= ~covered(height[::6, ::6], keep)
     d = (image[::6, ::6] - table[::6, ::6])[keep].astype(float)
     r, c = r[keep], c[keep]
     basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)

@@ -4,10 +4,12 @@ import pytest
 
 from cell.subcommands.perceive import photographed
 from skills.perception.boundary import refine_boundary, smooth_closed
+from skills.perception.colour_model import log_colour
 from skills.perception.perceive import height_above
 from skills.perception.segment_grabcut import segment_grabcut
 from skills.perception.segment_reference import segment_plain, segment_reference
 from skills.perception.segment_watershed import segment_watershed
+from skills.perception.table_model import light_change
 from skills.perception.view import TableView
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 
@@ -58,6 +60,27 @@ def test_dark_grey_cloth_on_grey_table_is_told_from_shadow_by_depth():
     seen, table, height = pair(render(scene), empty(scene))
     found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
     assert iou(found.mask, true_mask(scene, towel)) > 0.93
+
+
+@pytest.mark.parametrize("fabric", [(0.15, 0.25, 0.55), (0.75, 0.72, 0.68)], ids=["dark", "light"])
+@pytest.mark.parametrize("size", [(1.5, 1.4), (1.7, 1.5), (1.85, 1.75)], ids=["51 %", "61 %", "78 %"])
+def test_a_garment_that_covers_most_of_the_view_is_no_change_of_light(size, fabric):
+    """And the light did change: all is brighter by a tenth."""
+    towel = place(TOWEL * size, 0.63, 0.0, 0.0)
+    scene = Scene(seed=3, polygons=[towel], fabric=fabric, gain=1.1)
+    seen, table, height = pair(render(scene), empty(scene))
+    found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
+    assert iou(found.mask, true_mask(scene, towel)) > 0.97
+    assert found.confidence > 0.9
+
+
+def test_a_smaller_garment_is_told_from_the_light_without_its_height(towel_picture):
+    _, _, picture, bare = towel_picture(0)
+    seen, table, height = pair(picture, bare)
+    image, reference = log_colour(seen.rgb), log_colour(table.rgb)
+    by_colour = light_change(image, reference, seen.valid)
+    assert np.array_equal(light_change(image, reference, seen.valid, height), by_colour)
+    assert np.array_equal(light_change(image, reference, seen.valid, height + 0.02), by_colour), "not trusted"
 
 
 def test_wide_shadow_without_cloth_is_no_garment(bare_table):
