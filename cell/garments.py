@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import shapely
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from cell.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.planning.plan import plan_folds
@@ -60,7 +60,7 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
     Raises ConfigurationError, which names the file, the key, the value and what is allowed.
     """
     path = garment_path(name_or_path)
-    data = _read(path)
+    data = read_yaml(path, "garment file").data
     try:
         file = _GarmentFile.model_validate(data)
     except ValidationError as error:
@@ -86,18 +86,6 @@ def garment_path(name_or_path: str | Path) -> Path:
         f"{guess}Shipped: {known}; or give the path of a YAML file.",
         garment=text,
     )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}", "Check the path.") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: is not YAML: {error}", "See docs for an example.") from None
-    if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}: is not a garment file: its top is not a mapping of keys")
-    return data
 
 
 # ------------------------------------------------------------------ the file's schema
@@ -241,7 +229,7 @@ class _GarmentFile(_Strict):
 # ------------------------------------------------------------------ file -> value
 
 
-def _readable(path: Path, data: dict[str, Any], error: ValidationError) -> ConfigurationError:
+def _readable(path: Path, data: Mapping[str, Any], error: ValidationError) -> ConfigurationError:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")

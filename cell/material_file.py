@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from cell.garments import DEFAULT_SURFACE, load_garment
+from cell.yaml_file import parse_yaml
 
 __all__ = ["with_material"]
 
@@ -29,7 +30,8 @@ def with_material(
     A value that is a mapping is merged with what is there. no_longer_assumed: names taken off `material.assumed`.
     name: the file's (NAME.yaml), for messages. Raises ConfigurationError when the result is no good garment file.
     """
-    wanted = yaml.safe_load(text)
+    file = Path(f"{name}.yaml")
+    wanted = dict(parse_yaml(text, file, "garment file").data)
     material = copy.deepcopy(wanted.get("material") or {})
     changed = {key: _merged(material.get(key), value) for key, value in values.items()}
     changed["measured"] = _merged(material.get("measured"), dict(measured))
@@ -37,10 +39,10 @@ def with_material(
         changed["assumed"] = [field for field in material["assumed"] if field not in no_longer_assumed]
     wanted["material"] = material | changed
     edited = _edited(text, changed)
-    if yaml.safe_load(edited) != wanted:  # a layout that is not edited line by line
+    if parse_yaml(edited, file, "garment file").data != wanted:  # a layout that is not edited line by line
         edited = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True)
     with tempfile.TemporaryDirectory() as folder:
-        trial = Path(folder) / f"{name}.yaml"
+        trial = Path(folder) / file
         trial.write_text(edited, encoding="utf-8")
         load_garment(trial, surface)
     return edited

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from cell.garments import FABRIC_FIELDS, garment_path, load_garment
+from cell.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -24,7 +25,7 @@ def new_garment_text(like: str, name: str, title: str, template: Array, origin: 
     All of its fabric is marked as assumed: it was measured on another garment, if at all. origin: a line that says
     where the outline is from. Raises ConfigurationError where the folds cannot be planned on this outline.
     """
-    data = dict(yaml.safe_load(garment_path(like).read_text(encoding="utf-8")))
+    data = dict(read_yaml(garment_path(like), "garment file").data)
     fabric = {k: v for k, v in data.get("material", {}).items() if k not in ("measured", "hang_drop")}
     fabric |= {
         "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # of its strip

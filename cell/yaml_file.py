@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 
 from robots.errors import ConfigurationError
 
-__all__ = ["Document", "Key", "merge", "read_yaml", "validated"]
+__all__ = ["Document", "Key", "merge", "parse_yaml", "read_yaml", "validated"]
 
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
@@ -46,7 +46,11 @@ class Document:
 
 def read_yaml(path: Path, what: str = "configuration file") -> Document:
     """Read one YAML mapping. Raises ConfigurationError for whatever is wrong with the file."""
-    text = _read_text(path, what)
+    return parse_yaml(_read_text(path, what), path, what)
+
+
+def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Document:
+    """One YAML mapping, from its text. path: where it stands, or what to call it. Raises ConfigurationError."""
     try:
         loader = _StrictLoader(text)
         try:

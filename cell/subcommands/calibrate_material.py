@@ -21,6 +21,7 @@ from cell.material_file import with_material
 from cell.paths import logs_directory, prepare_logs
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.whole_file import write_whole
+from cell.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import flexural_rigidity, membrane_modulus
 from skills.garments.garment import Garment
@@ -95,12 +96,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _known_surface(source: Path, surface: str, options: argparse.Namespace) -> str:
     """The surface to load the garment for: friction may be measured on one that the file does not have yet."""
-    import yaml
-
     if options.action != "friction":
         return surface
-    angles = (yaml.safe_load(source.read_text(encoding="utf-8")).get("material") or {}).get("friction_angle_deg")
-    return surface if not angles or surface in angles else str(next(iter(angles)))
+    material = read_yaml(source, "garment file").data.get("material")
+    angles = material.get("friction_angle_deg") if isinstance(material, dict) else None
+    if not isinstance(angles, dict) or not angles or surface in angles:  # what else it is, loading it says
+        return surface
+    return str(next(iter(angles)))
 
 
 def _check_output(path: Path | None, replace: bool) -> None:

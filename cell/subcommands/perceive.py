@@ -116,8 +116,13 @@ def _read_depth(path: Path) -> NDArray[np.float32]:
     if path.suffix == ".npy":
         try:
             raw = np.load(path, allow_pickle=False)
-        except (OSError, ValueError) as e:
+        except (OSError, ValueError, EOFError) as e:
             raise ConfigurationError(f"{path}: is no array that can be read: {e}", path=str(path)) from e
+        if not isinstance(raw, np.ndarray):
+            raw.close()
+            raise ConfigurationError(
+                f"{path}: is no single array (an .npz holds several)", "save it with numpy.save", path=str(path)
+            )
         metres = raw.astype(np.float32) if raw.ndim == 2 and raw.dtype.kind == "f" else None
     else:
         raw = _read_image(path, cv2.IMREAD_UNCHANGED)

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 import yaml
 
@@ -85,6 +87,37 @@ def test_a_garment_file_that_is_wrong(
     garment = yaml.safe_load(shipped_garment_path("small_towel").read_text(encoding="utf-8")) | change
     (folder / "mine.yaml").write_text(yaml.safe_dump(garment), encoding="utf-8")
     refused("fold mine.yaml --seed 1", "mine.yaml", *parts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["title: 2020-99-99", "title: " + "[" * 5000, "layers: " + "9" * 5000, "title: a\ntitle: b", "- a\n- b", "\0"],
+    ids=["a date that is none", "nested", "a number without end", "a key twice", "a list", "no text"],
+)
+@pytest.mark.parametrize("command", ["fold mine.yaml", "calibrate friction mine.yaml --height 0.3 --length 1"])
+def test_a_garment_file_that_is_no_good_yaml(
+    refused: Callable[..., str], folder: Path, command: str, text: str
+) -> None:
+    (folder / "mine.yaml").write_text(text)
+    refused(command, "mine.yaml")
+
+
+@pytest.mark.parametrize("name", ["./nofile.yaml", "./folder.yaml", "./odd.yaml"])
+def test_a_garment_file_to_measure_that_is_none(refused: Callable[..., str], folder: Path, name: str) -> None:
+    (folder / "folder.yaml").mkdir()
+    (folder / "odd.yaml").write_text("material: {friction_angle_deg: [1, 2]}")
+    refused(f"calibrate friction {name} --height 0.3 --length 0.8", name.removeprefix("./"))
+
+
+@pytest.mark.parametrize("kind", ["empty", "several arrays", "text"])
+def test_a_depth_file_that_is_no_array(refused: Callable[..., str], folder: Path, kind: str) -> None:
+    cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
+    with Path("depth.npy").open("wb") as file:
+        if kind == "several arrays":
+            np.savez(file, a=np.zeros(3), b=np.zeros(3))
+        elif kind == "text":
+            file.write(b"not an array")
+    refused("perceive picture.png --unit m --depth depth.npy", "depth.npy", "array")
 
 
 def test_a_surface_that_the_garment_was_never_measured_on(refused: Callable[..., str], folder: Path) -> None:

@@ -99,11 +99,11 @@ def test_a_file_that_is_no_garment_is_refused(tmp_path: Path, text: str) -> None
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "none.yaml", tmp_path / "sub/none.yml", f"{tmp_path}/"):
-        with pytest.raises(ConfigurationError, match="cannot be read"):
+        with pytest.raises(ConfigurationError, match=r"no such garment file|this is a folder"):
             load_garment(path)
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigurationError, match="not YAML"):
+    with pytest.raises(ConfigurationError, match=r"not a text file \(UTF-8\)"):
         load_garment(binary)
 
 
