@@ -15,6 +15,7 @@ from cell.context import StepNote
 from cell.figures import KeyFrame, fold_strip, join, outline
 from cell.height_map import height_maps
 from cell.observers import Remark
+from cell.recording_losses import recording_losses
 from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.requests import FoldRequest, FoldResult
 from cell.runner import RunEnd
@@ -75,6 +76,7 @@ def report(
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
         settings=request.settings.model_dump(mode="json", by_alias=True),
         recording="run.rrd",
+        recording_note="; ".join(f"not kept: {loss}" for loss in recording_losses(result.recording)),
     )
     _write_strip(folder / "fold.png", steps)
     _write_pressing(folder / "pressing.png", list(notes.values()))

@@ -208,7 +208,7 @@ def _perform(
             score = _score(witness)
     finally:
         kept, unkept = recorder.close(), stenographer.close()
-    errors = [*kept.errors, *([unkept] if unkept else [])]
+    errors = [f"recording or live view: {error}" for error in kept.errors] + ([unkept] if unkept else [])
     recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
     result = fold_result(
         request, run.directory, began, end, score, interrupts.received, recording,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cell.config import load_settings
 from cell.garments import load_garment
 from cell.paths import logs_directory, prepare_logs
+from cell.recording_losses import recording_losses
 from cell.resumable import has_belief
 from cell.subcommands.output import print_json
 
@@ -94,7 +95,8 @@ def _summary(figures: dict) -> None:
     print(
         f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
     )
-    for what in unwritten:
+    lost = recording_losses(figures.get("recording") or {})
+    for what in (*unwritten, *lost):
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")
     if folder and figures.get("state") in {"stopped", "fault"} and has_belief(Path(folder)):
@@ -102,7 +104,8 @@ def _summary(figures: dict) -> None:
     if folder:
         if not unwritten:
             print(f"  report     {folder}/report.html")
-        print(f"  recording  {folder}/run.rrd   (foldcell replay last)")
+        if not lost or Path(folder, "run.rrd").exists():
+            print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}foldcell replay last)")
 
 
 def _missed(score: dict) -> str:

@@ -214,6 +214,22 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
     assert "half: library, observed overlap 0.930, 18 mm high, pressed from 26 mm" in text
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_the_summary_tells_what_the_recording_lacks(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, there: bool
+) -> None:
+    """And where it is only if there is one."""
+    if there:
+        (tmp_path / "run.rrd").touch()
+    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7, "live_dropped": 0}
+    fake.answer = Result({**FIGURES, "recording": lost, "run_dir": str(tmp_path)})
+    main(["fold", "medium_towel"])
+    text = capsys.readouterr().out
+    assert "not kept   the run cannot be decided again from here on: disk full" in text
+    assert "not kept   7 entries of the recording" in text
+    assert ("run.rrd   (incomplete; foldcell replay last)" in text) is there and ("run.rrd" in text) is there
+
+
 def test_the_summary_tells_which_figure_missed_its_limit(
     fake: FakeRun, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,6 +16,8 @@ import synthetic_run as show
 from shapely.geometry import Polygon
 from synthetic_report import run_record
 
+from cell.config import load_settings
+from cell.context import Context
 from cell.figures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join, outline
 from cell.report import (
     Picture,
@@ -30,6 +32,10 @@ from cell.report import (
     write_report,
 )
 from cell.reporting import _held_during
+from cell.reporting import report as report_of
+from cell.requests import FoldRequest, FoldResult
+from cell.runner import RunEnd
+from cell.states import State
 from robots.errors import StorageError
 from robots.ports import Side
 
@@ -264,3 +270,17 @@ def test_the_frames_shown_are_of_the_hold_that_made_the_fold():
         times = [t for t, *_ in _held_during(note(*stamps), frames)]
         assert begin <= times[0] and times[-1] < end and len(times) >= 15
     assert _held_during(note(30.0, 31.0), frames) == [] and _held_during(note(), frames) == []
+
+
+def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
+    request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, tmp_path)
+    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7}
+    result = FoldResult(
+        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, None, (), 1.0, 1.0, {},
+        str(tmp_path), recording=lost,
+    )  # fmt: skip
+    end = RunEnd(State.NOT_FOLDED, Context(), 0.0, 1.0, {})
+    text = Page(report_of(tmp_path, request, end, result, [], [], None).read_text(encoding="utf-8")).text
+    assert "not kept: the run cannot be decided again from here on: disk full; not kept: 7 entries" in text
+    whole = replace(result, recording={"errors": [], "dropped": 0})
+    assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
