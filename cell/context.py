@@ -38,8 +38,10 @@ class StepNote:
     """Whether the inspection found nothing wrong."""
     source: str
     dissimilarity_m: float
-    predicted_iou: float
+    aligned_iou: float
+    """Of what was seen with the prediction, once that is laid on it as well as it goes,"""
     observed_iou: float
+    """and where the prediction lies."""
     drift_m: float
     height_m: float
     """How high the camera saw the stack stand, away from the fold lines (NaN: not seen)."""
@@ -53,6 +55,9 @@ class StepNote:
     trajectory: GraspTrajectory
     plan_frames: Array
     pictures: tuple[CameraFrame, ...]
+    carrying_s: float = float("nan")
+    """How long the arms' last motion with the garment takes, from the lifted grasps to the release, pauses left
+    out [s] (NaN: none was planned)."""
 
 
 @dataclass(frozen=True, eq=False)

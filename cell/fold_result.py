@@ -76,7 +76,8 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "accepted": _accepted(note, step.name in done),
             "source": note.source if note else None,
             "dissimilarity_m": _known(note.dissimilarity_m if note else math.nan),
-            "predicted_iou": _known(note.predicted_iou if note else math.nan),
+            "aligned_iou": _known(note.aligned_iou if note else math.nan),
+            "predicted_iou": _known(note.aligned_iou if note else math.nan),  # its former name
             "observed_iou": _known(note.observed_iou if note else math.nan),
             "drift_m": _known(note.drift_m if note else math.nan),
             "observed_height_m": _known(note.height_m if note else math.nan),

@@ -70,14 +70,15 @@ class StepRecord:
     """One fold. Outlines are contours (k, 2) in the table frame; what nobody knows stays None or empty.
 
     source: 'library' or 'optimised'. dissimilarity_m: D, predicted by the simulation. residual_m: of what
-    was observed against the prediction, per figure name [m].
+    was observed against the prediction, per figure name [m]. aligned_iou, observed_iou: of what was seen with the
+    prediction, aligned and where it lies. duration_s: of the arms' motion with the garment, pauses left out.
     """
 
     name: str
     source: str = ""
     simulations: int = 0
     dissimilarity_m: float | None = None
-    predicted_iou: float | None = None
+    aligned_iou: float | None = None
     observed_iou: float | None = None
     drift_m: float | None = None
     attempts: int = 1

@@ -21,7 +21,7 @@ def note_of(context: Context) -> StepNote | None:
         accepted=seen is not None and seen.diagnosis is None,
         source=trajectory.source,
         dissimilarity_m=context.dissimilarity_m,
-        predicted_iou=seen.iou_aligned if seen else math.nan,
+        aligned_iou=seen.iou_aligned if seen else math.nan,
         observed_iou=seen.iou if seen else math.nan,
         drift_m=seen.drift_m if seen else math.nan,
         height_m=seen.height_m if seen else math.nan,
@@ -33,6 +33,7 @@ def note_of(context: Context) -> StepNote | None:
         trajectory=trajectory,
         plan_frames=context.plan_frames if context.plan_frames is not None else np.zeros((0, 0, 3)),
         pictures=context.pictures,
+        carrying_s=context.motion.fold.duration if context.motion else math.nan,
     )
 
 

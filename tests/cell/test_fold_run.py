@@ -68,7 +68,7 @@ def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
             continue
         assert step["accepted"] in {True, False}  # a fold between two may do although it was not
         assert step["source"] in {"library", "optimised"}
-        assert 0.5 < step["predicted_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
+        assert 0.5 < step["aligned_iou"] == step["predicted_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
         assert step["attempts"] >= 1 and isinstance(step["recoveries"], list)
     assert {"passed", "iou", "correspondence_m", "edges_m", "drift_m", "height_m"} <= figures["score"].keys()
 

@@ -284,3 +284,10 @@ def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
     assert "not kept: the run cannot be decided again from here on: disk full; not kept: 7 entries" in text
     whole = replace(result, recording={"errors": [], "dropped": 0})
     assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
+
+
+def test_the_overlap_after_alignment_is_called_so(run: RunRecord) -> None:
+    """It is of what was seen: a prediction alone has no overlap."""
+    step = replace(run.steps[0], aligned_iou=0.987, observed_iou=0.912)
+    text = Page(render(replace(run, steps=(step,)))).text
+    assert "IoU, aligned 0.987" in text and "IoU, observed 0.912" in text and "IoU, predicted" not in text

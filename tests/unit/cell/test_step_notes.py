@@ -41,8 +41,18 @@ def test_a_fold_that_was_refused_keeps_what_was_seen(diagnosis: FailureKind | No
     context = Context(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, inspection=seen(diagnosis))
     note = note_of(context)
     assert note is not None and note.accepted is (diagnosis is None)
-    assert (note.observed_iou, note.predicted_iou, note.drift_m, note.height_m) == (0.91, 0.94, 0.004, 0.03)
+    assert (note.observed_iou, note.aligned_iou, note.drift_m, note.height_m) == (0.91, 0.94, 0.004, 0.03)
     assert len(note.observed) == 5
+
+
+def test_a_fold_lasts_as_long_as_the_arms_motion() -> None:
+    """Not as long as its arc would at nominal speed."""
+    motion: Any = SimpleNamespace(fold=SimpleNamespace(duration=7.5))
+    trajectory: Any = SimpleNamespace(source="library", duration=4.0)
+    note = note_of(Context(steps=STEPS, predicted=PREDICTED, trajectory=trajectory, motion=motion))
+    assert note is not None and note.carrying_s == 7.5
+    unplanned = note_of(Context(steps=STEPS, predicted=PREDICTED, trajectory=trajectory))
+    assert unplanned is not None and math.isnan(unplanned.carrying_s)
 
 
 def test_a_fold_that_counts_as_made_is_kept_as_it_was_then() -> None:
