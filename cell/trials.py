@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,15 +18,19 @@ __all__ = ["GarmentFigures", "Trial", "run_trials", "tabulate", "wilson_interval
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a campaign and the figures that `foldcell fold --json` gives of it; error: why there are none."""
+    """One run of a campaign and the figures that `foldcell fold --json` gives of it; error: why there are none.
+    performed: False for a run that nobody made or saw to its end, since a worker process died."""
 
     garment: str
     seed: int
     figures: dict[str, Any] | None
     error: str = ""
+    performed: bool = True
 
     @property
     def result(self) -> str:
+        if not self.performed:
+            return "not_performed"
         return str(self.figures.get("result")) if self.figures else "fault"
 
     @property
@@ -57,8 +61,9 @@ class GarmentFigures:
 
 def run_trials(
     work: Callable[[str, int], dict[str, Any]], garments: Sequence[str], seeds: Sequence[int], executor: Executor
-) -> Iterator[Trial]:
-    """Yields each trial as it ends. `work(garment, seed)` returns a run's figures; what it raises is a fault."""
+) -> Generator[Trial, None, None]:
+    """Yields each trial as it ends. `work(garment, seed)` returns a run's figures; what it raises is a fault. A
+    worker process that is killed breaks the executor: the runs that were left are not performed."""
     jobs = {executor.submit(work, g, s): (g, s) for g in garments for s in seeds}
     try:
         for job in as_completed(jobs):
@@ -67,16 +72,17 @@ def run_trials(
             if error is None:
                 yield Trial(garment, seed, job.result())
             else:
-                yield Trial(garment, seed, None, f"{type(error).__name__}: {error}")
+                text = f"{type(error).__name__}: {error}"
+                yield Trial(garment, seed, None, text, not isinstance(error, BrokenExecutor))
     finally:
         for job in jobs:
             job.cancel()
 
 
 def tabulate(trials: Iterable[Trial]) -> list[GarmentFigures]:
-    """One row a garment in order of name, then one for all."""
+    """One row a garment in order of name, then one for all; of the runs that were performed."""
     by_garment: dict[str, list[Trial]] = {}
-    for trial in trials:
+    for trial in (t for t in trials if t.performed):
         by_garment.setdefault(trial.garment, []).append(trial)
     rows = [_row(name, by_garment[name]) for name in sorted(by_garment)]
     if len(rows) > 1:

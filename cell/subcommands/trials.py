@@ -6,6 +6,7 @@ import argparse
 import functools
 import os
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
@@ -23,7 +24,8 @@ __all__ = ["run"]
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when every run came to an end, 3 when one was a fault; folding badly is a figure, not an error."""
+    """0 when every run came to an end, 3 when one was a fault or was not performed; folding badly is a figure, not
+    an error. `trials.json` is written after each run: an interrupted campaign keeps what it has."""
     settings = load_settings(options.cell)
     garments = list(list_garments()) if options.garments == "all" else options.garments.split(",")
     for name in garments:
@@ -31,24 +33,31 @@ def run(options: argparse.Namespace) -> int:
     campaign = campaign_folder(prepare_logs(logs_directory(options.logs)), "trials")
     work = functools.partial(_one, options.driver, options.world, options.cell, settings, campaign)
     seeds = range(options.first_seed, options.first_seed + options.n)
-    trials, out = [], progress_stream(options.json)
-    with _pool(options.workers) as pool:
-        for trial in run_trials(work, garments, seeds, pool):
+    planned = [(g, s) for g in garments for s in seeds]
+    trials: list[Trial] = []
+    out = progress_stream(options.json)
+    with _pool(options.workers) as pool, closing(run_trials(work, garments, seeds, pool)) as running:
+        for trial in running:
             trials.append(trial)
-            total = len(garments) * len(seeds)
-            print(f"{len(trials):4d}/{total}  {_line(trial)}", file=out, flush=True)
-    rows = tabulate(trials)
-    figures = {
-        "schema": 1,
-        "garments": [asdict(r) for r in rows],
-        "runs": [_run(t) for t in sorted(trials, key=_key)],
-    }
-    write_whole(campaign / "trials.json", _text(figures))
+            write_whole(campaign / "trials.json", _text(_figures(trials, planned)))
+            print(f"{len(trials):4d}/{len(planned)}  {_line(trial)}", file=out, flush=True)
     if options.json:
-        print_json({**figures, "directory": str(campaign)})
+        print_json({**_figures(trials, planned), "directory": str(campaign)})
     else:
-        _print(rows, campaign)
-    return 3 if any(t.result == "fault" for t in trials) else 0
+        _print(tabulate(trials), sum(not t.performed for t in trials), campaign)
+    return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
+
+
+def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, Any]:
+    """What is known so far. not_performed: the runs that were planned and have no figures yet, or never will."""
+    performed = sorted((t for t in trials if t.performed), key=_key)
+    missing = sorted(set(planned) - {_key(t) for t in performed})
+    return {
+        "schema": 1,
+        "garments": [asdict(r) for r in tabulate(trials)],
+        "runs": [_run(t) for t in performed],
+        "not_performed": [{"garment": garment, "seed": seed} for garment, seed in missing],
+    }
 
 
 def _one(
@@ -93,7 +102,7 @@ def _line(trial: Trial) -> str:
     return f"{trial.garment:<24} seed {trial.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
 
 
-def _print(rows: list[GarmentFigures], campaign: Path) -> None:
+def _print(rows: list[GarmentFigures], not_performed: int, campaign: Path) -> None:
     print("\nsimulated; folded: by the scorer; interval: Wilson, 95 %; times and IoU: medians")
     print_table(
         ("garment", "folded", "interval", "claimed in vain", "faults", "recoveries", "robot s", "wall s", "IoU"),
@@ -112,4 +121,6 @@ def _print(rows: list[GarmentFigures], campaign: Path) -> None:
             for r in rows
         ],
     )
+    if not_performed:
+        print(f"{not_performed} runs were not performed: a worker process died; they are not in the table")
     print(f"details  {campaign / 'trials.json'}")

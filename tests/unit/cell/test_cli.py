@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import types
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -622,7 +623,6 @@ def test_optimise_refuses_before_it_works(
 def test_trials_make_the_table(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from concurrent.futures import ThreadPoolExecutor
 
     monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--json"]) == 0
@@ -632,6 +632,35 @@ def test_trials_make_the_table(
     assert row["interval"] == pytest.approx([0.4385, 1.0], abs=1e-4)
     assert sorted(r.seed for r in fake.requests) == [1, 2, 3]
     assert json.loads((Path(answer["directory"]) / "trials.json").read_text())["garments"] == answer["garments"]
+
+
+def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
+    lines = iter(["the first run"])
+
+    def line(_: object) -> str:
+        try:
+            return next(lines)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr("cell.subcommands.trials._line", line)
+    assert main(["trials", "--garments", "medium_towel", "--n", "9", "--workers", "1"]) == 130
+    (file,) = tmp_path.rglob("trials.json")
+    kept = json.loads(file.read_text())
+    assert len(kept["runs"]) == 2 and kept["garments"][0]["folded"] == 2
+    assert len(kept["not_performed"]) == 7
+
+
+def test_a_worker_that_died_is_told_beside_the_table(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
+    fake.answer = BrokenExecutor("a worker was killed")
+    assert main(["trials", "--garments", "medium_towel", "--n", "2"]) == 3
+    assert "2 runs were not performed" in capsys.readouterr().out
 
 
 def test_trials_of_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """Campaigns: the interval is Wilson's, the table counts what happened."""
 
 from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import pytest
@@ -67,3 +68,18 @@ def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
         trials = list(run_trials(work, ["g"], [1, 2, 3], pool))
     assert {t.seed: t.result for t in trials} == {1: "folded", 2: "fault", 3: "folded"}
     assert next(t for t in trials if t.seed == 2).error == "RuntimeError: broken"
+
+
+def test_runs_that_a_dead_worker_left_are_not_performed() -> None:
+    """They are no faults of the cell, and no part of the table."""
+
+    def work(garment: str, seed: int) -> dict[str, Any]:
+        if seed > 1:
+            raise BrokenProcessPool("a worker was killed")
+        return figures("folded", True)
+
+    with ThreadPoolExecutor(1) as pool:
+        trials = list(run_trials(work, ["g"], [1, 2, 3], pool))
+    assert {t.seed: t.result for t in trials} == {1: "folded", 2: "not_performed", 3: "not_performed"}
+    (row,) = tabulate(trials)
+    assert (row.runs, row.folded, row.faults) == (1, 1, 0)
