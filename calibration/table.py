@@ -15,7 +15,15 @@ from calibration.effects import Procedure, Touched, note, touch
 from robots.ports import Array, Side
 from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
-__all__ = ["MOST_POINTS", "TableCalibration", "TableSettings", "calibrate_table", "contact_height", "fit_plane"]
+__all__ = [
+    "MOST_POINTS",
+    "TableCalibration",
+    "TableSettings",
+    "calibrate_table",
+    "contact_height",
+    "fit_plane",
+    "on_table",
+]
 
 # Reachable straight down. The first three span a triangle; both arms touch the middle.
 LAYOUT = (
@@ -32,6 +40,8 @@ LAYOUT = (
 )
 MOST_POINTS = len(LAYOUT)
 FEWEST = 3
+MARGIN = 0.05
+"""Of a touched point from the table's edge [m]: half a closed hand's breadth, and what the table stands off."""
 
 
 @dataclass(frozen=True)
@@ -88,15 +98,18 @@ class TableCalibration:
 
 
 def calibrate_table(table: Table, settings: TableSettings | None = None) -> Procedure[TableCalibration]:
-    """Touch the table at `settings.points` points. table: as it is believed to be.
+    """Touch the table at `settings.points` points. table: as it is believed to be; places beside it are left out.
 
     Failures: NO_CONTACT (nothing there), UNREACHABLE (too few points), LOW_CONFIDENCE (no plane, points in a
     line, a table that leans).
     """
     settings = settings or TableSettings()
     contacts: list[tuple[Side, Array, float]] = []
-    left_out: Failure | None = None
-    for k, (side, x, y) in enumerate(LAYOUT):
+    left_out = next((_beside(x, y) for _, x, y in LAYOUT if not on_table(table, x, y)), None)
+    there = [place for place in LAYOUT if on_table(table, *place[1:])]
+    if len(there) < settings.points:  # before anything moves
+        return Outcome(failure=_too_few(len(there), settings.points, left_out))
+    for k, (side, x, y) in enumerate(there):
         if len(contacts) == settings.points:
             break
         touched = yield from touch(side, x, y)
@@ -117,6 +130,12 @@ def calibrate_table(table: Table, settings: TableSettings | None = None) -> Proc
         return Outcome(failure=_too_few(len(contacts), settings.points, left_out))
     points, stiffnesses = np.array([p for _, p, _ in contacts]), np.array([k for _, _, k in contacts])
     return fit_plane(points, tuple(side for side, _, _ in contacts), stiffnesses, settings)
+
+
+def on_table(table: Table, x: float, y: float) -> bool:
+    """Whether a closed hand that comes down at (x, y) [m] meets the table, and not its edge."""
+    inside_x = table.x[0] + MARGIN <= x <= table.x[1] - MARGIN
+    return inside_x and table.y[0] + MARGIN <= y <= table.y[1] - MARGIN
 
 
 def contact_height(touched: Touched, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
@@ -174,6 +193,13 @@ def fit_plane(
         )  # fmt: skip
     height, tilt_x, tilt_y = (float(v) for v in fit)
     return Outcome(TableCalibration(height, tilt_x, tilt_y, points, residual, sides, stiffness))
+
+
+def _beside(x: float, y: float) -> Failure:
+    return Failure(
+        FailureKind.UNREACHABLE,
+        f"the point at ({x:.2f}, {y:.2f}) is not on the table, or less than {100 * MARGIN:.0f} cm from its edge",
+    )
 
 
 def _too_few(found: int, wanted: int, why: Failure | None) -> Failure:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.effects import Procedure, Touched, listen, note, touch
-from calibration.table import contact_height
+from calibration.table import contact_height, on_table
 from robots.ports import Array, Side, TactileReading
 from skills.grasping.settings import GraspSettings
-from skills.vocabulary import Failure, FailureKind, Outcome
+from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "FingerFigures",
@@ -82,14 +82,18 @@ class TactileCalibration:
 
 
 def calibrate_tactile(
-    grasp: GraspSettings, settings: TactileSettings | None = None
+    table: Table, grasp: GraspSettings, settings: TactileSettings | None = None
 ) -> Procedure[TactileCalibration]:
-    """Listen, then press the table with each hand.
+    """Listen, then press the table with each hand. table: as it is believed to be.
 
-    Failures: HARDWARE_FAULT (a dead or broken cell), LOW_CONFIDENCE (so much noise or drift that no threshold is
-    of use; a contact noticed late), and those of a touch.
+    Failures: UNREACHABLE (the places to press are not on the table), HARDWARE_FAULT (a dead or broken cell),
+    LOW_CONFIDENCE (so much noise or drift that no threshold is of use; a contact noticed late), and those of a
+    touch.
     """
     settings = settings or TactileSettings()
+    for side, (x, y) in POINTS.items():  # before anything moves
+        if not on_table(table, x, y):
+            return Outcome(failure=_beside(side, x, y))
     yield from note(f"listening for {settings.seconds:.0f} s, hands open")
     heard = yield from listen(settings.seconds)
     if heard.failure:
@@ -228,6 +232,15 @@ def _false_contacts(
         false += int(runs.max() >= grasp.contact_readings)
         zeros += 1
     return false, zeros
+
+
+def _beside(side: Side, x: float, y: float) -> Failure:
+    return Failure(
+        FailureKind.UNREACHABLE,
+        f"the {side} hand presses at ({x:.2f}, {y:.2f}), which is not on the table or too near its edge",
+        "see that `table` in cell.yaml says where the table is; the thresholds need a table that reaches there",
+        {"x": x, "y": y},
+    )
 
 
 def _broken(what: str, hint: str, values: dict[str, object]) -> Outcome[FingerFigures]:

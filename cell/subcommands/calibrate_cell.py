@@ -264,7 +264,7 @@ def _tactile(options: argparse.Namespace, settings: CellSettings) -> _Calibratio
     return _Calibration(
         part="thresholds",
         setting="grasp.calibration",
-        procedure=lambda cell: calibrate_tactile(cell.grasp),
+        procedure=lambda cell: calibrate_tactile(cell.table, cell.grasp),
         figures=figures,
         error=tactile_error,
         text=lambda c, provenance: tactile_text(

@@ -122,6 +122,20 @@ def test_a_point_out_of_reach_is_replaced_by_another() -> None:
     assert sum(isinstance(e, Touch) for e in asked) == MOST_POINTS
 
 
+def test_no_hand_goes_down_beside_a_narrow_table() -> None:
+    narrow = Table(-0.10, (0.20, 1.10), (-0.35, 0.35))
+    outcome, asked = run(calibrate_table(narrow), {Touch: flat})
+    refused = outcome.failure
+    assert refused and refused.kind is FailureKind.UNREACHABLE and not asked, "before anything moves"
+    assert "6 of 8" in refused.what and "not on the table" in refused.what and "--points" in refused.hint
+    outcome, asked = run(calibrate_table(narrow, TableSettings(points=6)), {Touch: flat})
+    assert len(outcome.unwrap().points) == 6
+    assert all(abs(e.y) <= 0.30 for e in asked if isinstance(e, Touch))
+    short = Table(-0.10, (0.20, 0.75), (-0.75, 0.75))
+    outcome, asked = run(calibrate_table(short), {Touch: flat})
+    assert len(outcome.unwrap().points) == 8 and all(e.x <= 0.70 for e in asked if isinstance(e, Touch))
+
+
 def test_no_contact_ends_it_and_too_few_points_too() -> None:
     air = Outcome(failure=Failure(FailureKind.NO_CONTACT, "nothing there"))
     outcome, asked = run(calibrate_table(TABLE), {Touch: lambda e: air})

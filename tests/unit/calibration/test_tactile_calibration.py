@@ -10,9 +10,9 @@ from calibration.tactile import FingerFigures, TactileSettings, calibrate_tactil
 from robots.errors import FailureKind
 from robots.ports import Side, TactileReading
 from skills.grasping.settings import GraspSettings
-from skills.vocabulary import Outcome
+from skills.vocabulary import Outcome, Table
 from tests.unit.calibration.conftest import run
-from tests.unit.calibration.test_table_calibration import press
+from tests.unit.calibration.test_table_calibration import TABLE, press
 
 GRASP = GraspSettings()
 CELL, TIP = 0.01, 0.03
@@ -81,7 +81,7 @@ def test_cells_that_no_threshold_helps_are_refused(bad: FingerFigures) -> None:
 def test_the_procedure_listens_then_presses_with_each_hand() -> None:
     heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
-    outcome, asked = run(calibrate_tactile(GRASP), answers)
+    outcome, asked = run(calibrate_tactile(TABLE, GRASP), answers)
     c = outcome.unwrap()
     assert c.false_contacts == 0 and c.zeros == 12
     for side in Side:  # noticed when a tip bears the threshold, two more readings at 3 mm/s included
@@ -92,8 +92,16 @@ def test_the_procedure_listens_then_presses_with_each_hand() -> None:
 
 def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     heard = Outcome(Heard({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
-    outcome, _ = run(calibrate_tactile(GRASP), {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))})
+    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
+    outcome, _ = run(calibrate_tactile(TABLE, GRASP), answers)
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
+
+
+@pytest.mark.parametrize("y", [(-0.28, 0.75), (-0.75, 0.28)])
+def test_no_hand_presses_beside_a_narrow_table(y: tuple[float, float]) -> None:
+    outcome, asked = run(calibrate_tactile(Table(-0.1, (0.20, 1.10), y), GRASP), {})
+    assert outcome.failure and outcome.failure.kind is FailureKind.UNREACHABLE and outcome.failure.hint
+    assert "not on the table" in outcome.failure.what and not asked
 
 
 def test_listening_has_to_outlast_the_horizon() -> None:
