@@ -23,6 +23,7 @@ __all__ = [
     "TactileCalibration",
     "TactileSettings",
     "calibrate_tactile",
+    "false_contacts",
     "finger_figures",
     "thresholds",
 ]
@@ -118,8 +119,11 @@ def calibrate_tactile(
         if judged.failure:
             return Outcome(failure=judged.failure)
         stiffness[side], noticed[side] = judged.unwrap()
-    counts = [_false_contacts(r, contact, grasp, settings) for r in heard.unwrap().readings.values()]
+    counts = [false_contacts(r, contact, grasp, settings) for r in heard.unwrap().readings.values()]
     false, zeros = (sum(c) for c in zip(*counts, strict=True))
+    if zeros == 0:
+        what = f"the hands were heard for less than {settings.horizon:.0f} s: false contacts could not be counted"
+        return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, "check the hands' connection"))
     return Outcome(TactileCalibration(contact, held, figures, stiffness, noticed, false, zeros))
 
 
@@ -218,12 +222,14 @@ def _drift(x: Array, rate: float, horizon: float) -> float:
     return float(np.sqrt(max(0.0, largest**2 - noise**2)))
 
 
-def _false_contacts(
+def false_contacts(
     readings: Sequence[TactileReading], contact: float, grasp: GraspSettings, settings: TactileSettings
 ) -> tuple[int, int]:
-    """(times that nothing would have been taken for a contact, zeros that were tried)."""
+    """(times that nothing would have been taken for a contact, zeros that were tried). The horizon in readings is
+    by the rate of them all: over a network two stamps lie anyhow apart."""
     tips = np.array([r.tip for r in readings])
-    n, zeros, false = round(settings.horizon / max(readings[1].stamp - readings[0].stamp, 1e-3)), 0, 0
+    span = readings[-1].stamp - readings[0].stamp
+    n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0
     for start in range(0, len(tips) - n, n // 2):
         over = (tips[start : start + n] - tips[start : start + grasp.zero_readings].mean(axis=0)).max(
             axis=1

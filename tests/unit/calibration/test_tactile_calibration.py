@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.effects import Heard, Listen, Touch
-from calibration.tactile import FingerFigures, TactileSettings, calibrate_tactile, finger_figures, thresholds
+from calibration.tactile import (
+    FingerFigures,
+    TactileSettings,
+    calibrate_tactile,
+    false_contacts,
+    finger_figures,
+    thresholds,
+)
 from robots.errors import FailureKind
 from robots.ports import Side, TactileReading
 from skills.grasping.settings import GraspSettings
@@ -95,6 +104,24 @@ def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     outcome, _ = run(calibrate_tactile(TABLE, GRASP), answers)
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
+
+
+@pytest.mark.parametrize("first", [1e-3, 2e-3, 0.01, 0.02])
+def test_false_contacts_are_counted_over_the_horizon_however_late_the_first_reading_came(first: float) -> None:
+    """Over a network stamps are when messages came: the first two may be any time apart."""
+    heard = readings(tip=0.09)
+    heard[0] = replace(heard[0], stamp=heard[1].stamp - first)
+    assert false_contacts(heard, 0.05, GRASP, TactileSettings()) == (6, 6), "cells far too noisy for it"
+    assert false_contacts(heard, 5.0, GRASP, TactileSettings()) == (0, 6)
+
+
+def test_readings_that_end_too_soon_count_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And that is told: none of none would look as good as none of twelve."""
+    monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
+    heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
+    refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "could not be counted" in refused.what
 
 
 @pytest.mark.parametrize("y", [(-0.28, 0.75), (-0.75, 0.28)])
