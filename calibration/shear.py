@@ -31,10 +31,12 @@ from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import REFERENCE_DROP, Material
 
 __all__ = [
+    "WIDEST_CLIP",
     "HungShape",
     "ShearCalibration",
     "calibrate_shear",
     "clip_and_lowest",
+    "clip_width",
     "elongations",
     "hang",
     "hung_shape",
@@ -43,6 +45,8 @@ __all__ = [
 
 CLIP = 0.04
 """[m] width of the clip (or of the fingers) that holds the garment."""
+WIDEST_CLIP = 1.5 * CLIP
+"""[m] as far apart as the ends of what the clip holds may be: more is not held by one."""
 EDGE = 0.020
 """[m] edge length of the virtual garment's mesh, where none is given."""
 SUBSTEPS = 40
@@ -152,10 +156,7 @@ def hung_shape(
     template: Array, pair: tuple[int, int], layers: int, thickness: float, edge: float = EDGE
 ) -> HungShape:
     """The garment of outline `template` (k, 2) [m], held up by a clip over point pair[0], flat and upright."""
-    top, low = template[pair[0]], template[pair[1]]
-    up = (top - low) / np.linalg.norm(top - low)
-    across = np.array([-up[1], up[0]])
-    local = np.column_stack([(template - low) @ across, (template - low) @ up])
+    local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
     mesh = mesh_from_contour(outline, edge, layers)
     clip = np.zeros(len(mesh.rest), dtype=bool)
@@ -168,6 +169,36 @@ def hung_shape(
         starts.append(np.column_stack([mesh.rest[:, 0], ripple, mesh.rest[:, 1] + 0.2]))
     rest_length = float(np.linalg.norm(middle - mesh.rest[lowest]))
     return HungShape(mesh, frozen(clip), lowest, rest_length, frozen(np.array(starts)))
+
+
+def _upright(template: Array, pair: tuple[int, int]) -> Array:
+    """The outline (k, 2) as it hangs: pair[0] straight above pair[1], which is the origin."""
+    top, low = template[pair[0]], template[pair[1]]
+    up = (top - low) / np.linalg.norm(top - low)
+    across = np.array([-up[1], up[0]])
+    return np.column_stack([(template - low) @ across, (template - low) @ up])
+
+
+def clip_width(template: Array, pair: tuple[int, int]) -> float:
+    """How wide the clip comes out that holds the outline by point pair[0] [m]: CLIP where the garment has its
+    narrow top there; more where the cloth beside the point is as high as it is."""
+    local = _upright(template, pair)
+    outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
+    return float(np.ptp(outline[outline[:, 1] > height - 1e-6, 0]))
+
+
+def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, int]) -> None:
+    """Raises ConfigurationError for a point that no clip holds alone, with those that one does."""
+    width = clip_width(template, pair)
+    if width <= WIDEST_CLIP:
+        return
+    pairs = [clip_and_lowest(template, keypoints, name) for name in keypoints]
+    fit = [keypoints[p[0]] for p in pairs if p[1] >= 0 and clip_width(template, p) <= WIDEST_CLIP]
+    raise ConfigurationError(
+        f"the garment cannot be hung by {keypoints[pair[0]]}: cloth beside it is as high, over {width:.2f} m",
+        f"hang it by {', '.join(fit)}" if fit else "no key point of this garment can be held alone",
+        held=keypoints[pair[0]], width_m=width,
+    )  # fmt: skip
 
 
 def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
@@ -243,7 +274,8 @@ def calibrate_shear(
 
     template: (k, 2) outline [m] at nominal size; it is scaled so that its laid length is l2. edge: of the mesh
     [m], best the one that predicts this garment's folds.
-    Raises ConfigurationError when l2 does not fit the garment or the stretch cannot be reached.
+    Raises ConfigurationError when l2 does not fit the garment, when it cannot be hung by that point, or when the
+    stretch cannot be reached.
     """
     wanted = stretch_fraction(l1, l2)
     pair = clip_and_lowest(template, keypoints, held)
@@ -256,6 +288,7 @@ def calibrate_shear(
             f"{size_range[0] * nominal:.3f} to {size_range[1] * nominal:.3f} m fit; hang it by {names[0]}",
             l2=l2, nominal_m=nominal,
         )  # fmt: skip
+    _check_clip(scale * template, keypoints, pair)
     shape = hung_shape(scale * template, pair, layers, material.thickness, edge)
     hung, tries = _search(shape, material, wanted, tell)
     if abs(hung.elongation - wanted) > ACCEPTED:

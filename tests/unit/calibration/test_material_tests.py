@@ -11,7 +11,16 @@ from scipy.optimize import brentq
 from calibration import shear
 from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
 from calibration.friction import calibrate_friction, friction_angle, slides, tilted
-from calibration.shear import calibrate_shear, clip_and_lowest, elongations, hung_shape, stretch_fraction
+from calibration.shear import (
+    CLIP,
+    calibrate_shear,
+    clip_and_lowest,
+    clip_width,
+    elongations,
+    hung_shape,
+    stretch_fraction,
+)
+from cell.garments import list_garments, load_garment
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
@@ -186,3 +195,21 @@ def test_measurements_that_cannot_be_are_refused_with_their_values(measure, valu
 def test_a_length_of_another_garment_is_refused():
     with pytest.raises(ConfigurationError, match="apart"):
         calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, 1.02, 1.0)
+
+
+@pytest.mark.parametrize("name", list_garments())
+def test_every_shipped_garment_hangs_by_its_own_point(name):
+    garment = load_garment(name)
+    pair = clip_and_lowest(garment.template, garment.keypoints)
+    assert clip_width(garment.template, pair) == pytest.approx(CLIP, abs=1e-3)
+
+
+@pytest.mark.parametrize("held", ["collar_right", "armpit_left", "cuff_lower_right"])
+def test_a_point_that_no_clip_holds_alone_is_refused(held):
+    """The whole breadth of the shirt would be the clip."""
+    shirt = load_garment("t_shirt")
+    pair = clip_and_lowest(shirt.template, shirt.keypoints, held)
+    l2 = float(np.linalg.norm(shirt.template[pair[0]] - shirt.template[pair[1]]))
+    with pytest.raises(ConfigurationError, match=held) as error:
+        calibrate_shear(shirt.template, shirt.keypoints, 2, MATERIAL, 1.02 * l2, l2, held)
+    assert "hem_right" in error.value.hint and "collar" not in error.value.hint
