@@ -53,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
 def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
     """What is seen in the picture `options.image`, with what the options say of it, and the picture. garment: what
     is expected, or auto. Raises ConfigurationError for a file that cannot be used."""
+    _check_reference(options)
     settings = load_settings(options.cell)
     calibration, table = camera_calibration(settings), settings.table
     if options.unit == "px":
@@ -70,6 +71,17 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
     expected = None if garment == "auto" else garments[0].name
     return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
+
+
+def _check_reference(options: argparse.Namespace) -> None:
+    """A picture with depth is compared with an empty table's that has depth, too."""
+    if options.reference is None and options.reference_depth is not None:
+        raise ConfigurationError("--reference-depth without --reference", "give the empty table's picture as well")
+    if None not in (options.reference, options.depth) and options.reference_depth is None:
+        raise ConfigurationError(
+            "--reference with --depth, but without --reference-depth",
+            "give the empty table's depth as well, or leave out --reference or --depth",
+        )
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:

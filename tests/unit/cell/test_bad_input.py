@@ -109,6 +109,20 @@ def test_a_garment_file_to_measure_that_is_none(refused: Callable[..., str], fol
     refused(f"calibrate friction {name} --height 0.3 --length 0.8", name.removeprefix("./"))
 
 
+@pytest.mark.parametrize(
+    "files",
+    ["--depth depth.png --reference empty.png", "--reference-depth depth.png"],
+)
+@pytest.mark.parametrize("command", ["perceive picture.png", "garment new picture.png --like small_towel"])
+def test_an_empty_table_of_which_a_part_is_missing(
+    refused: Callable[..., str], folder: Path, command: str, files: str
+) -> None:
+    for name, picture in (("picture", (480, 640, 3)), ("empty", (480, 640, 3)), ("depth", (480, 640))):
+        kind = np.uint8 if len(picture) == 3 else np.uint16
+        cv2.imwrite(f"{name}.png", np.full(picture, 128, kind))
+    refused(f"{command} --unit m {files}", "--reference-depth")
+
+
 @pytest.mark.parametrize("kind", ["empty", "several arrays", "text"])
 def test_a_depth_file_that_is_no_array(refused: Callable[..., str], folder: Path, kind: str) -> None:
     cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
