@@ -21,10 +21,11 @@ from robots.errors import CellError, ConfigurationError, StorageError
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Done; ended safe but not done; fault; bad usage or configuration; SIGINT. (143, SIGTERM: cell/run.py.)"""
+"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. (SIGHUP, 129, and SIGTERM, 143:
+cell/run.py.)"""
 
-EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage or configuration,
-            130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
+EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
+            129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

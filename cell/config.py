@@ -113,7 +113,7 @@ class PerceptionConfig(_Group):
     """When the recognised garment is believed (skills.perception.perceive)."""
 
     method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
-        description="segmentation: by a picture of the empty table, by the table's colour, or the paper's"
+        description="segmentation: by the empty table's picture, the table's colour, its pattern, or the paper's"
     )
     lowest_confidence: float = _number(0.0, 1.0, "", "least confidence of a recognised garment")
     known_iou: float = _number(0.3, 1.0, "", "overlap with a template below which a garment is unknown")
