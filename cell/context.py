@@ -130,6 +130,8 @@ class Context:
     """Every recovery so far: (step index, failure -> what was tried)."""
     done: tuple[StepNote, ...] = ()
     """The folds that count as made."""
+    through: bool = False
+    """Whether the plan is at its end: a fold that was left out is not made any more."""
     waited_s: float = 0.0
     """Cell time spent waiting for an operator."""
     reentry: Event | None = None

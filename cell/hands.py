@@ -7,6 +7,7 @@ has ended, or with the first failure; the arms are commanded on every tick, so t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -95,7 +96,8 @@ def each_hand(
         return Outcome(failure=start.failure)
     still = start.unwrap().q
     first = arms(running) if arms else still
-    elsewhere = start_mismatch(start.unwrap(), first, cell.execution)
+    near = replace(start.unwrap(), q=still + cell.sent.offset(still))  # arms that sag are where they were sent
+    elsewhere = start_mismatch(near, first, cell.execution)
     if elsewhere:
         return Outcome(failure=elsewhere)
     offset = cell.sent.offset(first)

@@ -67,6 +67,6 @@ def check_resumable(journal: Journal, name: str) -> None:
         )
     if not has_belief(record.directory):
         raise ConfigurationError(
-            f"the run {name} has kept nothing to go on with: it came no further than preparing",
+            f"the run {name} has kept nothing to go on with: it came no further than preparing, or left folds out",
             "start a new one: foldcell fold",
         )

@@ -76,6 +76,11 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
             f"put {record.directory / 'cell.yaml'} back as it was, or start a new run",
         )
     context = read_belief(record.directory / BELIEF, FrameStore(record.directory / FRAMES))
+    if context.through:
+        raise ConfigurationError(
+            f"the run {record.id} is through its plan, and left folds out",
+            "lay the garment flat and start a new one",
+        )
     event = reentry([State(entry.state) for entry in journal.entries(record.id)], context)
     fresh = Context() if event is Event.START_OVER else context
     world = _world(record.directory / WORLD) if is_simulated(record.driver) else None

@@ -85,7 +85,7 @@ def fold_once(
         ) as run:
             ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
             result = _ended_in_ledger(run, ended.result)
-        if result.result == "folded":
+        if result.result == "folded" or ended.end.context.through:
             Keeper(run.directory, None).forget()
         return _with_files(run.directory, request, replace(ended, result=result))
 
@@ -208,8 +208,9 @@ def _perform(
             score = _score(witness)
     finally:
         kept, unkept = recorder.close(), stenographer.close()
-    errors = [f"recording or live view: {error}" for error in kept.errors] + ([unkept] if unkept else [])
-    recording = {"dropped": kept.dropped, "live_dropped": kept.live_dropped, "errors": errors}
+    errors = [f"recording: {error}" for error in kept.errors] + ([unkept] if unkept else [])
+    live = {"live_dropped": kept.live_dropped, "live_errors": list(kept.live_errors)}
+    recording = {"dropped": kept.dropped, "errors": errors, **live}
     result = fold_result(
         request, run.directory, began, end, score, interrupts.received, recording,
         interrupted.run if interrupted else None,

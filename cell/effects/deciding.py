@@ -85,7 +85,8 @@ def ask_operator(cell: Workcell, context: Context) -> Result:
         return said
     event = Event.START_OVER if _table_unseen(cell, context) else Event.RETRY
     # whoever says so has laid the garment as it was before the fold
-    return replace(said, event=event, context=replace(said.context, carried=False))
+    anew = replace(said.context, carried=False, predicted=None, inspection=None, pressed=(), press_tries=0)
+    return replace(said, event=event, context=anew)
 
 
 def pause(cell: Workcell, context: Context) -> Result:

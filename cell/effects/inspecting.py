@@ -91,7 +91,7 @@ def next_step(cell: Workcell, context: Context) -> Result:
         return Result(Event.ALL_FOLDED, fresh)
     if left_out:
         ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(left_out)}")
-    return Result(Event.GIVE_UP, replace(fresh, failure=ending))
+    return Result(Event.GIVE_UP, replace(fresh, failure=ending, through=bool(fresh.steps)))
 
 
 def find_folded(cell: Workcell, context: Context) -> Result:

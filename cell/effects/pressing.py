@@ -81,7 +81,7 @@ def press(cell: Workcell, context: Context) -> Result:
         limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
-        return Result(Event.FAILED, waited(context, control).with_failure(arc.failure))
+        return Result(Event.FAILED, context.with_failure(arc.failure))
     guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
     context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))

@@ -64,12 +64,14 @@ class Seen(Protocol):
 
 @dataclass(frozen=True)
 class RecorderReport:
-    """What became of a recording. dropped: entries that the file lacks; live_dropped: that a viewer missed."""
+    """What became of a recording. dropped: entries that the file lacks; live_dropped: that a viewer missed;
+    live_errors: what the live view met."""
 
     dropped: int = 0
     live_dropped: int = 0
     errors: tuple[str, ...] = ()
     error_count: int = 0
+    live_errors: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -83,6 +85,7 @@ class Recorder:
         self._table, self._truth_on = table, truth
         self._visual = robot
         self._errors: list[str] = []
+        self._live_errors: list[str] = []
         self._error_count = 0
         self._lock = threading.Lock()
         self._file: rr.RecordingStream | None = None
@@ -122,7 +125,7 @@ class Recorder:
         except Exception as error:
             recorder._note_error(error)
         if live:
-            recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_error)
+            recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_live)
         recorder._pump = Pump("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
         recorder._submit(recorder._begin, essential=True)
         return recorder
@@ -155,7 +158,9 @@ class Recorder:
                 self._file.disconnect()
             except Exception as error:
                 self._note_error(error)
-        self._report = RecorderReport(dropped, live_dropped, tuple(self._errors), self._error_count)
+        self._report = RecorderReport(
+            dropped, live_dropped, tuple(self._errors), self._error_count, tuple(self._live_errors)
+        )
         return self._report
 
     # what the runner calls
@@ -293,9 +298,18 @@ class Recorder:
     def _note_error(self, error: BaseException) -> None:
         with self._lock:
             self._error_count += 1
-            text = f"{type(error).__name__}: {error}"
-            if len(self._errors) < KEPT_ERRORS and text not in self._errors:
-                self._errors.append(text)
+            _note(self._errors, error)
+
+    def _note_live(self, error: BaseException) -> None:
+        """What the live view met: the file has it all."""
+        with self._lock:
+            _note(self._live_errors, error)
+
+
+def _note(errors: list[str], error: BaseException) -> None:
+    text = f"{type(error).__name__}: {error}"
+    if len(errors) < KEPT_ERRORS and text not in errors:
+        errors.append(text)
 
 
 def _copy(points: Array) -> Array:

@@ -126,6 +126,13 @@ def test_a_run_that_has_folded_is_over(logs: Logs) -> None:
         logs.resume(run.id)
 
 
+def test_a_run_that_left_folds_out_is_over(logs: Logs) -> None:
+    """Its last fold was made: to go on would be to make it twice."""
+    logs.cut_off(replace(PLANNED, through=True))
+    with pytest.raises(ConfigurationError, match="through its plan"):
+        logs.resume("last")
+
+
 def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
     run = logs.begin()
     with pytest.raises(ConfigurationError, match="still going"):

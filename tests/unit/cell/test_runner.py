@@ -278,21 +278,48 @@ def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig
     assert end.context.failure is not None and end.context.failure.what.endswith("half, quarter")
 
 
-def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
-    """Somebody has looked at it, and finds it good enough."""
+def refused_fold(rig: Rig) -> None:
+    """One fold, which is made, looked at and refused; the operator is asked."""
     rig.attended()
-    made = SimpleNamespace(predicted=SimpleNamespace(vertices=np.zeros((3, 3))), trajectory=None, inspection=None)
+    seen: Any = SimpleNamespace(
+        diagnosis=K.SAG, iou=0.9, iou_aligned=0.9, drift_m=0.0, height_m=0.01, contour=np.zeros((3, 2))
+    )
+    shape: Any = SimpleNamespace(vertices=np.zeros((3, 3)))
+    arc: Any = SimpleNamespace(source="library", duration=2.0)
 
     def planned(cell: Any, context: Context) -> Result:
-        return Result(Event.DONE, replace(context, steps=plan_of("half")))
+        return Result(Event.DONE, replace(context, steps=plan_of("half"), predicted=shape, trajectory=arc))
 
     def refused(cell: Any, context: Context) -> Result:
-        note: Any = SimpleNamespace(name="half", inspected=True, predicted=made.predicted)
-        return failing(K.SAG, 9)(cell, replace(context, carried=True, done=(note,)))
+        return failing(K.SAG, 9)(cell, replace(context, inspection=seen))
 
-    rig.special |= {Effect.PLAN_FOLDS: planned, Effect.INSPECT: refused, Effect.NEXT_STEP: next_step}
+    rig.special |= {
+        Effect.PLAN_FOLDS: planned,
+        Effect.RELEASE: lambda c, x: Result(Event.DONE, replace(x, carried=True)),
+        Effect.INSPECT: refused,
+        Effect.NEXT_STEP: next_step,
+    }
+
+
+def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
+    """Somebody has looked at it, and finds it good enough."""
+    refused_fold(rig)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
-    assert rig.run().state is State.FOLDED
+    end = rig.run()
+    assert end.state is State.FOLDED and [note.name for note in end.context.done] == ["half"]
+
+
+def test_a_fold_that_the_operator_undid_and_left_out_does_not(rig: Rig) -> None:
+    """Whoever says to try again has laid the garment as it was before the fold."""
+    refused_fold(rig)
+
+    def lost() -> None:
+        rig.special |= {Effect.PLAN_FOLDS: failing(K.HARDWARE_FAULT, 9)}
+        rig.workcell.commands.put(Event.RETRY)
+
+    rig.answer(Effect.ASK_OPERATOR, lost, rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and end.context.done == () and end.context.through
 
 
 @pytest.mark.parametrize("kind", [K.MISSED_GRASP, K.UNREACHABLE, K.STALE_STATE, K.HARDWARE_FAULT])

@@ -92,6 +92,18 @@ def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypa
     assert cell.commands == []
 
 
+@pytest.mark.parametrize("sag", [0.009, 0.018])
+def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arms that hang below their set-point are not elsewhere: their way begins at the set-point."""
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.follows = False
+    cell.q = cell.q - sag
+    work = fake_workcell(cell, sent=Sent(np.zeros(14)))
+    ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(1), lambda _: np.zeros(14))
+    assert ended.ok and cell.commands[0][1] == pytest.approx(0.0)
+
+
 def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
