@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.perception.standing import Standing, standing
+from skills.perception.standing import EDGE, Standing, standing
 from skills.perception.view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera
@@ -73,8 +73,11 @@ def test_only_what_is_more_than_the_plans_layers_counts() -> None:
 
 def test_what_is_clear_of_the_edges_lies_well_inside_them() -> None:
     inside = looked_at(*seen([])).inside
-    for place, clear in (((0.60, 0.0), True), ((0.60, 0.25 - 0.038), True), ((0.60, 0.25 - 0.030), False),
-                         ((0.44, 0.0), False), ((9.0, 9.0), False)):  # fmt: skip
+    near = 0.25 - EDGE
+    for place, clear in (
+        ((0.60, 0.0), True), ((0.60, near - 0.003), True), ((0.60, near + 0.005), False), ((0.44, 0.0), False),
+        ((9.0, 9.0), False),
+    ):  # fmt: skip
         assert inside(np.array(place)) is clear
 
 
@@ -86,7 +89,7 @@ def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
     height[mask & (y > 0.23)] = 2 * THICKNESS
     rng = np.random.default_rng(3)
     inside = looked_at(height + rng.normal(0.0, 0.001, height.shape).astype(np.float32), mask).inside
-    assert inside(np.array([0.60, 0.23 - 0.042])) and not inside(np.array([0.60, 0.23 - 0.028]))
+    assert inside(np.array([0.60, 0.23 - EDGE - 0.007])) and not inside(np.array([0.60, 0.23 - EDGE + 0.007]))
     assert not inside(np.array([0.60, 0.24]))
 
 
@@ -105,4 +108,5 @@ def test_room_is_measured_where_the_cloth_is_and_not_where_it_appears(x: float, 
     for corner, inwards in ((low, 1.0), (high, -1.0)):
         for axis in np.eye(2):
             edge = np.where(axis > 0, corner, 0.5 * (low + high))
-            assert inside(edge + inwards * 0.041 * axis) and not inside(edge + inwards * 0.031 * axis)
+            assert inside(edge + inwards * (EDGE + 0.006) * axis)
+            assert not inside(edge + inwards * (EDGE - 0.004) * axis)
