@@ -217,7 +217,7 @@ def test_the_runs_folder_is_whole(seen: Any) -> None:
 def test_the_recording_is_complete_and_tells_the_same_story(seen: Any) -> None:
     import rerun.chunk
 
-    assert seen.result.recording == {"dropped": 0, "live_dropped": 0, "errors": []}
+    assert seen.result.recording == {"dropped": 0, "live_dropped": 0, "errors": [], "live_errors": []}
     rows: dict[str, int] = {}
     for chunk in rerun.chunk.RrdReader(str(seen.folder / "run.rrd")).stream():
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
