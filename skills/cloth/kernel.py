@@ -66,8 +66,8 @@ SWEEPS = 3  # over the contacts in a substep
 FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase hasten it
 COMPILED = (
     "capsules.py", "contact.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py", "integrate.py",
-    "kernel.py", "pairs.py", "patches.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
-    "vertex_triangle.py",
+    "kernel.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py", "sleep.py", "state.py",
+    "table.py", "untangle.py", "vectors.py", "vertex_triangle.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
 

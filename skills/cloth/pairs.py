@@ -7,7 +7,8 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.contact import PARKED, PHASE
-from skills.cloth.patches import fit_patches, search_pairs
+from skills.cloth.patch_bounds import fit_patches
+from skills.cloth.patch_search import search_pairs
 from skills.cloth.state import EE, FITTED, NOW, SEARCHED, SEARCHES, VT, WATCHED
 
 SLACK = 0.0010  # [m] that a corner may stray from its straight course before its patch is searched anew

@@ -5,7 +5,9 @@ import pytest
 
 from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.patches import build_patches, fit_patches, search_pairs
+from skills.cloth.patch_bounds import fit_patches
+from skills.cloth.patch_search import search_pairs
+from skills.cloth.patches import build_patches
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.state import EE, VT
