@@ -45,7 +45,7 @@ def die(ports: Ports, commands: CommandQueue, n: int) -> None:
 
 def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
     """Nothing re-arms by itself; told to go on it lets go, parks, finds the half-folded towel and folds it."""
-    request = fold_request(tmp_path, witness=True)
+    request = fold_request(tmp_path, {}, witness=True)  # the usual arcs: cloth that was let go lies less neatly
     stopping = Onlooker()
 
     def stop(ports: Ports, effect: Effect, t: float) -> None:
