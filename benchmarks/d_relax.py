@@ -24,7 +24,8 @@ import numpy as np
 
 from benchmarks.turned import turned_over
 from cell.garments import list_garments, load_garment
-from cell.simulation.score import FinalGarment, fold_mesh, named_edge_pairs, score
+from cell.simulation.folded_mesh import fold_mesh
+from cell.simulation.score import FinalGarment, named_edge_pairs, score
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings

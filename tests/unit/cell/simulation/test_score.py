@@ -14,17 +14,16 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
+from cell.simulation.folded_mesh import fold_mesh
 from cell.simulation.score import (
-    PIXEL,
     FinalGarment,
     diagonal,
-    fold_mesh,
     named_edge_pairs,
-    rasterise,
     score,
     score_plan,
     ways_to_fold,
 )
+from cell.simulation.table_raster import PIXEL, rasterise
 from robots.errors import InternalError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.solver import ClothSimulation

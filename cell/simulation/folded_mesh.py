@@ -1,0 +1,127 @@
+"""A flat mesh cut along fold lines and folded as a perfect isometry: what a plan wants of a garment.
+
+Lengths in metres, table frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skills.vocabulary import Array, FoldLine, frozen
+
+__all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
+
+ON_LINE = 1e-7  # a vertex this near a fold line lies on it: no slivers [m]
+
+
+@dataclass(frozen=True, eq=False)
+class FoldedMesh:
+    """A mesh cut along the fold lines and folded flat.
+
+    attributes: (n', k) of the cut mesh's vertices, interpolated from what was given. triangles: (m', 3).
+    target: (n', 2) where the fold takes each vertex. area: (m',) of the triangles in the rest shape.
+    creases: (c, 2, 2) end points of the creases' pieces where they lie in the target.
+    """
+
+    attributes: Array
+    triangles: NDArray[np.int32]
+    target: Array
+    area: Array
+    creases: Array
+
+
+def fold_mesh(
+    material: Array, triangles: NDArray[np.int32], lines: Sequence[FoldLine], attributes: Array
+) -> FoldedMesh:
+    """Cut a flat mesh (n, 2) along fold lines and fold it; `attributes` (n, k) are interpolated along.
+
+    Each line is stated where the garment lies at that step, so a later line also cuts through what an
+    earlier one has laid over.
+    """
+    rest_and_more = np.column_stack([material, attributes])
+    y = np.array(material, dtype=float)
+    corners = np.array(triangles, dtype=np.int32)
+    crease_edges: list[NDArray[np.int64]] = []
+    for line in lines:
+        columns = np.column_stack([rest_and_more, y])
+        columns, corners = _cut(columns, corners, line)
+        rest_and_more, y = columns[:, :-2], columns[:, -2:]
+        distance = _distance(line, y)
+        y = np.where((distance > 0.0)[:, None], line.reflect(y), y)
+    # Edges are looked up in the finished mesh: later lines have cut earlier creases too.
+    before = rest_and_more[:, :2]
+    for line in lines:
+        distance = _distance(line, before)
+        crease_edges.append(_creases(corners, distance))
+        before = np.where((distance > 0.0)[:, None], line.reflect(before), before)
+    edges = np.concatenate(crease_edges) if crease_edges else np.empty((0, 2), dtype=np.int64)
+    return FoldedMesh(
+        frozen(rest_and_more[:, 2:]),
+        frozen(corners),
+        frozen(y),
+        frozen(np.abs(doubled_area(rest_and_more[:, :2], corners)) / 2.0),
+        frozen(y[edges]),
+    )
+
+
+def _distance(line: FoldLine, xy: Array) -> Array:
+    d = line.signed_distance(xy)
+    return np.where(np.abs(d) < ON_LINE, 0.0, d)
+
+
+def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[Array, NDArray[np.int32]]:
+    """Split the triangles that `line` crosses; the last two columns say where the vertices lie."""
+    d = _distance(line, columns[:, -2:])
+    side = np.sign(d[triangles])
+    crossed = (side.min(axis=1) < 0) & (side.max(axis=1) > 0)
+    if not crossed.any():
+        return columns, triangles
+    vertices: list[Array] = []
+    on_edge: dict[tuple[int, int], int] = {}
+
+    def crossing(i: int, j: int) -> int:
+        key = (min(i, j), max(i, j))
+        if key not in on_edge:
+            on_edge[key] = len(columns) + len(vertices)
+            a, b = key
+            u = d[a] / (d[a] - d[b])
+            vertices.append((1.0 - u) * columns[a] + u * columns[b])
+        return on_edge[key]
+
+    pieces: list[tuple[int, int, int]] = []
+    for triangle in triangles[crossed]:
+        polygons: dict[float, list[int]] = {-1.0: [], 1.0: []}
+        for i, j in zip(triangle, np.roll(triangle, -1), strict=True):
+            i, j = int(i), int(j)
+            for sign, polygon in polygons.items():
+                if d[i] * sign >= 0.0:
+                    polygon.append(i)
+                if d[i] * d[j] < 0.0:
+                    polygon.append(crossing(i, j))
+        for polygon in polygons.values():
+            pieces += [(polygon[0], polygon[k], polygon[k + 1]) for k in range(1, len(polygon) - 1)]
+    return (
+        np.vstack([columns, vertices]),
+        np.vstack([triangles[~crossed], np.array(pieces, dtype=np.int32)]),
+    )
+
+
+def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]:
+    """(c, 2) edges on a fold line with cloth that moves on one side and cloth that stays on the other."""
+    side = np.sign(distance[triangles].sum(axis=1))
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
+    on_line = (distance[edges] == 0.0).all(axis=1)
+    owner = np.repeat(side, 3)
+    moving = {tuple(e) for e in edges[on_line & (owner > 0)]}
+    staying = {tuple(e) for e in edges[on_line & (owner < 0)]}
+    return np.array(sorted(moving & staying), dtype=np.int64).reshape(-1, 2)
+
+
+def doubled_area(xy: Array, triangles: NDArray[np.int32]) -> Array:
+    """Twice the triangles' areas (m,) [m2], of vertices xy (n, 2): negative for those that lie upside down."""
+    a, b = xy[triangles[:, 1]] - xy[triangles[:, 0]], xy[triangles[:, 2]] - xy[triangles[:, 0]]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,0 +1,96 @@
+"""Cloth seen from above, pixel by pixel: its upper surface, and how many layers lie there.
+
+Lengths in metres, table frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from skills.vocabulary import Array
+
+__all__ = ["PIXEL", "TableRaster", "rasterise"]
+
+PIXEL = 0.001  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class TableRaster:
+    """A raster over the table: pixel (row, column) has its centre at origin + PIXEL * (column, row)."""
+
+    origin: Array
+    shape: tuple[int, int]
+
+    @classmethod
+    def around(cls, xy: Array) -> TableRaster:
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        columns, rows = np.ceil((high - low) / PIXEL).astype(int) + 3
+        # Half a pixel off: cloth edges that run along the axes do not fall onto pixel centres.
+        return cls(low - 0.5 * PIXEL, (int(rows), int(columns)))
+
+    def pixels(self, xy: Array) -> Array:
+        return (xy - self.origin) / PIXEL
+
+    def render(self, xyz: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
+        """At each pixel: height of the upper surface (-inf where there is none), number of triangles."""
+        return rasterise(self.pixels(xyz[:, :2]), xyz[:, 2].copy(), triangles, *self.shape)
+
+    def away_from(self, segments: Array, margin: float) -> NDArray[np.bool_]:
+        """Pixels further than `margin` from every segment (c, 2, 2)."""
+        free = np.ones(self.shape, dtype=np.uint8)
+        ends = np.rint(self.pixels(segments)).astype(np.int32)
+        cv2.polylines(free, [*ends], False, (0.0,))
+        if free.all():
+            return free.astype(bool)
+        return cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * PIXEL > margin
+
+
+@numba.njit(cache=True, nogil=True)
+def rasterise(
+    xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
+) -> tuple[Array, NDArray[np.int32]]:
+    """Highest z and number of triangles at each pixel centre; xy in pixels. A shared edge is one triangle's."""
+    top = np.full((rows, columns), -np.inf)
+    count = np.zeros((rows, columns), dtype=np.int32)
+    for t in range(len(triangles)):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        area = (xy[j, 0] - xy[i, 0]) * (xy[k, 1] - xy[i, 1]) - (xy[j, 1] - xy[i, 1]) * (xy[k, 0] - xy[i, 0])
+        if area == 0.0:
+            continue
+        if area < 0.0:
+            j, k, area = k, j, -area
+        left = max(0, int(np.ceil(min(xy[i, 0], xy[j, 0], xy[k, 0]))))
+        right = min(columns - 1, int(np.floor(max(xy[i, 0], xy[j, 0], xy[k, 0]))))
+        low = max(0, int(np.ceil(min(xy[i, 1], xy[j, 1], xy[k, 1]))))
+        high = min(rows - 1, int(np.floor(max(xy[i, 1], xy[j, 1], xy[k, 1]))))
+        for r in range(low, high + 1):
+            for c in range(left, right + 1):
+                wi = _edge(xy, j, k, c, r)
+                wj = _edge(xy, k, i, c, r)
+                wk = _edge(xy, i, j, c, r)
+                if not (_covers(wi, xy, j, k) and _covers(wj, xy, k, i) and _covers(wk, xy, i, j)):
+                    continue
+                count[r, c] += 1
+                height = (wi * z[i] + wj * z[j] + wk * z[k]) / area
+                if height > top[r, c]:
+                    top[r, c] = height
+    return top, count
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _edge(xy: Array, a: int, b: int, x: float, y: float) -> float:
+    return (xy[b, 0] - xy[a, 0]) * (y - xy[a, 1]) - (xy[b, 1] - xy[a, 1]) * (x - xy[a, 0])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _covers(w: float, xy: Array, a: int, b: int) -> bool:
+    """A pixel on an edge belongs to the triangle on one side of it only (the rule of rasterisers)."""
+    if w != 0.0:
+        return w > 0.0
+    dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+    return dy > 0.0 or (dy == 0.0 and dx < 0.0)
