@@ -56,6 +56,9 @@ some garment's first fold."""
 POLISH_DELTA = 0.05
 """Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
 
+ROUNDING = 1e-9
+"""Arcs whose control points differ by less are the same [m]."""
+
 LEAST_POLISH = 3
 """Simulations for each variable below which a polish is not begun: a third of them is the first differences."""
 
@@ -314,14 +317,27 @@ def _polish(
     controls: Callable[[Array], Controls],
     reserve: int = 0,
 ) -> None:
-    """Secant Levenberg-Marquardt from the best point known, within what is left of the budget."""
-    budget = evaluator.left - reserve
+    """Secant Levenberg-Marquardt from x0, within what is left of the budget.
+
+    The arcs of x0 are simulated unless they were: the best so far may be others, which these variables cannot
+    state (a warm start whose arms differ, or that goes sideways).
+    """
+    known = _seen(evaluator, controls(x0))
+    budget = evaluator.left - reserve - (known is None)
     if budget < LEAST_POLISH * len(x0):
         return
-    assert evaluator.best is not None
     distance = max(f.distance for f in problem.frames.values())
     options = SecantOptions(delta=POLISH_DELTA / distance, max_evaluations=budget)
-    _secant(evaluator, x0, controls, options, evaluator.best)
+    _secant(evaluator, x0, controls, options, known or evaluator.one(controls(x0)))
+
+
+def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
+    """The candidate that was simulated with these arcs, give or take rounding."""
+
+    def same(other: Candidate) -> bool:
+        return all(np.allclose(q, other.controls[s], rtol=0.0, atol=ROUNDING) for s, q in controls.items())
+
+    return next((c for c in evaluator.seen if same(c)), None)
 
 
 def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:

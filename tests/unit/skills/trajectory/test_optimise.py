@@ -17,6 +17,7 @@ from cell.garments import load_garment
 from robots.errors import CellError, FailureKind
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.trajectory import optimise
 from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
 from skills.trajectory.bezier import evaluate, two_parameter_controls
 from skills.trajectory.frame import frames_of
@@ -289,6 +290,33 @@ def test_a_warm_start_counts_as_a_candidate() -> None:
     outcome = run("initial", bowl, budget=2, start=bowl.wanted)
     assert outcome.notes["simulations"] == 2
     assert outcome.notes["dissimilarity_m"] == pytest.approx(0.002, abs=1e-4)
+
+
+@pytest.mark.parametrize("method", ["two_parameter", "default"])
+def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best so far is a warm start whose arms differ, which no height, skew or shared point states."""
+    polish, begun = optimise.secant_levenberg_marquardt, []
+
+    def watched(residual, x0, options, many=None, f0=None):  # type: ignore[no-untyped-def]
+        begun.append((float(f0[0]), float(residual(x0)[0])))
+        return polish(residual, x0, options, many=many, f0=f0)
+
+    monkeypatch.setattr(optimise, "secant_levenberg_marquardt", watched)
+    frames = frames_of(HALF, TOWEL.material.thickness)
+    off = {Side.LEFT: [0.25, 0.02, 0.62], Side.RIGHT: [0.25, -0.02, 0.5]}
+    start = {side: f.denormalise(np.array([off[side], [0.85, 0.0, 0.45]])) for side, f in frames.items()}
+    run(method, Bowl(), budget=40, start=start)
+    ((taken, true),) = begun
+    assert taken == true
+
+
+def test_a_polish_that_begins_elsewhere_keeps_the_budget() -> None:
+    frames = frames_of(HALF, TOWEL.material.thickness)
+    start = {side: f.denormalise(np.array([[0.25, 0.05, 0.6], [0.85, 0.0, 0.45]])) for side, f in frames.items()}
+    for budget in range(1, 40):
+        assert run("default", Bowl(), budget=budget, start=start).notes["simulations"] <= max(budget, 1)
 
 
 def test_a_look_up_is_an_optimisation_without_iterations() -> None:
