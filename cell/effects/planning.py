@@ -82,7 +82,8 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
-    if trajectory.source == "optimised" and garment.material == nominal.material:
+    searched = trajectory.source == "optimised" and method != "initial"  # a first guess promises nothing
+    if searched and garment.material == nominal.material:
         try:
             cell.keep(trajectory, step, garment, outcome.notes)
         except StorageError as e:  # the fold can be made all the same; it is searched for again next time

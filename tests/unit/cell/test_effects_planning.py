@@ -194,8 +194,9 @@ def test_a_recovery_optimises_from_the_looked_up_arc_and_another_looks_nothing_u
     assert again.trajectory.dissimilarity == pytest.approx(PROMISED), "the warm start"
     plain = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE, Adjustment.PLAIN_ARC)
     assert len(plain.cloth.tops) == 1 and plain.trajectory.dissimilarity == pytest.approx(0.008)
+    assert plain.kept == [], "the next run would take the first guess for what a search has found"
     empty = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library())
-    assert len(empty.cloth.tops) > 2 and empty.trajectory.source == "optimised"
+    assert len(empty.cloth.tops) > 2 and empty.trajectory.source == "optimised" and len(empty.kept) == 1
 
 
 def test_the_view_is_shown_every_candidate_of_the_search(
