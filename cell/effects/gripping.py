@@ -108,7 +108,7 @@ def fold(cell: Workcell, context: Context) -> Result:
     trajectory = arc.unwrap().fold
     pictures: list[CameraFrame] = []
     moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
-    watch = _all_of(_slip_watch(cell, context), _photographer(cell, moments, pictures))
+    watch = _all_of(_slip_watch(cell, context), _photographer(cell, context, moments, pictures))
     control = pausable(cell)
     moved = stream(cell.ports, trajectory, cell.execution, telemetry(cell, watch), control)
     executed = replace(context.motion, arc=arc.unwrap())  # what is learned from the fold is learned from this way
@@ -273,7 +273,7 @@ def _slip_watch(cell: Workcell, context: Context) -> Watch:
     return look
 
 
-def _photographer(cell: Workcell, moments: Array, pictures: list[CameraFrame]) -> Watch:
+def _photographer(cell: Workcell, context: Context, moments: Array, pictures: list[CameraFrame]) -> Watch:
     """Takes a picture at each moment, for the record only: a camera that fails does not end the fold."""
     due = list(moments)
 
@@ -289,7 +289,7 @@ def _photographer(cell: Workcell, moments: Array, pictures: list[CameraFrame]) -
             if frame is not None:
                 due.pop(0)
                 pictures.append(frame)
-                cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+                cell.recorder.camera(cell.ports.clock.now(), frame, context.calibration(cell.calibration))
         return None
 
     return look

@@ -13,7 +13,7 @@ from robots.ports import CameraFrame
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import camera_fault, perceive
 from skills.perception.refine import refine_calibration
-from skills.vocabulary import Outcome
+from skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
@@ -21,8 +21,9 @@ HEAD_TOLERANCE = 0.01  # [rad]: a turned head moves the picture by 10 mm on the 
 PICTURE_AGE = 0.5  # [s]: what is older shows another moment; a camera that hangs gives its last picture for ever
 
 
-def capture(cell: Workcell) -> Outcome[CameraFrame]:
-    """A fresh picture, if the head stands where the camera was calibrated."""
+def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome[CameraFrame]:
+    """A fresh picture, if the head stands where the camera was calibrated. refined: what is believed of the camera
+    by now, for the view."""
     pan = cell.ports.arms.state().head_pan
     if abs(pan - cell.calibration.head_pan) > HEAD_TOLERANCE:
         return Outcome(
@@ -34,7 +35,7 @@ def capture(cell: Workcell) -> Outcome[CameraFrame]:
             )
         )
     frame = cell.ports.camera.capture()
-    cell.recorder.camera(cell.ports.clock.now(), frame, cell.calibration)
+    cell.recorder.camera(cell.ports.clock.now(), frame, refined or cell.calibration)
     age = cell.ports.clock.now() - frame.stamp
     if age > PICTURE_AGE:
         return Outcome(
@@ -76,7 +77,7 @@ def await_garment(cell: Workcell, context: Context) -> Result:
 
 
 def look(cell: Workcell, context: Context) -> Result:
-    shot = capture(cell)
+    shot = capture(cell, context.refined)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=context.frame))

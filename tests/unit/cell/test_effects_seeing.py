@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 
 from cell.config import load_settings
 from cell.context import Context
+from cell.effects.gripping import _photographer
 from cell.effects.seeing import look, photograph_table, recognise
+from cell.execution import Tick
 from cell.garments import load_garment
 from cell.states import Event
 from cell.workcell import Workcell
@@ -70,6 +73,19 @@ def test_two_pictures_are_remembered() -> None:
     for _ in range(3):
         context = look(workcell, context).context
     assert (context.frame.sequence, context.previous.sequence) == (3, 2)
+
+
+def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> None:
+    """Contours and key points are stated from there: drawn into the picture from elsewhere they lie off."""
+    shown: list[Any] = []
+    recorder = SimpleNamespace(camera=lambda t, frame, calibration: shown.append(calibration))
+    workcell, _ = seeing(recorder=recorder)
+    refined = replace(workcell.calibration, T_table_camera=workcell.calibration.T_table_camera + 0.003)
+    look(workcell, Context())
+    look(workcell, Context(refined=refined))
+    watch = _photographer(workcell, Context(refined=refined), np.array([0.0]), [])
+    watch(Tick(0.0, workcell.ports.arms.state()))
+    assert shown == [workcell.calibration, refined, refined]
 
 
 def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
