@@ -1,10 +1,9 @@
-"""The trajectory library's files: the shipped one, the user's own, and what a build has finished."""
+"""The trajectory library's files: the shipped one and the user's own."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
@@ -17,7 +16,6 @@ from skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = [
     "LoadedLibrary",
-    "UnfinishedBuild",
     "add_entry",
     "entry_of",
     "load_library",
@@ -100,27 +98,6 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
     built = set(garments)
     others = Library(tuple(e for e in there.entries if e.garment not in built))
     write_library(path, library.merged(others))
-
-
-class UnfinishedBuild:
-    """The entries of a build that has not ended, beside the library that it is for: what a kill leaves.
-
-    A damaged entry counts as not yet built.
-    """
-
-    def __init__(self, library: Path) -> None:
-        self.path = library.with_name(library.name + ".part")
-        self.library = _load(self.path)[0]
-
-    def keep(self, entry: LibraryEntry) -> None:
-        """Raises StorageError."""
-        self.library = self.library.with_entry(entry)
-        write_library(self.path, self.library)
-
-    def end(self) -> None:
-        """The library itself is written: nothing is left to go on from."""
-        with suppress(OSError):
-            self.path.unlink(missing_ok=True)
 
 
 def write_library(path: Path, library: Library) -> None:

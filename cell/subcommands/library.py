@@ -10,11 +10,12 @@ from typing import Any
 
 from cell.config import load_settings
 from cell.garments import list_garments, load_garment
-from cell.library import UnfinishedBuild, load_library, put_garments, user_library_path
+from cell.library import load_library, put_garments, user_library_path
 from cell.library_build import BuildProgress, BuiltStep, build_library
 from cell.paths import logs_directory, prepare_logs
 from cell.progress_bar import ProgressBar
 from cell.subcommands.output import print_json, print_table, progress_stream
+from cell.unfinished_build import UnfinishedBuild
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["run"]
@@ -30,7 +31,7 @@ def _build(options: argparse.Namespace) -> int:
     garments = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
     out = progress_stream(options.json)
-    unfinished = UnfinishedBuild(path)
+    unfinished = UnfinishedBuild(path, garments)
     bar = ProgressBar(out)
     if unfinished.library.entries:
         begun = len(unfinished.library.entries)

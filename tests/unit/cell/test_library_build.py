@@ -20,8 +20,9 @@ import pytest
 
 from cell.cli import main
 from cell.garments import load_garment
-from cell.library import UnfinishedBuild, put_garments, user_library_path, write_library
+from cell.library import put_garments, user_library_path, write_library
 from cell.library_build import BuildProgress, BuiltStep, build_library
+from cell.unfinished_build import UnfinishedBuild
 from robots.errors import CellError, FailureKind
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
@@ -30,6 +31,7 @@ from skills.trajectory.library import Library, from_json, to_json
 from skills.vocabulary import Side
 
 TOWEL, SMALL = load_garment("medium_towel"), load_garment("small_towel")
+BOTH = [TOWEL, SMALL]
 METHOD, BUDGET = "two_parameter", 14
 
 
@@ -114,7 +116,7 @@ def test_progress_counts_every_simulation_and_never_goes_back() -> None:
 
 
 def test_an_interrupted_build_goes_on_to_the_same_library(tmp_path: Path, serial: Library) -> None:
-    unfinished = UnfinishedBuild(tmp_path / "library.json")
+    unfinished = UnfinishedBuild(tmp_path / "library.json", BOTH)
 
     def interrupt(step: BuiltStep) -> None:
         assert step.entry is not None
@@ -125,7 +127,7 @@ def test_an_interrupted_build_goes_on_to_the_same_library(tmp_path: Path, serial
     with pytest.raises(KeyboardInterrupt):
         built(report=interrupt)
     assert not (tmp_path / "library.json").exists()
-    again = UnfinishedBuild(tmp_path / "library.json")
+    again = UnfinishedBuild(tmp_path / "library.json", BOTH)
     seen: list[BuildProgress] = []
     reported: list[BuiltStep] = []
     library = built(finished=again.library, progress=seen.append, report=reported.append)
@@ -139,9 +141,10 @@ def test_an_interrupted_build_goes_on_to_the_same_library(tmp_path: Path, serial
 def test_a_killed_build_goes_on_to_the_same_library(tmp_path: Path, serial: Library) -> None:
     """SIGKILL, at no chosen moment after the first entry."""
     code = (
-        "from pathlib import Path; from cell.library import UnfinishedBuild; from cell.library_build import *\n"
+        "from pathlib import Path; from cell.unfinished_build import UnfinishedBuild\n"
+        "from cell.library_build import *\n"
         "from test_library_build import *\n"
-        f"part = UnfinishedBuild(Path({str(tmp_path / 'library.json')!r}))\n"
+        f"part = UnfinishedBuild(Path({str(tmp_path / 'library.json')!r}), BOTH)\n"
         "build_library([TOWEL, SMALL], METHOD, Bowl(0.02), lambda b: part.keep(b.entry), budget=BUDGET)\n"
     )
     folder = str(Path(__file__).parent)
@@ -156,7 +159,7 @@ def test_a_killed_build_goes_on_to_the_same_library(tmp_path: Path, serial: Libr
     finally:
         victim.send_signal(signal.SIGKILL)
         victim.wait()
-    finished = UnfinishedBuild(tmp_path / "library.json").library
+    finished = UnfinishedBuild(tmp_path / "library.json", BOTH).library
     assert 1 <= len(finished.entries) < 4
     assert to_json(built(finished=finished)) == to_json(serial)
 
@@ -176,14 +179,39 @@ def test_only_what_belongs_to_this_build_is_taken_over(serial: Library) -> None:
 
 
 def test_a_damaged_entry_of_an_unfinished_build_counts_as_not_built(tmp_path: Path, serial: Library) -> None:
-    part = UnfinishedBuild(tmp_path / "library.json")
+    part = UnfinishedBuild(tmp_path / "library.json", BOTH)
     for entry in serial.entries[:2]:
         part.keep(entry)
     text = part.path.read_text()
     part.path.write_text(text.replace('"method": "two_parameter"', '"method": "paper"', 1))
-    assert len(UnfinishedBuild(tmp_path / "library.json").library.entries) == 1
+    assert len(UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries) == 1
     part.path.write_text(text[: len(text) // 2])
-    assert UnfinishedBuild(tmp_path / "library.json").library.entries == ()
+    assert UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries == ()
+
+
+def test_a_build_leaves_alone_what_one_of_other_garments_has_left(tmp_path: Path, serial: Library) -> None:
+    cut_short, other = UnfinishedBuild(tmp_path / "library.json", [TOWEL]), serial.entries[2]
+    cut_short.keep(serial.entries[0])
+    beside = UnfinishedBuild(tmp_path / "library.json", [SMALL])
+    assert beside.library.entries == ()
+    beside.keep(other)
+    cut_short.keep(serial.entries[1])  # both are under way
+    (again,) = UnfinishedBuild(tmp_path / "library.json", [SMALL]).library.entries
+    assert again.garment == "small_towel"
+    beside.end()
+    left = UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries
+    assert {(e.garment, e.step) for e in left} == {("medium_towel", "half"), ("medium_towel", "quarter")}
+
+
+def test_a_garment_whose_folds_are_planned_otherwise_is_built_anew(tmp_path: Path, serial: Library) -> None:
+    part = UnfinishedBuild(tmp_path / "library.json", [TOWEL])
+    for entry in serial.entries[:2]:
+        part.keep(entry)
+    first = [(step, step.variants[0]) for step in TOWEL.plan]
+    one_hand = tuple(replace(s, variants=(replace(v, grasps=v.grasps[:1]),)) for s, v in first)
+    towel = replace(TOWEL, plan=one_hand)
+    assert UnfinishedBuild(tmp_path / "library.json", [towel]).library.entries == ()
+    assert len(UnfinishedBuild(tmp_path / "library.json", [TOWEL]).library.entries) == 2
 
 
 def test_a_garment_ends_at_the_step_that_fails_and_the_others_are_built() -> None:
@@ -249,7 +277,7 @@ def test_the_command_builds_writes_and_tells(
     assert len(from_json(first)[0].entries) == 2
     assert [p.name for p in tmp_path.glob("library.json*")] == ["library.json"]
 
-    part = UnfinishedBuild(path)
+    part = UnfinishedBuild(path, [SMALL])
     part.keep(from_json(first)[0].entries[0])
     assert main(line) == 0
     out = capsys.readouterr().out
