@@ -55,6 +55,8 @@ HEADROOM = 0.98
 """Share of the limits that is planned with: the Hermite interpolant between samples takes the rest."""
 GRID = 100
 FINE = 0.002
+STRETCHES = 40
+"""Of time, at most. One or two do, but for bends of a milliradian: what the samples see of their jerk leaps."""
 
 
 @dataclass(frozen=True)
@@ -330,7 +332,7 @@ def _finish(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmT
     """Steps 2 and 3: smooth the law (t, s), then stretch time until every limit is kept."""
     law, duration = _smooth(t, s, _kernel_width(limits))
     stretch = 1.0
-    for _ in range(6):
+    for _ in range(STRETCHES):
         trajectory = _tabulate(curve, law, duration, stretch)
         over = peaks(trajectory, limits)
         if over.worst <= 1.0:

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from robots.baxter.model import load_model
 from robots.errors import InternalError
+from skills.motion.route import rounded
 from skills.motion.timing import (
     TICK,
     ClockWarp,
@@ -94,6 +95,15 @@ def test_timed_paths_stay_on_the_path_within_the_limits(seed, size):
     assert gap.max() < 5e-3 * size
     passed = np.array([np.abs(motion.q - q).max(axis=1).min() for q in path[::10]])
     assert passed.max() < 0.02
+
+
+def test_ways_of_a_milliradian_with_a_bend_keep_the_limits_too():
+    rng, worst = np.random.default_rng(3), 0.0
+    for _ in range(100):
+        q = random_configuration(rng)
+        corners = q + 10 ** rng.uniform(-5.0, -2.5) * rng.normal(size=(3, 14))
+        worst = max(worst, peaks(time_path(rounded(corners, 0.3), LIMITS), LIMITS).worst)
+    assert worst <= TOLERANCE
 
 
 def test_a_straight_path_is_timed_nearly_as_fast_as_ruckig_can():
