@@ -13,10 +13,10 @@ import numpy as np
 import shapely
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from cell.plan_check import check_lines_and_grasps
 from cell.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.planning.plan import plan_folds
 from skills.vocabulary import REFERENCE_DROP, Material, frozen
 
 __all__ = [
@@ -66,7 +66,7 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
     except ValidationError as error:
         raise _readable(path, data, error) from None
     garment = _garment(path, file, surface)
-    _check_lines(path, garment)
+    check_lines_and_grasps(path, garment)
     return garment
 
 
@@ -206,6 +206,9 @@ class _GarmentFile(_Strict):
         names = [step.name for step in self.plan]
         if len(names) != len(set(names)):
             raise ValueError("plan: two steps have the same name")
+        for step in self.plan:
+            if len({variant.name for variant in step.variants}) != len(step.variants):
+                raise ValueError(f"plan.{step.name}: two variants have the same name")
         return self
 
     def _anchors(self) -> Iterator[tuple[str, dict[str, float]]]:
@@ -243,15 +246,6 @@ def _readable(path: Path, data: Mapping[str, Any], error: ValidationError) -> Co
         hint = f"Did you mean {close[0]!r}?" if close else "Remove it; keys are never ignored."
     where = f"{path}: {key}{value}: " if key else f"{path}: "
     return ConfigurationError(f"{where}{message}{more}", hint, file=str(path), key=key)
-
-
-def _check_lines(path: Path, garment: Garment) -> None:
-    """Each fold line divides what the folds before it leave."""
-    failure = plan_folds(garment.flat_state(0.0, 0.0), garment).failure
-    if failure is not None:
-        key = f"plan.{failure.values['step']}.line"
-        hint = f"{failure.hint}; its two points lie apart, and the key points in `moves` on one side of it"
-        raise ConfigurationError(f"{path}: {key}: {failure.what}", hint, file=str(path), key=key)
 
 
 def _known_keys() -> list[str]:

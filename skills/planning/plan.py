@@ -23,7 +23,7 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
+__all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
 
 RELEASE_CLEARANCE = 0.005
 """How far above the stack the tips let go [m]: a pinch driven into the stack pushes it away."""

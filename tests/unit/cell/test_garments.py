@@ -92,6 +92,29 @@ def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
     assert "material.thickness = 2.5" in text and "0.01" in text
 
 
+def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
+    data = towel()
+    for grasp, point in zip(data["plan"][0]["variants"][0]["grasps"], ("far_right", "near_right"), strict=True):
+        grasp |= {"at": point, "inset": [0.0, 0.0]}
+    text = refusal(tmp_path, data)
+    assert "plan.half.grasps" in text and "-300 mm inside what moves" in text
+    data = towel()
+    data["plan"][0]["variants"][0]["grasps"][0]["at"] = {"far_left": 2.0, "far_right": -1.0}
+    assert "plan.half.grasps" in refusal(tmp_path, data) and "beside the garment" in refusal(tmp_path, data)
+    data["plan"][0]["variants"][0]["grasps"][0]["at"] = "far_left"
+    assert load_garment(write(tmp_path, data)).plan
+
+
+def test_every_way_of_a_step_is_looked_at(tmp_path: Path) -> None:
+    data = towel()
+    data["plan"][0]["variants"][1]["moves"] = ["near_right", "far_left"]
+    text = refusal(tmp_path, data)
+    assert "plan.half.line (right_onto_left)" in text and "no fold line" in text
+    data = towel()
+    data["plan"][0]["variants"][1]["name"] = "left_onto_right"
+    assert "plan.half: two variants have the same name" in refusal(tmp_path, data)
+
+
 @pytest.mark.parametrize("text", ["", "- a\n- b\n", "a: [1, 2", "\x00\x01", "just words"])
 def test_a_file_that_is_no_garment_is_refused(tmp_path: Path, text: str) -> None:
     refusal(tmp_path, text)
