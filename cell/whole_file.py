@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from robots.errors import StorageError
@@ -28,7 +29,8 @@ def write_whole(
                 os.replace(file.name, path)
                 _sync(path.absolute().parent)
             except BaseException:
-                os.unlink(file.name)
+                with suppress(FileNotFoundError):  # it has its name, and what failed came after
+                    os.unlink(file.name)
                 raise
     except OSError as e:
         raise StorageError(f"{path} cannot be written: {e.strerror}", hint, path=str(path)) from e
