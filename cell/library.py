@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -120,8 +121,13 @@ def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:
 
 
 def _set_aside(path: Path) -> None:
+    """Under a name that is free: what was set aside before stays. One that another program has moved is gone."""
+    names = itertools.chain([".refused"], (f".refused-{k}" for k in itertools.count(2)))
+    there = next(p for name in names if not (p := path.with_name(path.name + name)).exists())
     try:
-        os.replace(path, path.with_name(path.name + ".refused"))
+        os.replace(path, there)
+    except FileNotFoundError:
+        return
     except OSError as error:
         raise StorageError(
             f"{path}: a broken library cannot be set aside: {error.strerror}", "Remove it by hand.", path=str(path)

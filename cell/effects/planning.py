@@ -196,7 +196,8 @@ def _tool_speed(cell: Workcell, garment: Garment) -> float:
 
 
 def _look_up(cell: Workcell, garment: Garment, step: FoldStep) -> GraspTrajectory | None:
-    entry = lookup(cell.library(), garment.category, step.name, garment.material, garment.size_m)
+    arms = len(step.grasps)
+    entry = lookup(cell.library(), garment.category, step.name, garment.material, garment.size_m, arms=arms)
     if entry is None:
         return None
     return trajectory_from(entry, step, garment.material.thickness, _tool_speed(cell, garment))

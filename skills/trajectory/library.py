@@ -124,11 +124,17 @@ def lookup(
     material: Material,
     size_m: tuple[float, float],
     variant: str | None = None,
+    arms: int | None = None,
 ) -> LibraryEntry | None:
-    """The entry for this category and step that is nearest in size and fabric, None if none is within limits."""
+    """The entry for this category and step that is nearest in size and fabric, None if none is within limits.
+
+    arms: how many the step takes; entries of a plan with more or fewer are passed over.
+    """
     nearest: tuple[float, LibraryEntry] | None = None
     for entry in library.entries:
         if (entry.category, entry.step) != (category, step) or variant not in (None, entry.variant):
+            continue
+        if arms not in (None, len(entry.inner)):
             continue
         away = _distance(entry, material, size_m)
         if away is not None and (nearest is None or away < nearest[0]):

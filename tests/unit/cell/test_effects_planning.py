@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -172,6 +173,16 @@ def test_the_looked_up_arc_stays_where_nothing_better_is_found(
     """The promise is broken, but the fold is still worth making: a warm start counts as a candidate."""
     choice = Choice(Cloth(0.012, 0.030), workers, monkeypatch)
     assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
+
+
+def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a towel of one's own, which its file folds with one hand."""
+    (both,) = library().entries
+    one_hand = replace(both, garment="mine", inner={Side.LEFT: both.inner[Side.LEFT]})
+    choice = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library((one_hand, both)))
+    assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(Side)
 
 
 def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(

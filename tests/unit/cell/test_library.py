@@ -86,6 +86,10 @@ def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path
     add_entry(tmp_path, built.entries[0])
     assert (tmp_path / "library.json.refused").read_text() == "{ broken"
     assert not load_library(tmp_path).refused
+    path.write_text("broken again")
+    add_entry(tmp_path, built.entries[0])
+    assert (tmp_path / "library.json.refused").read_text() == "{ broken"
+    assert (tmp_path / "library.json.refused-2").read_text() == "broken again"
 
 
 def test_one_damaged_entry_costs_only_itself(tmp_path: Path, built: Library) -> None:
