@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,24 +29,30 @@ def check_lines_and_grasps(path: Path, garment: Garment) -> None:
             f, name = planned.failure, str(planned.failure.values["step"])
             key = f"plan.{name}.line"
             hint = f"{f.hint}; its two points lie apart, and the key points in `moves` on one side of it"
-            raise ConfigurationError(f"{path}: {key}{_way(name, chosen)}: {f.what}", hint, file=str(path), key=key)
+            raise ConfigurationError(
+                f"{path}: {key}{_way(name, garment, chosen)}: {f.what}", hint, file=str(path), key=key
+            )
         for step in planned.unwrap():
+            if any(chosen[s.name] != s.variants[0].name for s in garment.plan[: step.index]):
+                break  # grasps are stated for what the preferred ways have left
             what = _out_of_hand(step, garment)
             if what is not None:
                 key = f"plan.{step.name}.grasps"
                 hint = "take hold at a key point that moves, or between two; `inset` leads inwards from there"
-                where = f"{path}: {key}{_way(step.name, chosen)}"
+                where = f"{path}: {key}{_way(step.name, garment, chosen)}"
                 raise ConfigurationError(f"{where}: {what}", hint, file=str(path), key=key)
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
-    """The plan as it is made, then each other way of each step in turn."""
-    yield {}
-    yield from ({step.name: v.name} for step in garment.plan for v in step.variants[1:])
+    """Every way through the plan, the preferred one first: the scorer asks for all of them."""
+    ways = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
+    yield from map(dict, product(*ways))
 
 
-def _way(step: str, chosen: Mapping[str, str]) -> str:
-    return f" ({chosen[step]})" if step in chosen else ""
+def _way(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
+    """The variant in brackets, where the step has more than one."""
+    several = any(s.name == step and len(s.variants) > 1 for s in garment.plan)
+    return f" ({chosen[step]})" if several else ""
 
 
 def _out_of_hand(step: FoldStep, garment: Garment) -> str | None:
