@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from cell.garments import load_garment
 from cell.simulation.noise import GarmentNoise
 from skills.garments.garment import Garment
 from skills.vocabulary import Array
@@ -58,12 +59,18 @@ def draw_outline(garment: Garment, noise: GarmentNoise, rng: np.random.Generator
 def _points(garment: Garment) -> list[dict[str, Any]]:
     file = _file()
     plain = {"name": None, "radius": file["default_radius"], "bow": file["default_bow"]}
-    if garment.name in file:
+    if garment.name in file and _ships(garment):
         return [{**plain, **point} for point in file[garment.name]]
     return [
         {**plain, "name": name, "at": point.tolist()}
         for name, point in zip(garment.keypoints, garment.template, strict=True)
     ]
+
+
+def _ships(garment: Garment) -> bool:
+    """Whether it is the garment that ships under its name: a file of one's own may be called alike."""
+    shipped = load_garment(garment.name)
+    return garment.keypoints == shipped.keypoints and np.array_equal(garment.template, shipped.template)
 
 
 def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:

@@ -35,7 +35,8 @@ class Witness:
         garment = truth(self._ports).garment
         if garment is None:
             return None
-        nominal = load_garment(garment.name, self._request.settings.surface)
+        named = garment.name if self._request.garment == "auto" else self._request.garment
+        nominal = load_garment(named, self._request.settings.surface)  # a file of one's own is judged by its plan
         figures = score_plan(
             garment.vertices, garment.triangles, garment.material, garment.keypoints, nominal, garment.thickness
         )

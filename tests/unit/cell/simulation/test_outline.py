@@ -53,3 +53,11 @@ def test_a_garment_without_an_outline_of_its_own_gets_its_templates() -> None:
     outline = draw_outline(garment, NOISE, np.random.default_rng(0), ideal=True)
     distance = shapely.LinearRing(outline.contour).hausdorff_distance(shapely.LinearRing(garment.template))
     assert distance < 0.005
+
+
+def test_a_garment_of_ones_own_is_laid_whatever_it_is_called() -> None:
+    garment = load_garment("t_shirt")
+    smaller = replace(garment, template=0.8 * garment.template)
+    outline = draw_outline(smaller, NOISE, np.random.default_rng(0), ideal=True)
+    assert np.ptp(outline.contour, axis=0) == pytest.approx(0.8 * np.array(garment.size_m), abs=0.01)
+    assert set(outline.keypoints) == set(garment.keypoints)

@@ -1,0 +1,43 @@
+"""The scorer judges by the plan of the garment file that is folded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import cell.simulation.witness as module
+from cell.garments import load_garment, shipped_garment_path
+from cell.simulation.truth import GarmentTruth
+from cell.simulation.witness import Witness
+from skills.cloth.mesh import mesh_from_contour
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+
+
+@pytest.mark.parametrize("name", ["mine", "small_towel"])
+def test_a_file_of_ones_own_is_scored_by_its_own_plan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Of one fold only: judged by the shipped plan it would lie half a towel off."""
+    data = yaml.safe_load(shipped_garment_path("small_towel").read_text())
+    data |= {"plan": data["plan"][:1], "edge_pairs": [[["far_left", "near_left"], ["far_right", "near_right"]]]}
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    garment = load_garment(path)
+    state = garment.flat_state(0.6, 0.0)
+    mesh, (step,) = mesh_from_contour(state.contour, 0.03), plan_folds(state, garment).unwrap()
+    folded = target_vertices(mesh, step.lines, garment.material)
+    laid = GarmentTruth(
+        garment.name, folded, mesh.triangles, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1
+    )
+    monkeypatch.setattr(module, "witness", lambda *_: None)
+    monkeypatch.setattr(module, "truth", lambda _: SimpleNamespace(garment=laid))
+    request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
+    figures = Witness(None, None, request).score()  # type: ignore[arg-type]
+    assert figures is not None and figures["passed"] and figures["layers"] == 2
+    assert np.isclose(figures["drift_m"], 0.0, atol=1e-3)
