@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
@@ -81,10 +83,11 @@ def entry_of(
 def add_entry(logs: Path, entry: LibraryEntry) -> Path:
     """Keep one more fold in the user's library. Raises StorageError; a broken library is set aside, not lost."""
     path = user_library_path(logs)
-    library, refused = _load(path)
-    if refused:
-        _set_aside(path)
-    write_library(path, library.with_entry(entry))
+    with _alone(path):
+        library, refused = _load(path)
+        if refused:
+            _set_aside(path)
+        write_library(path, library.with_entry(entry))
     return path
 
 
@@ -93,21 +96,42 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
     Raises StorageError; a broken library is set aside, not lost.
     """
-    there, refused = _load(path)
-    if refused:
-        _set_aside(path)
-    built = set(garments)
-    others = Library(tuple(e for e in there.entries if e.garment not in built))
-    write_library(path, library.merged(others))
+    with _alone(path):
+        there, refused = _load(path)
+        if refused:
+            _set_aside(path)
+        built = set(garments)
+        others = Library(tuple(e for e in there.entries if e.garment not in built))
+        write_library(path, library.merged(others))
 
 
 def write_library(path: Path, library: Library) -> None:
     """Write the whole file or none of it. Raises StorageError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{path.parent} cannot be made: {error.strerror}", _HINT, path=str(path)) from None
+    _made(path.parent)
     write_whole(path, to_json(library), _HINT)
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be made: {error.strerror}", _HINT, path=str(folder)) from None
+    return folder
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Nobody else reads a library to write it anew meanwhile: a run that ends beside a build would undo it.
+
+    The lock is the folder's (`flock`), for the instant that it takes; where a file system has none, there is none.
+    """
+    folder = os.open(_made(path.absolute().parent), os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
 
 
 def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,6 +55,21 @@ def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library)
     assert len(loaded.library.entries) == 2 + len(shipped.entries)
     found = lookup(loaded.library, "towel", "half", TOWEL.material, TOWEL.size_m)
     assert found is not None and found.simulations == 99
+
+
+def test_two_who_add_at_once_lose_nothing(tmp_path: Path, built: Library) -> None:
+    """As a run that ends while a build writes what it has found in hours."""
+    begin = threading.Barrier(2)
+
+    def add(who: str) -> None:
+        begin.wait()
+        for k in range(8):
+            add_entry(tmp_path, replace(built.entries[0], garment=f"{who}{k}"))
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(add, ("a", "b")))
+    library, refused = from_json(user_library_path(tmp_path).read_text())
+    assert not refused and len(library.entries) == 16
 
 
 def test_nothing_is_left_half_written(tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch) -> None:
