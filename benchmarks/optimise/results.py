@@ -55,7 +55,7 @@ def page(figures: Mapping[str, Any]) -> str:
         " three finer",
         "meshes than the optimiser's. *Ideal* is the fold made without grippers and left to settle (D_relax),"
         " *initial* the paper's",
-        "first guess; all methods had the same budget, grasps, meshes and fold duration.",
+        "first guess, in the time that ours take; all methods had the same budget, grasps, meshes and tool speed.",
         f"Garments: {', '.join(garments)}.",
     ]
     if figures.get("remark"):
