@@ -62,7 +62,8 @@ def _edited(text: str, changed: Mapping[str, Any]) -> str:
     while end < len(lines) and (not lines[end].strip() or lines[end][0] in " #"):
         end += 1
     block = lines[start + 1 : end]
-    indent = next((len(line) - len(line.lstrip()) for line in block if line.strip()), 2)
+    stated = (line for line in block if line.strip() and not line.lstrip().startswith("#"))
+    indent = next((len(line) - len(line.lstrip()) for line in stated), 2)
     for key, value in changed.items():
         flow = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
         line = " " * indent + f"{key}: {flow.removesuffix('...' + chr(10)).strip()}"

@@ -107,6 +107,12 @@ def test_any_layout_of_a_garment_file_is_edited(material):
     assert {k: v for k, v in found.items() if k != "material"} == data
 
 
+def test_a_remark_at_the_margin_costs_the_file_neither_its_remarks_nor_its_layout():
+    text = SHIPPED.replace("material:\n", "material:\n# measured on the bench\n")
+    edited = with_material(text, "mine", {"thickness": 0.003}, {"thickness": "a gauge"}, ())
+    assert "# measured on the bench" in edited and len(edited.splitlines()) == len(text.splitlines())
+
+
 def test_a_value_out_of_range_makes_no_file():
     with pytest.raises(ConfigurationError):
         with_material(SHIPPED, "mine", {"bending_length": 3.0}, {}, ())
