@@ -186,12 +186,13 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
 
 
 def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
-    """Tool paths (n, 3): planned in green, what was really driven darker and thinner. A plan ends the search."""
+    """Tool paths (n, 3): planned in green, what was really driven darker and thinner. A plan ends the search, and
+    an arm that has no part in it has no path any more."""
     kind = "planned" if planned else "driven"
     colour, radius = (style.ARC_PLANNED, 0.005) if planned else (style.ARC_DONE, 0.003)
-    searched = ("candidate", "best") if planned else ()
+    void = [*(("candidate", "best") if planned else ()), *(f"{kind}/{side}" for side in Side if side not in arcs)]
     return [
-        *(Log(f"{TABLE}/arcs/{name}", t, (rr.Clear(recursive=True),)) for name in searched),
+        *(Log(f"{TABLE}/arcs/{name}", t, (rr.Clear(recursive=True),)) for name in void),
         *(
             Log(f"{TABLE}/arcs/{kind}/{side}", t, (rr.LineStrips3D([arc], radii=radius, colors=[colour]),))
             for side, arc in arcs.items()

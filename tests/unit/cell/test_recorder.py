@@ -70,6 +70,19 @@ def test_the_file_holds_every_row_of_every_series(recorded):
         np.testing.assert_allclose(np.diff(t), 0.01, atol=1e-6)
 
 
+def test_an_arm_that_has_no_part_in_a_new_plan_has_no_path_any_more():
+    """Another search may give the fold to the other arm, and one hand presses what two have folded."""
+    arc = np.zeros((3, 3))
+    shown = {"left", "right"}
+    for arcs in ({Side.LEFT: arc, Side.RIGHT: arc}, {Side.RIGHT: arc}):
+        for entry in scene.arc_entries(1.0, arcs, planned=True):
+            where, _, side = entry.path.removeprefix(f"{scene.TABLE}/arcs/").partition("/")
+            if where == "planned":
+                drawn = any("LineStrips3D" in type(part).__name__ for part in entry.parts)
+                shown = shown | {side} if drawn else shown - {side}
+    assert shown == {"right"}
+
+
 def test_states_are_kept_in_order_and_the_last_lane_reaches_the_end(recorded):
     path, _, length = recorded
     batches = rows(path)["/executive/state"]
