@@ -203,7 +203,14 @@ def _noticed(
     first, stiffness = fitted.unwrap()
     over = 0.5 * touched.force >= contact
     at = next((k for k in range(in_a_row - 1, len(over)) if over[k - in_a_row + 1 : k + 1].all()), None)
-    late = np.inf if at is None else first - float(touched.height[at])
+    if at is None:
+        peak = 0.5 * float(touched.force.max())
+        felt = f"{peak:.2f} N on a tip, {contact:.2f} N are needed"
+        what = f"the {touched.side} hand's contact was not noticed: {felt}"
+        hint = "check the fingertips' cells: so noisy or drifting ones need a harder press than is good"
+        values: dict[str, object] = {"force_n": peak, "contact_force_n": contact}
+        return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, hint, values))
+    late = first - float(touched.height[at])
     if not -0.5 * settings.latest <= late <= settings.latest:
         what = f"the {touched.side} hand's contact was noticed {1e3 * late:.1f} mm under the table's top"
         hint = "check the fingertips' cells"

@@ -106,6 +106,14 @@ def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
+def test_a_threshold_that_a_press_does_not_reach_is_told_as_that() -> None:
+    heard = Outcome(Heard({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
+    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
+    refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
+    assert "was not noticed: 1.4" in refused.what and all(np.isfinite(v) for v in refused.values.values())
+
+
 @pytest.mark.parametrize("first", [1e-3, 2e-3, 0.01, 0.02])
 def test_false_contacts_are_counted_over_the_horizon_however_late_the_first_reading_came(first: float) -> None:
     """Over a network stamps are when messages came: the first two may be any time apart."""
