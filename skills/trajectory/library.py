@@ -244,7 +244,8 @@ def _check(entry: LibraryEntry) -> None:
         raise _Refused("its control points are not (n, 3)")
     if not all(np.isfinite(p).all() and np.abs(p).max() <= SANE for p in points):
         raise _Refused("its control points are not near the fold")
-    if not _positive((entry.edge_length, entry.max_tool_speed, entry.dissimilarity, *entry.size_m)):
+    promised = entry.dissimilarity, entry.dissimilarity_initial
+    if not _positive((entry.edge_length, entry.max_tool_speed, *promised, *entry.size_m)):
         raise _Refused("a length, speed or dissimilarity is not positive")
     if not _positive(getattr(entry.material, name) for name in MATERIAL_RATIOS):
         raise _Refused("a material figure is not positive")

@@ -157,6 +157,8 @@ NONSENSE = [
     {"size_m": ["a", "b"]},
     {"material": {"areal_mass": 0.3}},
     {"dissimilarity": "small"},
+    {"dissimilarity_initial": "large"},
+    {"dissimilarity_initial": float("nan")},
     {"surprise": 1},
 ]
 
