@@ -62,13 +62,14 @@ def build_library(
     at_once: int = 1,
     finished: Library = NOTHING,
     progress: Callable[[BuildProgress], None] | None = None,
+    lift_height: float = LIFT_HEIGHT,
 ) -> Library:
     """Optimise every step of every garment, laid in the middle of its poses, each after the steps before it.
 
     executor: where simulations run, any of `concurrent.futures` (default: here, one after the other); `predict`
     has to reach its workers. at_once: garments whose searches run side by side. finished: entries of a build with
-    the same budget that was cut short; those that belong here are taken over. A garment ends at the first step
-    that cannot be optimised.
+    the same budget and lift that was cut short; those that belong here are taken over. A garment ends at the first
+    step that cannot be optimised. lift_height: of the straight lift before each arc [m].
     report: told of each step as it ends, progress: of each simulation; never two calls at a time. What they raise
     ends the build.
     """
@@ -77,7 +78,9 @@ def build_library(
     garments = tuple(garments)
     each = budget or METHODS[method][1]
     with _workers(executor) as simulations, ThreadPoolExecutor(at_once, "garment") as searches:
-        build = _Build(method, each, predict or ClothPredictor(), simulations, finished, report, progress)
+        build = _Build(
+            method, each, predict or ClothPredictor(), simulations, finished, lift_height, report, progress
+        )
         build.total = sum(build.planned(g) for g in garments)
         jobs = [searches.submit(build.garment, g) for g in garments]
         try:
@@ -103,6 +106,7 @@ class _Build:
     predict: Predictor
     executor: Executor
     finished: Library
+    lift_height: float
     report: Callable[[BuiltStep], None] | None
     progress: Callable[[BuildProgress], None] | None
     total: int = 0
@@ -148,6 +152,7 @@ class _Build:
         outcome = optimise_fold(
             step, mesh, positions, garment.material, self.method, self.budget,
             executor=self.executor, predict=self.predict, max_tool_speed=garment.max_tool_speed, progress=count,
+            lift_height=self.lift_height,
         )  # fmt: skip
         self._skip(self.budget - counted)
         if outcome.value is None:
@@ -161,7 +166,7 @@ class _Build:
     ) -> Array:
         trajectory = trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
         assert trajectory is not None  # an entry fits the step that it was made from
-        paths = {side: lifted(path, LIFT_HEIGHT) for side, path in tool_paths(trajectory, step).items()}
+        paths = {side: lifted(path, self.lift_height) for side, path in tool_paths(trajectory, step).items()}
         return self.executor.submit(_predict, self.predict, mesh, positions, garment.material, paths).result()
 
     def _kept(self, garment: Garment, step: str) -> LibraryEntry | None:

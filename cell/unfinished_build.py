@@ -12,6 +12,7 @@ from cell.whole_file import write_whole
 from robots.errors import StorageError
 from skills.garments.garment import Garment
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
+from skills.trajectory.paths import LIFT_HEIGHT
 
 __all__ = ["UnfinishedBuild"]
 
@@ -19,12 +20,13 @@ __all__ = ["UnfinishedBuild"]
 class UnfinishedBuild:
     """The entries so far of a build of some garments. What other builds have left in the file stays there.
 
-    A damaged entry counts as not yet built, and so do those of a garment that is planned otherwise by now.
+    lift_height: before each arc [m]. A damaged entry counts as not yet built, and so do those of a garment that is
+    planned or lifted otherwise by now.
     """
 
-    def __init__(self, library: Path, garments: Iterable[Garment]) -> None:
+    def __init__(self, library: Path, garments: Iterable[Garment], lift_height: float = LIFT_HEIGHT) -> None:
         self.path = library.with_name(library.name + ".part")
-        self._plans = {garment.name: _digest(garment) for garment in garments}
+        self._plans = {garment.name: _digest(garment, lift_height) for garment in garments}
         there, plans = _load(self.path)
         same = {name for name, plan in self._plans.items() if plans.get(name) == plan}
         self.library = Library(tuple(e for e in there.entries if e.garment in same))
@@ -61,7 +63,7 @@ def _load(path: Path) -> tuple[Library, dict[str, str]]:
         return Library(), {}
 
 
-def _digest(garment: Garment) -> str:
-    """Of all that decides how a garment's folds are planned."""
-    plan = (garment.plan, garment.layers, garment.keypoints, garment.template.tolist(), garment.poses)
+def _digest(garment: Garment, lift_height: float) -> str:
+    """Of all that decides how a garment's folds are planned and begun."""
+    plan = (garment.plan, garment.layers, garment.keypoints, garment.template.tolist(), garment.poses, lift_height)
     return hashlib.sha256(repr(plan).encode()).hexdigest()

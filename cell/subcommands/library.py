@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any
 
@@ -28,10 +29,12 @@ def run(options: argparse.Namespace) -> int:
 def _build(options: argparse.Namespace) -> int:
     """0 when every fold has its entry, 2 when one could not be optimised (the others are kept)."""
     settings = load_settings(options.cell)
-    garments = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
+    loaded = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
+    most = settings.motion.tool_speed
+    garments = [replace(g, max_tool_speed=min(g.max_tool_speed, most)) for g in loaded]
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
     out = progress_stream(options.json)
-    unfinished = UnfinishedBuild(path, garments)
+    unfinished = UnfinishedBuild(path, garments, settings.grasp.lift_height)
     bar = ProgressBar(out)
     if unfinished.library.entries:
         begun = len(unfinished.library.entries)
@@ -55,6 +58,7 @@ def _build(options: argparse.Namespace) -> int:
         library = build_library(
             garments, options.method or settings.optimiser.method, report=report, executor=pool,
             at_once=options.workers, finished=unfinished.library, progress=progress,
+            lift_height=settings.grasp.lift_height,
         )  # fmt: skip
     bar.clear()
     put_garments(path, library, [g.name for g in garments])

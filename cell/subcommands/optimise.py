@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     """0 when every fold was optimised, 2 when one could not be."""
     settings = load_settings(options.cell)
     garment = load_garment(options.garment, settings.surface)
+    speed = min(garment.max_tool_speed, settings.motion.tool_speed)
     _check_export(options.export)
     if options.step is not None and options.step > len(garment.plan):
         raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no --step {options.step}")
@@ -56,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
             outcome = optimise_fold(
                 step, mesh, vertices, garment.material,
                 method if wanted else "initial", budget if wanted else None,
-                threads=settings.optimiser.threads, predict=predict, max_tool_speed=garment.max_tool_speed,
+                threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
                 progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
             )  # fmt: skip
             if wanted or outcome.failure:

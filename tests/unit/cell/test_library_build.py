@@ -283,3 +283,24 @@ def test_the_command_builds_writes_and_tells(
     out = capsys.readouterr().out
     assert "goes on from the 1 folds" in out and "half" in out.split("kept")[0]
     assert path.read_text() == first and not part.path.exists()
+
+
+def test_a_build_is_for_the_cell_that_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arcs are judged with the lift before them, at the speed at which this cell folds."""
+    lifts = []
+
+    class Watching(Bowl):
+        def __call__(self, mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+            path = next(iter(paths.values())).position
+            straight = np.all(path[:, :2] == path[0, :2], axis=1)
+            lifts.append(path[straight, 2].max() - path[0, 2])
+            return super().__call__(mesh, positions, material, paths)
+
+    monkeypatch.setattr("cell.subcommands.library._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.library_build.ClothPredictor", Watching)
+    (tmp_path / "cell.yaml").write_text("grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\n")
+    line = ["library", "build", "small_towel", "--method", "initial", "--cell", str(tmp_path / "cell.yaml")]
+    assert main([*line, "--workers", "1", "--logs", str(tmp_path)]) == 0
+    assert lifts == pytest.approx([0.05] * len(lifts))
+    entries = from_json(user_library_path(tmp_path).read_text())[0].entries
+    assert [e.max_tool_speed for e in entries] == [0.2, 0.2]
