@@ -152,13 +152,27 @@ def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[
         half = _half_plane(line, reach)
         split: dict[tuple[bool, ...], shapely.Geometry] = {}
         for history, region in pieces.items():
-            stays, moves = region.difference(half), region.intersection(half)
+            stays, moves = _cut(region, half)
             if stays.area > TOUCH**2:
                 split[(*history, False)] = stays
             if moves.area > TOUCH**2:
                 split[(*history, True)] = shapely.transform(moves, line.reflect)
         pieces = split
     return {history: region.buffer(TOUCH, join_style="mitre") for history, region in pieces.items()}
+
+
+def _cut(region: shapely.Geometry, half: shapely.Geometry) -> tuple[shapely.Geometry, shapely.Geometry]:
+    """What of a region lies outside a half-plane and what inside.
+
+    A fold line through corners of the garment leaves edges and points beside the areas, with which the next cut
+    may be beyond the library: it is then made of the areas alone.
+    """
+    try:
+        return region.difference(half), region.intersection(half)
+    except shapely.errors.GEOSException:
+        flat = [part for part in shapely.get_parts(region) if part.area > 0.0]
+        areas = shapely.union_all(shapely.make_valid(np.array(flat)))
+        return areas.difference(half), areas.intersection(half)
 
 
 def _half_plane(line: FoldLine, reach: float) -> shapely.Polygon:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from cell.garments import list_garments, load_garment
 from robots.errors import FailureKind
 from skills.garments.garment import Garment
+from skills.planning import folding
 from skills.planning.folding import fold_points, fold_xy, silhouette
 from skills.planning.plan import RELEASE_CLEARANCE, plan_folds, rigid_motion, translate_plan
 from skills.vocabulary import GarmentState, Side
@@ -158,3 +159,16 @@ def test_what_does_not_fit_is_a_failure_with_its_reason() -> None:
 
 def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
     return replace(state, keypoints={name: np.array([0.5, 0.0]) for name in garment.keypoints})
+
+
+@pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small"])
+def test_a_shirt_can_be_folded_wherever_it_lies(name: str) -> None:
+    """Its fold lines go through corners, and pieces touch in lines and points: at a pose in forty that was beyond
+    the geometry's library."""
+    garment, rng = GARMENTS[name], np.random.default_rng(3)
+    for _ in range(150):
+        state = garment.flat_state(rng.uniform(0.55, 0.65), rng.uniform(-0.1, 0.1), rng.uniform(-0.2, 0.2))
+        lines = plan_folds(state, garment).unwrap()[-1].lines
+        whole = shapely.Polygon(state.contour).area
+        pieces = folding._pieces(lines, shapely.Polygon(state.contour))
+        assert sum(piece.area for piece in pieces.values()) == pytest.approx(whole, rel=1e-4)
