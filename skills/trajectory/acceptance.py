@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import pdist
 
 from skills.vocabulary import Array, Failure, FailureKind
 
@@ -30,8 +31,9 @@ def acceptance_limit(rest: Array, promised: float | None = None) -> float:
     """The largest D [m] that is accepted for a garment with rest coordinates (n, 2).
 
     promised: the D [m] that looked-up arcs came to where they were optimised; without it only the garment counts.
+    However it is turned, its diagonal is the largest distance of two of its points.
     """
-    limit = POOR_SHARE * float(np.linalg.norm(np.ptp(rest, axis=0)))
+    limit = POOR_SHARE * float(pdist(rest[ConvexHull(rest).vertices]).max())
     return limit if promised is None else min(limit, promised + PROMISE_SLACK)
 
 

@@ -395,6 +395,11 @@ def test_acceptance_is_one_limit_that_a_promise_can_only_lower(
         assert failure is None, "what keeps a promise is accepted without one"
 
 
+def test_a_garment_that_lies_turned_is_accepted_by_the_same_limit() -> None:
+    limits = [acceptance_limit(TOWEL.place(0.6, 0.0, angle)) for angle in (-0.3, 0.0, 0.17, 1.2)]
+    assert limits == pytest.approx([POOR_SHARE * np.hypot(*TOWEL.size_m)] * 4)
+
+
 def test_some_failed_simulations_are_borne_and_counted() -> None:
     bowl = Bowl()
 
