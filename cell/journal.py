@@ -15,7 +15,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import Enum
@@ -25,14 +25,16 @@ from typing import Any, Self
 
 from cell.lock import OwnerLock, is_held
 from cell.paths import new_folder
-from robots.errors import ConfigurationError, InternalError, StorageError
+from robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
-__all__ = ["Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]
+__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]
 
 SCHEMA_VERSION = 1
 PAYLOAD_SCHEMA = 1
 APPLICATION_ID = 0x466F4C64  # "FoLd": tells our file from any other SQLite file
 OWNER_FILE = ".owner"
+NOT_BEGUN = "not_begun"
+"""The result of a run whose cell could not be opened."""
 BUSY_S = 10.0
 
 _TABLES = """
@@ -46,7 +48,7 @@ CREATE TABLE runs (
     pid INTEGER NOT NULL,
     started REAL NOT NULL,           -- seconds since 1970, wall clock
     ended REAL,
-    result TEXT,                     -- folded, not_folded, stopped, fault
+    result TEXT,                     -- folded, not_folded, fault; done, not_done; not_begun
     summary TEXT                     -- JSON
 );
 CREATE TABLE events (
@@ -328,6 +330,13 @@ class RunJournal:
             self._ended = True
         self._owner.release()
         (self.directory / OWNER_FILE).unlink(missing_ok=True)
+
+    def refuse(self, reason: CellError) -> None:
+        """End a run that has no line yet as not begun, for this reason; abandon one that has, or was ended."""
+        if not self._sequence and not self._ended:
+            with suppress(StorageError):
+                return self.end(NOT_BEGUN, {"reason": {"what": reason.what, "hint": reason.hint}})
+        self.abandon()
 
     def abandon(self) -> None:
         """Give the lock up without an end: the run shows as interrupted. For when `end` cannot be written."""

@@ -12,6 +12,7 @@ from cell.interrupts import Interrupts, taking_signals
 from cell.journal import Journal, RunJournal
 from cell.lock import OwnerLock
 from cell.paths import ledger_path
+from robots.errors import CellError
 
 __all__ = ["VERSIONED", "begun_run", "owned_cell"]
 
@@ -39,7 +40,8 @@ def begun_run(
     settings: CellSettings,
     packages: Sequence[str] = VERSIONED,
 ) -> Iterator[RunJournal]:
-    """A new run in the ledger. Whatever is raised before its end leaves it open: it shows as interrupted."""
+    """A new run in the ledger. A CellError before its first line (the cell does not answer) ends it as not begun,
+    with the reason; whatever else is raised before its end leaves it open: it shows as interrupted."""
     run = journal.begin_run(
         garment=garment,
         seed=seed,
@@ -49,6 +51,9 @@ def begun_run(
     )
     try:
         yield run
+    except CellError as e:
+        run.refuse(e)
+        raise
     except BaseException:
         run.abandon()
         raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.journal import Entry, Journal, RunRecord
+from cell.journal import NOT_BEGUN, Entry, Journal, RunRecord
 from cell.paths import ledger_path, logs_directory
 from cell.resumable import resumable
 from cell.subcommands.output import print_json
@@ -35,6 +35,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the ledger's disk full)")
+    if reason := record.summary.get("reason"):
+        print(f"  nothing was begun: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
     if figures["resumable"]:
         print(f"go on   foldcell resume {record.id}")
     print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
@@ -47,6 +49,8 @@ def _no_page(record: RunRecord) -> str:
     replay = f"\n        foldcell replay {record.id} opens what was recorded" if recorded else ""
     if record.status == "running":
         return f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run as it goes{replay}"
+    if record.status == NOT_BEGUN:
+        return "none: nothing was done"
     if record.status == "interrupted":
         return f"none: the run was cut off before it was written{replay}"
     if not (record.directory / "result.json").is_file():

@@ -64,6 +64,7 @@ def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
         "pid": record.pid,
         "robot_time_s": record.summary.get("robot_time_s"),
         "wall_time_s": record.summary.get("wall_time_s"),
+        "reason": (record.summary.get("reason") or {}).get("what"),
         "failure": (record.summary.get("failure") or {}).get("kind"),
         "run_dir": str(record.directory),
         "last_intent": None,
@@ -87,7 +88,8 @@ def _when(started: float) -> str:
 def _how(row: dict[str, Any]) -> str:
     intent = row["last_intent"]
     if intent is None:
-        return str(row["status"]) + (f": {row['failure']}".replace("_", " ") if row["failure"] else "")
+        why = row["reason"] or (row["failure"] or "").replace("_", " ")
+        return str(row["status"]) + (f": {why}" if why else "")
     where = "after" if intent["finished"] else "during"
     return f"{row['status']} {where} {intent['name']} at {intent['cell_time_s']:.1f} s" + (
         f" (process {row['pid']})" if row["status"] == "running" else ""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.cli import main
 from cell.config import load_settings
 from cell.journal import Journal
 from cell.owned import VERSIONED, begun_run, owned_cell
@@ -45,3 +46,22 @@ def test_a_run_that_is_not_ended_shows_as_interrupted(tmp_path: Path) -> None:
             run.end("not_folded")
             raise RuntimeError("after its end")
     assert sorted(statuses(tmp_path)) == ["folded", "interrupted", "not_folded"]
+
+
+def test_a_run_whose_cell_could_not_be_opened_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Until something is begun an error is a refusal, no interruption: nobody killed anything."""
+    settings = load_settings(None)
+    silent = ConfigurationError("no ROS master answers", "switch the robot on")
+    with owned_cell(tmp_path) as (_, journal):
+        with pytest.raises(ConfigurationError), begun_run(journal, "small_towel", 1, "ros", settings) as run:
+            run.intent(0.0, "preparing", "prepare")
+            raise silent
+        with pytest.raises(ConfigurationError), begun_run(journal, "small_towel", 2, "ros", settings):
+            raise silent
+    assert statuses(tmp_path) == ["interrupted", "not_begun"]
+    assert main(["runs", "--logs", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("not_begun: no ROS master answers")
+    assert main(["report", "last", "--logs", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "nothing was begun: no ROS master answers" in told and "switch the robot on" in told
+    assert "killed" not in told
