@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from cell.standard_streams import lasting_streams
 from robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
@@ -29,7 +30,18 @@ EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit code. Never raises, and never shows a traceback."""
+    """Run one command; returns its exit code. Never raises, and never shows a traceback. Who stops reading what it
+    prints (`| head`) changes nothing; output that could not be written is a fault of its own."""
+    with lasting_streams() as output:
+        code = _perform(arguments)
+        output.flush()
+        lost = output.lost
+        if code != OK or lost is None or isinstance(lost, BrokenPipeError):
+            return code
+        return _say(USAGE, f"standard output cannot be written: {lost.strerror}", "what was done stays done")
+
+
+def _perform(arguments: Sequence[str] | None) -> int:
     try:
         options = build_parser().parse_args(arguments)
     except SystemExit as e:  # argparse: --help is 0, a bad line USAGE
@@ -39,12 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     try:
         command = importlib.import_module(f"cell.subcommands.{options.module}")
-        code = int(command.run(options))
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:  # `foldcell runs | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
+        return int(command.run(options))
     except KeyboardInterrupt:
         return _fail(options, INTERRUPTED, "interrupted", "")
     except CellError as e:
@@ -58,9 +65,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fail(options: argparse.Namespace, code: int, what: str, hint: str) -> int:
     """Say what is wrong to the person and, with --json, to the program that called."""
-    print(f"foldcell: {what}" + (f"\n  {hint}" if hint else ""), file=sys.stderr, flush=True)
+    _say(code, what, hint)
     if getattr(options, "json", False):
         print(json.dumps({"error": what, "hint": hint, "exit_code": code}), flush=True)
+    return code
+
+
+def _say(code: int, what: str, hint: str) -> int:
+    print(f"foldcell: {what}" + (f"\n  {hint}" if hint else ""), file=sys.stderr, flush=True)
     return code
 
 
@@ -150,7 +162,7 @@ def _json_option(parser: argparse.ArgumentParser) -> None:
 
 
 def _logs_option(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--logs", type=Path, metavar="DIR", help="where runs are kept (else FOLDCELL_LOGS)")
+    parser.add_argument("--logs", type=_folder, metavar="DIR", help="where runs are kept (else FOLDCELL_LOGS)")
 
 
 def _cell_option(parser: argparse.ArgumentParser) -> None:
@@ -161,6 +173,13 @@ def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) > 2**31 - 1:
         raise argparse.ArgumentTypeError(f"{text!r} is no seed; a whole number from 0 to {2**31 - 1} is")
     return int(text)
+
+
+def _folder(text: str) -> Path:
+    """As `--logs "$UNSET"` gives it, an empty name would be the folder that one happens to be in."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of a folder is expected, this is empty")
+    return Path(text)
 
 
 def _count(text: str) -> int:

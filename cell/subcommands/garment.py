@@ -51,7 +51,7 @@ def _check(options: argparse.Namespace, surface: str) -> int:
         except ConfigurationError as e:
             bad += 1
             checked.append({"file": name, "good": False, "error": e.what, "hint": e.hint})
-            _say(options, f"{name}: {e}")
+            _say(options, str(e) if str(e).startswith(name) else f"{name}: {e}")
     if options.json:
         print_json({"checked": checked})
     return 64 if bad else 0
@@ -63,7 +63,8 @@ def _show(options: argparse.Namespace, garment: Garment) -> int:
         print_json({**_figures(garment), "drawing": drawing})
         return 0
     m = garment.material
-    print(f"{garment.name}: {garment.title} ({garment.category}), {_size(garment)} m, {garment.layers} layers")
+    layers = "1 layer" if garment.layers == 1 else f"{garment.layers} layers"
+    print(f"{garment.name}: {garment.title} ({garment.category}), {_size(garment)} m, {layers}")
     print("key points (as it is laid, centre at 0) [m]:")
     for name, (x, y) in zip(garment.keypoints, garment.template, strict=True):
         print(f"  {name:<20} {x:+.3f} {y:+.3f}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -147,11 +146,8 @@ def _keep(folder: Path, figures: dict[str, Any]) -> None:
 
 
 def _tell(stream: Any, line: str) -> None:
-    """A line for whoever reads; that nobody does any more (`| head`) changes neither runs nor exit code."""
-    try:
-        print(line, file=stream, flush=True)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    """A line for whoever reads."""
+    print(line, file=stream, flush=True)
 
 
 def _outcome(p: Performance) -> str:

@@ -1,5 +1,7 @@
 """The commands as a user meets them: names, exit codes, messages, the last JSON line; the run itself is faked."""
 
+import errno
+import io
 import json
 import os
 import subprocess
@@ -9,6 +11,7 @@ from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -140,6 +143,7 @@ def test_help_imports_nothing_heavy() -> None:
         "fold medium_towel --seed -1",
         "fold medium_towel --seed three",
         "fold medium_towel --seed 99999999999",
+        "fold medium_towel --logs=",
         "fold medium_towel --driver pr2",
         "fold medium_towel large_towel",
         "trials --n 0",
@@ -482,6 +486,36 @@ def test_output_that_nobody_reads_is_no_error(ledger: Path) -> None:
     assert answer.returncode == 0 and answer.stderr == ""
 
 
+def test_output_that_cannot_be_written_is_told(ledger: Path) -> None:
+    """Not as a bug, nor as a traceback with an exit code of Python's own."""
+    command = f"{sys.executable} -m cell.cli runs --logs {ledger} --json > /dev/full"
+    answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert answer.returncode == 64
+    assert answer.stderr.startswith("foldcell: standard output cannot be written: No space left on device")
+    assert not list(ledger.glob("crash-*"))
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
+def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: str) -> None:
+    for line, code in (("runs", 0), ("report nonsense", 64)):
+        command = f"{sys.executable} -m cell.cli {line} --logs {ledger} {closed}"
+        assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
+    assert not list(ledger.glob("crash-*"))
+
+
+@pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
+def test_a_run_keeps_its_exit_code_whoever_reads(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
+) -> None:
+    """`foldcell fold vest | head` of a garment that was not folded has not gone well."""
+    gone = io.StringIO()
+    monkeypatch.setattr(gone, "write", Mock(side_effect=OSError(error, "gone")))
+    monkeypatch.setattr(sys, "stdout", gone)
+    fake.answer = Result({**FIGURES, "result": "not_folded"}, 2)
+    assert main(["fold", "vest"]) == 2
+    assert main(["fold", "vest", "--json"]) == 2
+
+
 # garments
 
 
@@ -498,7 +532,7 @@ def test_garment_check_draws_what_is_good_and_names_what_is_not(
     bad.write_text("title: 3\n")
     assert main(["garment", "check", "medium_towel", str(bad), "--draw", str(tmp_path)]) == 64
     text = capsys.readouterr().out
-    assert "medium_towel: good" in text and "bad.yaml" in text
+    assert "medium_towel: good" in text and text.count("bad.yaml: ") == 1
     picture = cv2.imread(str(tmp_path / "medium_towel.png"))
     assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # a panel for each fold
     colours = {tuple(c) for c in picture.reshape(-1, 3)}
