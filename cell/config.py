@@ -209,7 +209,7 @@ class RecoveryConfig(_Group):
 class OptimiserConfig(_Group):
     """Finding a fold's trajectory."""
 
-    method: Literal["default", "paper", "initial", "two_parameter"] = Field(description="the optimiser")
+    method: Literal["default", "paper", "initial", "two_parameter"] = Field(description="how arcs are found")
     simulations: int = _count(1, 2000, "budget of one fold step, in cloth simulations")
     threads: int = _count(1, 64, "simulations at a time")
     use_library: bool = Field(strict=True, description="take a stored trajectory where one fits")

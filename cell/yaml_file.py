@@ -188,16 +188,18 @@ def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int], depth: 
 
 def _raise_configuration(document: Document, model: type[BaseModel], error: ValidationError) -> NoReturn:
     faults = error.errors(include_url=False)
-    lines, hints = [], []
+    lines: list[str] = []
+    hints: dict[str, list[str]] = {}
     for fault in faults:
         line, hint = _explain(document, model, fault)
         lines.append(line)
         if hint:
-            hints.append(hint)
+            hints.setdefault(hint, []).append(_dotted(fault["loc"]))
+    said = [hint if len(faults) == 1 else f"{', '.join(keys)}: {hint}" for hint, keys in hints.items()]
     first = faults[0]
     raise ConfigurationError(
         "\n".join(lines),
-        "\n  ".join(dict.fromkeys(hints)),
+        "\n  ".join(said),
         path=str(document.path),
         key=_dotted(first["loc"]),
         value=_shown(first["input"]),

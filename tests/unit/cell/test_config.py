@@ -127,6 +127,13 @@ def test_every_fault_of_a_file_is_told_at_once(tmp_path: Path) -> None:
     assert "tabel" in message and "motion.state_age" in message
 
 
+def test_of_several_faults_each_hint_names_its_key(tmp_path: Path) -> None:
+    error = refusal(tmp_path, "table: {height: 5000}\noptimiser: {method: nope}\n")
+    first, second = error.hint.splitlines()
+    assert first.startswith("table.height: looks like millimetres")
+    assert second.strip() == "optimiser.method: how arcs are found"
+
+
 def test_a_value_out_of_range_carries_its_key(tmp_path: Path) -> None:
     error = refusal(tmp_path, "table: {height: 820}")
     assert error.values["key"] == "table.height"
