@@ -54,7 +54,8 @@ class Remarks:
         where = step.target.value.replace("_", " ")
         if result.event in FAILING and failure is not None:
             kind = failure.kind.value.replace("_", " ")
-            self.list.append(Remark(t, "failure", f"{kind} while {where}", f"{failure.what}. {failure.hint}"))
+            hint = f" ({failure.hint})" if failure.hint else ""
+            self.list.append(Remark(t, "failure", f"{kind} while {where}", failure.what + hint))
         elif step.effect is Effect.CHOOSE_RECOVERY:
             text = str(result.record.get("change", "none")).replace("_", " ")
             title = result.event.value.replace("_", " ")

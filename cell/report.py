@@ -203,7 +203,7 @@ FIGURES = {
     "iou": "Overlap of the silhouettes (IoU)",
     "correspondence_m": "Mean distance of corresponding points",
     "edges_m": "Largest distance of edges that belong together",
-    "height_m": "Height over the stack, 95th percentile",
+    "height_m": "Height of the stack, 95th percentile",
     "drift_m": "Drift",
     "drift_rad": "Turn",
 }
