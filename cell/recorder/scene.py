@@ -74,13 +74,13 @@ def _series_entries() -> list[Entry]:
     entries: list[Entry] = []
     for side in Side:
         colour = style.SIDE_COLOURS[side.value]
-        for path, name, alpha, width in (
-            (f"grip/{side}/pads_N", "pads", 255, 2.0),
-            (f"grip/{side}/gripper_N", "gripper", 120, 1.0),
-            (f"grip/{side}/tip_N", "tips", 120, 1.0),
-            (f"opening/{side}", "opening", 255, 2.0),
+        for path, name, shown, width in (
+            (f"grip/{side}/pads_N", "pads", colour, 2.0),
+            (f"grip/{side}/gripper_N", "gripper", (*colour, 120), 1.0),
+            (f"grip/{side}/tip_N", "tips", style.darker(colour), 1.0),
+            (f"opening/{side}", "opening", colour, 2.0),
         ):
-            look = rr.SeriesLines(names=f"{side} {name}", colors=[(*colour, alpha)], widths=[width])
+            look = rr.SeriesLines(names=f"{side} {name}", colors=[shown], widths=[width])
             entries.append(Log(path, None, (look,), essential=True))
     for path, name, colour in (("dissimilarity_mm", "best D [mm]", style.ARC_PLANNED),
                                ("cost", "best cost C [mm of D + m of path]", style.PREDICTED)):  # fmt: skip

@@ -6,7 +6,7 @@ from cell.states import State
 
 __all__ = [
     "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED",
-    "PERCEIVED", "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "label",
+    "PERCEIVED", "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "darker", "label",
 ]  # fmt: skip
 
 ARC_PLANNED = (48, 209, 88)
@@ -61,6 +61,12 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
     State.STOPPED: _BAD,
     State.FAULT: _BAD,
 }
+
+
+def darker(colour: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Of the same hue, told from it in a plot."""
+    red, green, blue = (round(0.55 * part) for part in colour)
+    return red, green, blue
 
 
 def label(name: str) -> str:

@@ -23,7 +23,9 @@ import rerun.error_utils
 import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
+from cell.config import load_settings
 from cell.recorder import Recorder, RecorderReport, scene, style
+from cell.recorder.entry import Log
 from cell.recorder.pump import Pump
 from cell.states import State
 from robots.baxter.meshes import baxter_visual, visual_glb_urdf
@@ -348,6 +350,12 @@ def test_pump_survives_errors_and_counts_what_is_left_at_the_end():
     stuck.set()
     assert [str(e) for e in errors] == ["one"]
     assert pump.dropped == 6
+
+
+def test_lines_of_one_plot_can_be_told_apart():
+    entries = [e for e in scene.cell_entries(load_settings().table, None) if isinstance(e, Log)]
+    looks = [e.parts[0].colors.as_arrow_array() for e in entries if e.path.startswith("grip/")]
+    assert len(looks) == 6 == len({str(look) for look in looks})
 
 
 def test_every_state_has_a_colour():
