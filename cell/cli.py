@@ -17,13 +17,15 @@ from pathlib import Path
 from typing import NoReturn
 
 from cell.standard_streams import lasting_streams
+from cell.terminations import Terminated, unwinding
 from robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. (SIGHUP, 129, and SIGTERM, 143:
-cell/run.py.)"""
+"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT."""
+BY_SIGNAL = 128
+"""And the signal's number: SIGHUP 129, SIGTERM 143."""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
@@ -32,7 +34,7 @@ EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Never raises, and never shows a traceback. Who stops reading what it
     prints (`| head`) changes nothing; output that could not be written is a fault of its own."""
-    with lasting_streams() as output:
+    with lasting_streams() as output, unwinding():
         code = _perform(arguments)
         output.flush()
         lost = output.lost
@@ -52,6 +54,8 @@ def _perform(arguments: Sequence[str] | None) -> int:
     try:
         command = importlib.import_module(f"cell.subcommands.{options.module}")
         return int(command.run(options))
+    except Terminated as e:
+        return _fail(options, BY_SIGNAL + e.number, f"ended by {e}", "")
     except KeyboardInterrupt:
         return _fail(options, INTERRUPTED, "interrupted", "")
     except CellError as e:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import signal
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from typing import Any
 
 from cell.config import load_settings
@@ -17,6 +14,7 @@ from cell.paths import logs_directory, prepare_logs
 from cell.progress_bar import ProgressBar
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.unfinished_build import UnfinishedBuild
+from cell.workers import worker_pool
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["run"]
@@ -54,7 +52,7 @@ def _build(options: argparse.Namespace) -> int:
         best = f"{now.garment} {now.step}: best D {1e3 * now.dissimilarity:.1f} mm"
         bar.update(now.done, now.total, f"simulations  {best}")
 
-    with _pool(options.workers) as pool:
+    with worker_pool(options.workers) as pool:
         library = build_library(
             garments, options.method or settings.optimiser.method, report=report, executor=pool,
             at_once=options.workers, finished=unfinished.library, progress=progress,
@@ -71,16 +69,6 @@ def _build(options: argparse.Namespace) -> int:
             "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
         })  # fmt: skip
     return 2 if failures else 0
-
-
-def _pool(workers: int) -> Executor:
-    # spawn: a forked child would share the parent's threads' locks and numba's state
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_leave_interrupts)
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C reaches every process of a terminal: the one that asked for the work ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _show(options: argparse.Namespace) -> int:

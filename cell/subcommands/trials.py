@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import functools
 import os
-from concurrent.futures import Executor, ProcessPoolExecutor
+import sys
 from contextlib import closing
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,12 @@ from cell.paths import campaign_folder, logs_directory, prepare_logs
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
 from cell.whole_file import write_whole
+from cell.workers import worker_pool
 
 __all__ = ["run"]
+
+RUNS_EACH = 8
+"""After so many a worker process is replaced, which keeps memory flat."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -36,11 +39,20 @@ def run(options: argparse.Namespace) -> int:
     planned = [(g, s) for g in garments for s in seeds]
     trials: list[Trial] = []
     out = progress_stream(options.json)
-    with _pool(options.workers) as pool, closing(run_trials(work, garments, seeds, pool)) as running:
-        for trial in running:
-            trials.append(trial)
-            write_whole(campaign / "trials.json", _text(_figures(trials, planned)))
-            print(f"{len(trials):4d}/{len(planned)}  {_line(trial)}", file=out, flush=True)
+    kept = campaign / "trials.json"
+    write_whole(kept, _text(_figures(trials, planned)))
+    try:
+        with (
+            worker_pool(options.workers, RUNS_EACH) as pool,
+            closing(run_trials(work, garments, seeds, pool)) as running,
+        ):
+            for trial in running:
+                trials.append(trial)
+                write_whole(kept, _text(_figures(trials, planned)))
+                print(f"{len(trials):4d}/{len(planned)}  {_line(trial)}", file=out, flush=True)
+    except KeyboardInterrupt:
+        print(f"{len(trials)} of {len(planned)} runs were performed: {kept}", file=sys.stderr)
+        raise
     if options.json:
         print_json({**_figures(trials, planned), "directory": str(campaign)})
     else:
@@ -73,11 +85,6 @@ def _one(
         live=False, approve=False, realtime=False, world=world, quiet=True,
     )  # fmt: skip
     return dict(to_json(fold_once(request).as_json()))
-
-
-def _pool(workers: int) -> Executor:
-    # spawn: a forked child would share the parent's numba and renderer state; one run a process keeps memory flat
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=8)
 
 
 def _key(trial: Trial) -> tuple[str, int]:

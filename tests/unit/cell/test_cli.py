@@ -658,7 +658,7 @@ def test_trials_make_the_table(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.subcommands.trials.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     (row,) = answer["garments"]
@@ -671,7 +671,7 @@ def test_trials_make_the_table(
 def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.subcommands.trials.worker_pool", ThreadPoolExecutor)
     lines = iter(["the first run"])
 
     def line(_: object) -> str:
@@ -691,7 +691,7 @@ def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
 def test_a_worker_that_died_is_told_beside_the_table(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cell.subcommands.trials._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.subcommands.trials.worker_pool", ThreadPoolExecutor)
     fake.answer = BrokenExecutor("a worker was killed")
     assert main(["trials", "--garments", "medium_towel", "--n", "2"]) == 3
     assert "2 runs were not performed" in capsys.readouterr().out

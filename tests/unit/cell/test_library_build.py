@@ -263,7 +263,7 @@ def test_a_built_library_replaces_what_it_built_and_nothing_else(tmp_path: Path,
 def test_the_command_builds_writes_and_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
-    monkeypatch.setattr("cell.subcommands.library._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.subcommands.library.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.library_build.ClothPredictor", Bowl)
     line = ["library", "build", "small_towel", "--method", "two_parameter", "--workers", "2",
             "--logs", str(tmp_path)]  # fmt: skip

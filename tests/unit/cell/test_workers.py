@@ -1,0 +1,71 @@
+"""Worker processes end with the one that made them, however it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cell.cli import BY_SIGNAL
+from cell.workers import worker_pool
+
+MAKER = """
+import sys, time
+from pathlib import Path
+from cell.terminations import Terminated, unwinding
+from cell.workers import worker_pool
+
+if __name__ == "__main__":
+    with unwinding():
+        try:
+            with worker_pool(1) as pool:
+                task = "import os, time; open(%r, 'w').write(str(os.getpid())); time.sleep(100)"
+                pool.submit(exec, task % sys.argv[1]).result()
+        except Terminated as e:
+            sys.exit(128 + e.number)
+"""
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that nobody has waited for yet does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, BY_SIGNAL + signal.SIGTERM),
+     (signal.SIGHUP, BY_SIGNAL + signal.SIGHUP)],
+)  # fmt: skip
+def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int) -> None:
+    script, told = tmp_path / "maker.py", tmp_path / "pid"
+    script.write_text(MAKER)
+    environment = {**os.environ, "PYTHONPATH": os.getcwd()}
+    maker = subprocess.Popen([sys.executable, str(script), str(told)], env=environment)
+    until = time.monotonic() + 30.0
+    while not (told.exists() and told.read_text()) and time.monotonic() < until:
+        time.sleep(0.05)
+    worker = int(told.read_text())
+    assert alive(worker)
+    maker.send_signal(number)
+    assert maker.wait(20.0) == code
+    until = time.monotonic() + 10.0
+    while alive(worker) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not alive(worker)
+
+
+def test_work_is_done_elsewhere() -> None:
+    with worker_pool(2, 1) as pool:
+        assert os.getpid() not in set(pool.map(_pid, range(4)))
+
+
+def _pid(_: int) -> int:
+    return os.getpid()
