@@ -76,11 +76,13 @@ class TerminalOperator:
 
     def __init__(self, commands: CommandQueue, source: TextIO, answers: TextIO, alone: bool = True) -> None:
         self._commands, self._alone = commands, alone
+        self._hints = alone or source.isatty()  # beside the page, to somebody who can type
         self._lines = _Lines.of(source)
         self._answers = answers
 
     def start(self) -> None:
-        self._say(f"keys (then Enter): {HELP}")
+        if self._hints:
+            self._say(f"keys (then Enter): {HELP}")
         self._lines.tell(self)
 
     def join(self, timeout: float | None = None) -> None:

@@ -49,7 +49,10 @@ def lighten(heavy: Heavy) -> None:
         for path in heavy.paths:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     except OSError as e:
-        raise StorageError(f"cannot remove {e.filename}: {e.strerror}", "see whose file it is") from e
+        raise StorageError(
+            f"cannot remove {e.filename}: {e.strerror}",
+            "see whose file it is, and whether its disk may be written",
+        ) from e
 
 
 def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[RunRecord, bool]]:

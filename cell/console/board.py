@@ -16,6 +16,7 @@ from cell.commands import ANSWERS, OPERATOR_EVENTS
 from cell.context import Context, Result
 from cell.executive import Step, complete_table
 from cell.observers import Remarks
+from cell.resumable import has_belief
 from cell.states import TERMINAL, Event, State
 from robots.errors import Failure
 
@@ -93,9 +94,11 @@ class Board:
     def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
         """How the run ended, and the folder that it leaves."""
         with self._lock:
+            resumable = state in {State.STOPPED, State.FAULT} and has_belief(folder)
             self._end = {
                 "result": state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",
+                "go_on": f"foldcell resume {folder.name}" if resumable else "",
             }  # fmt: skip
             self.version += 1
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import functools
-import os
+import shutil
 import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from typing import Any
 from cell.config import CellSettings, load_settings
 from cell.garments import list_garments, load_garment
 from cell.journal import to_json
-from cell.paths import campaign_folder, logs_directory, prepare_logs
+from cell.library import user_library_path
+from cell.paths import campaign_folder, logs_directory, new_folder, prepare_logs
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
 from cell.whole_file import write_whole
@@ -33,14 +34,18 @@ def run(options: argparse.Namespace) -> int:
     garments = list(list_garments()) if options.garments == "all" else options.garments.split(",")
     for name in garments:
         load_garment(name, settings.surface)
-    campaign = campaign_folder(prepare_logs(logs_directory(options.logs)), "trials")
+    logs = prepare_logs(logs_directory(options.logs))
+    campaign = campaign_folder(logs, "trials")
     work = functools.partial(_one, options.driver, options.world, options.cell, settings, campaign)
     seeds = range(options.first_seed, options.first_seed + options.n)
     planned = [(g, s) for g in garments for s in seeds]
     trials: list[Trial] = []
     out = progress_stream(options.json)
+    with suppress(FileNotFoundError):
+        shutil.copyfile(user_library_path(logs), user_library_path(campaign))
     kept = campaign / "trials.json"
     write_whole(kept, _text(_figures(trials, planned)))
+    print(f"{len(planned)} runs, {options.workers} at a time", file=out, flush=True)
     try:
         with (
             worker_pool(options.workers, RUNS_EACH) as pool,
@@ -75,11 +80,13 @@ def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, A
 def _one(
     driver: str, world: str, path: Path | None, settings: CellSettings, campaign: Path, garment: str, seed: int
 ) -> dict[str, Any]:
-    """One run in a worker process. Each worker has its own ledger: a cell has one owner."""
+    """One run in a worker process, in logs of its own: a cell has one owner, and what another run has optimised
+    must not decide how this one folds. The user's library, as it is, is at hand to all."""
     from cell.run import FoldRequest, fold_once
 
-    logs = campaign / f"worker-{os.getpid()}"
-    logs.mkdir(exist_ok=True)
+    logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
+    with suppress(FileNotFoundError):
+        shutil.copyfile(user_library_path(campaign), user_library_path(logs))
     request = FoldRequest(
         garment=garment, seed=seed, driver=driver, settings=settings, settings_path=path, logs=logs,
         live=False, approve=False, realtime=False, world=world, quiet=True,

@@ -668,6 +668,17 @@ def test_trials_make_the_table(
     assert json.loads((Path(answer["directory"]) / "trials.json").read_text())["garments"] == answer["garments"]
 
 
+def test_runs_of_a_campaign_know_the_users_library_and_nothing_of_each_other(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("cell.subcommands.trials.worker_pool", ThreadPoolExecutor)
+    (tmp_path / "library.json").write_text("the user's")
+    assert main(["trials", "--garments", "medium_towel", "--n", "3", "--logs", str(tmp_path)]) == 0
+    logs = [r.logs for r in fake.requests]
+    assert len(set(logs)) == 3 and tmp_path not in logs
+    assert [(folder / "library.json").read_text() for folder in logs] == ["the user's"] * 3
+
+
 def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -204,9 +204,20 @@ def test_the_end_is_told_before_the_page_goes(
         page.__exit__(None, None, None)
         shown = told(link, "board")
     assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
+    assert shown["end"]["go_on"] == "", "there is nothing to go on with"
     assert shown["allowed"] == []
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=2.0)
+
+
+def test_after_a_stop_the_page_says_how_to_go_on(board: Board, tmp_path: Path) -> None:
+    failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
+    board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
+    assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
+    (tmp_path / "run-1" / "belief").mkdir(parents=True)
+    (tmp_path / "run-1" / "belief" / "context").write_bytes(b"believed")
+    board.finish(State.STOPPED, failure, tmp_path / "run-1")
+    assert board.snapshot()["end"]["go_on"] == "foldcell resume run-1"
 
 
 def test_a_port_that_is_taken_is_told(address: str) -> None:
