@@ -38,6 +38,7 @@ class FakeCell:
         self.stop_reason = ""
         self.commands: list[tuple[float, Array]] = []
         self.openings = {s: 0.04 for s in Side}
+        self.pads = {s: 0.0 for s in Side}  # force on each pad of a hand [N]
         self.follows = True
         self._due: list[tuple[float, Callable[[], None]]] = []
 
@@ -124,7 +125,8 @@ class _Tactile:
         self._cell, self.side = cell, side
 
     def reading(self) -> TactileReading:
-        return TactileReading(self._cell.now, self.side, np.zeros((2, 4, 3)), np.zeros(2))
+        cells = np.full((2, 4, 3), self._cell.pads[self.side] / 12)
+        return TactileReading(self._cell.now, self.side, cells, np.zeros(2))
 
 
 class _Camera:

@@ -11,11 +11,14 @@ import pytest
 
 import cell.effects.moving as moving
 from cell.context import Context
-from cell.effects.moving import clear, hold_still, make_safe, prepare, reenter
+from cell.effects.moving import clear, hold_still, make_safe, move, prepare, reenter
 from cell.states import Event
 from cell.workcell import Workcell
+from robots.baxter.model import load_model
 from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import GripperState, Side
+from robots.ports import ArmTrajectory, GripperState, Side
+from skills.motion.collision import CollisionChecker
+from skills.motion.timing import free_motion
 from skills.motion.withdrawal import Withdrawal
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
@@ -178,3 +181,83 @@ def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, 
     assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
     assert "left gripper" in result.context.failure.what
     assert (cell.q == 0.5).all(), "the arms stay where they are"
+
+
+# nothing moves unchecked
+
+BAXTER = load_model()
+
+
+@pytest.fixture(scope="module")
+def baxter() -> dict[str, Any]:
+    """What a fake cell needs to judge motions of the real arms."""
+    guard = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
+    return {"robot": BAXTER, "guard": guard, "checker": guard, "limits": BAXTER.planning}
+
+
+def across() -> ArmTrajectory:
+    """From the parked pose to one with the hands, not only their fingers, in the table."""
+    q1 = np.array(BAXTER.q_park)
+    q1[[0, 7]] += [-0.5, 0.5]
+    q1[[1, 8]] += 1.0
+    return free_motion(BAXTER.q_park, q1, BAXTER.planning)
+
+
+def hurried() -> ArmTrajectory:
+    """A free motion at twice the speed that the arms may go."""
+    q1 = BAXTER.q_park + np.r_[0.2, 0.1, np.zeros(12)]
+    slow = free_motion(BAXTER.q_park, q1, BAXTER.planning)
+    return ArmTrajectory(slow.t / 2, slow.q, 2 * slow.qd, 4 * slow.qdd)
+
+
+@pytest.mark.parametrize(("motion", "kind"), [(across, K.IN_COLLISION), (hurried, K.LIMIT_EXCEEDED)])
+@pytest.mark.parametrize("fingertips", [False, True])
+def test_a_motion_that_is_not_free_or_too_fast_is_not_begun(
+    baxter: dict[str, Any], motion: Any, kind: FailureKind, fingertips: bool
+) -> None:
+    cell = FakeCell(q=BAXTER.q_park)
+    failure = move(fake_workcell(cell, **baxter), motion(), fingertips=fingertips)
+    assert failure is not None and failure.kind is kind
+    assert cell.commands == []
+
+
+def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter: dict[str, Any]) -> None:
+    """It was planned from the parked pose; meanwhile somebody moved a wrist by two degrees."""
+    cell = FakeCell(q=BAXTER.q_park + np.r_[np.zeros(13), np.deg2rad(2.0)])
+    there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)
+    failure = move(fake_workcell(cell, **baxter), there)
+    assert failure is not None and failure.kind is K.START_MISMATCH and cell.commands == []
+
+
+@pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
+def test_nobody_holds_up_arms_on_their_way_to_safety(baxter: dict[str, Any], said: Event) -> None:
+    """Only the stop ends it; what else was said before is not heard."""
+    cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
+    workcell = fake_workcell(cell, **baxter)
+    cell.at(1.0, lambda: workcell.commands.put(said))
+    assert make_safe(workcell, FIRST).event is Event.DONE
+    assert cell.now > 1.2 and cell.q == pytest.approx(BAXTER.q_park)
+
+
+@pytest.mark.parametrize("effect", [prepare, clear])
+def test_arms_do_not_go_home_while_a_gripper_is_being_calibrated(effect: Any) -> None:
+    """Its pads go where they like."""
+    cell = FakeCell(q=np.full(14, 0.5))
+    hand = Hand(cell)
+    begun = hand.state
+    hand.state = lambda: replace(begun(), calibrated=False)  # type: ignore[method-assign]
+    result = effect(with_left(cell, hand), FIRST)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper is not calibrated" in result.context.failure.what
+    assert (cell.q == 0.5).all() and np.diff([t for t, _ in cell.commands]).max() < 0.2, "held meanwhile"
+    assert 10.0 < cell.now < 20.0, "a calibration takes its time, but not for ever"
+
+
+def test_a_gripper_that_opens_slowly_is_waited_for() -> None:
+    cell = FakeCell()
+    hand = Hand(cell, stuck=True)
+    cell.openings[Side.LEFT] = 0.0
+    still = hand.state
+    hand.state = lambda: replace(still(), moving=True)  # type: ignore[method-assign]
+    cell.at(2.0, lambda: cell.openings.update({Side.LEFT: 0.04}))
+    assert clear(with_left(cell, hand), FIRST).event is Event.DONE
