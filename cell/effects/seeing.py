@@ -25,7 +25,7 @@ def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome
     """A fresh picture, if the head stands where the camera was calibrated. refined: what is believed of the camera
     by now, for the view."""
     pan = cell.ports.arms.state().head_pan
-    if abs(pan - cell.calibration.head_pan) > HEAD_TOLERANCE:
+    if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # also where nobody knows
         return Outcome(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,

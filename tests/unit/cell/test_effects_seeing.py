@@ -50,7 +50,7 @@ def seeing(pan_calibrated: float = 0.0, **changes: Any) -> tuple[Workcell, Count
 
 
 @pytest.mark.parametrize("effect", [look, photograph_table])
-@pytest.mark.parametrize("pan", [0.05, -0.011])
+@pytest.mark.parametrize("pan", [0.05, -0.011, float("nan")])
 def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None:
     workcell, camera = seeing(pan)
     result = effect(workcell, Context())
