@@ -151,12 +151,13 @@ def test_a_stop_ends_the_dwell() -> None:
 def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
     for answer in known:
         cell = FakeCell()
+        cell.now = 20.0
         workcell = fake_workcell(cell)
-        cell.at(0.3, lambda queue=workcell.commands, answer=answer: queue.put(answer))
-        result = ask(workcell, SEEN)
+        cell.at(20.3, lambda queue=workcell.commands, answer=answer: queue.put(answer))
+        result = ask(workcell, replace(SEEN, waited_s=2.0))
         assert result.event is answer
         assert result.record == {"command": answer.value}
-        assert result.context.waited_s == pytest.approx(cell.now) and cell.now >= 0.3
+        assert result.context.waited_s == pytest.approx(2.0 + cell.now - 20.0) and cell.now >= 20.3
         assert cell.commands == [], "it moved while it asked"
         failure = result.context.failure
         assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
@@ -199,8 +200,8 @@ def test_who_says_retry_has_laid_the_garment_back() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
-    said = ask_operator(workcell, replace(SEEN, carried=True))
-    assert said.event is Event.RETRY
+    said = ask_operator(workcell, replace(SEEN, carried=True, press_tries=2))
+    assert said.event is Event.RETRY and said.context.press_tries == 0
     blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
     assert blind.event is Event.LOOK_AGAIN
 

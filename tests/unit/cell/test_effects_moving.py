@@ -11,7 +11,8 @@ import pytest
 
 import cell.effects.moving as moving
 from cell.context import Context
-from cell.effects.moving import clear, hold_still, make_safe, move, prepare, reenter
+from cell.effects.moving import clear, hold_still, make_safe, move, prepare, reenter, retreat
+from cell.execution import Sent
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.baxter.model import load_model
@@ -26,6 +27,16 @@ from tests.workcells import fake_workcell
 
 K = FailureKind
 FIRST = Context().with_failure(Failure(K.CATEGORY_MISMATCH, "these are trousers"))
+
+
+BAXTER = load_model()
+
+
+@pytest.fixture(scope="module")
+def baxter() -> dict[str, Any]:
+    """What a fake cell needs to judge motions of the real arms."""
+    guard = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
+    return {"robot": BAXTER, "guard": guard, "checker": guard, "limits": BAXTER.planning}
 
 
 def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
@@ -57,17 +68,20 @@ def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) 
 
 def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
-    guard, moved = SimpleNamespace(), []
+    guard, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
     way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: too_near)
-    monkeypatch.setattr(
-        moving, "plan_withdrawal", lambda model, checker, *_, **__: way if checker is guard else too_near
-    )
+
+    def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Withdrawal]:
+        risen.append(sides)
+        return way if checker is guard else too_near
+
+    monkeypatch.setattr(moving, "plan_withdrawal", plan)
     monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
     cell = FakeCell(q=np.full(14, 0.5))
     assert make_safe(fake_workcell(cell, guard=guard), FIRST).event is Event.DONE
-    assert moved == ["up", "home"]
+    assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands where both can"
 
 
 def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,6 +116,67 @@ def test_holding_tells_a_stopped_robot_nothing() -> None:
     workcell.ports.stop.trigger("button")
     assert hold_still(workcell, FIRST).event is Event.DONE
     assert cell.commands == []
+
+
+class Watched:
+    """Arms, a head and a gripper that remember what they were asked for."""
+
+    def __init__(self, part: Any, asked: list[str], name: str) -> None:
+        self._part, self._asked, self._name = part, asked, name
+
+    def __getattr__(self, what: str) -> Any:
+        if what in ("enable", "calibrate", "command_pan"):
+            self._asked.append(f"{self._name} {what}")
+        return getattr(self._part, what)
+
+
+@pytest.mark.parametrize(("effect", "calibrated"), [(prepare, 2), (reenter, 0)])
+def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int) -> None:
+    """Motors on, the camera where it was calibrated, hands open, arms parked."""
+    cell, asked = FakeCell(q=np.zeros(14)), []
+    cell.openings = dict.fromkeys(Side, 0.0)
+    ports = cell.ports()
+    grippers: Any = {side: Watched(g, asked, side) for side, g in ports.grippers.items()}
+    arms: Any = Watched(ports.arms, asked, "arms")
+    pans: list[float] = []
+    head: Any = SimpleNamespace(command_pan=pans.append)
+    workcell = fake_workcell(cell, ports=replace(ports, arms=arms, head=head, grippers=grippers))
+    workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.3))
+    result = effect(workcell, INTERRUPTED)
+    assert result.event in {Event.DONE, INTERRUPTED.reentry}
+    assert asked[0] == "arms enable" and len(asked) == 1 + calibrated
+    assert pans == [0.3] and min(cell.openings.values()) > 0.04
+    assert cell.now >= 1.0, "the head takes its time"
+
+
+def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(baxter: dict[str, Any]) -> None:
+    cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
+    assert prepare(fake_workcell(cell, **baxter), Context()).event is Event.DONE
+    assert cell.q == pytest.approx(BAXTER.q_park)
+
+
+def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any]) -> None:
+    cell = FakeCell(q=BAXTER.q_park + np.r_[0.2, np.zeros(13)])
+    workcell = fake_workcell(cell, **baxter)
+    cell.at(1.0, lambda: workcell.commands.put(Event.PAUSE))
+    cell.at(4.0, lambda: workcell.commands.put(Event.RESUME))
+    result = clear(workcell, replace(FIRST, waited_s=5.0))
+    assert result.event is Event.DONE and cell.q == pytest.approx(BAXTER.q_park)
+    assert 5.0 + 2.0 < result.context.waited_s < 5.0 + 3.0
+
+
+@pytest.mark.parametrize("spoil", ["stop", "silence"])
+def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
+    cell = FakeCell(q=np.full(14, 0.5))
+    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.52) if spoil == "stop" else None))
+    if spoil == "stop":
+        workcell.ports.stop.trigger("button")
+    else:
+        cell.now, cell.frozen_since = 5.0, 4.0
+    result = retreat(workcell, Context())
+    assert result.event is Event.FAILED and cell.commands == []
+    assert result.context.failure.kind is (K.STOPPED if spoil == "stop" else K.STALE_STATE)
 
 
 INTERRUPTED = Context(reentry=Event.LOOK_AGAIN)
@@ -184,15 +259,6 @@ def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, 
 
 
 # nothing moves unchecked
-
-BAXTER = load_model()
-
-
-@pytest.fixture(scope="module")
-def baxter() -> dict[str, Any]:
-    """What a fake cell needs to judge motions of the real arms."""
-    guard = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
-    return {"robot": BAXTER, "guard": guard, "checker": guard, "limits": BAXTER.planning}
 
 
 def across() -> ArmTrajectory:

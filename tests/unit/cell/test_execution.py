@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from cell.commands import CommandQueue
-from cell.execution import ExecutionLimits, PathControl, Sent, come_to_rest, hold, stream, wait
+from cell.execution import ExecutionLimits, PathControl, Sent, Tick, come_to_rest, hold, stream, wait
 from cell.states import Event
 from cell.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
-from robots.ports import ArmTrajectory, JointSetpoint
+from robots.ports import ArmTrajectory, JointSetpoint, Ports
 from tests.fakes import FakeCell
 
 LIMITS = ExecutionLimits()
@@ -97,6 +97,38 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent() -> None:
     assert not cell.commands
 
 
+@pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
+def test_arms_that_are_nowhere_are_not_moved(spoil) -> None:
+    """Their state is old, or no numbers: nobody knows where a motion would begin."""
+    cell = FakeCell()
+    cell.now = 5.0
+    spoil(cell)
+    failure = stream(cell.ports(), ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    hold(cell.ports(), LIMITS)
+    assert wait(cell.ports(), 0.3, LIMITS, sent=Sent(np.zeros(14))) is None
+    assert not cell.commands, "nor told to hold, or what they were told before"
+
+
+def test_a_state_that_is_no_number_ends_a_motion() -> None:
+    cell = FakeCell()
+    cell.at(0.3, lambda: setattr(cell, "follows", False))
+    cell.at(0.3, lambda: cell.q.fill(np.nan))
+    failure = stream(cell.ports(), ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE and cell.now < 0.4
+
+
+@pytest.mark.parametrize(("sag", "seconds"), [(0.005, 1.0), (0.02, 1.0 + LIMITS.settle_s)])
+def test_a_motion_ends_when_the_arms_arrived_or_will_not_come_nearer(sag: float, seconds: float) -> None:
+    """Arms that hang a little below their last set-point are where they can be."""
+    cell = FakeCell()
+    cell.at(0.9, lambda: setattr(cell, "follows", False))
+    cell.at(0.95, lambda: setattr(cell, "q", np.full(14, 0.5 - sag)))
+    outcome = stream(cell.ports(), ramp(), LIMITS)
+    assert outcome.ok and cell.now == pytest.approx(seconds, abs=3 * TICK_S)
+    np.testing.assert_allclose(cell.commands[-1][1], 0.5)
+
+
 def test_a_watcher_ends_the_motion_and_the_arms_hold() -> None:
     cell = FakeCell()
     slipped = Failure(FailureKind.SLIPPED, "gone")
@@ -123,6 +155,18 @@ def test_waiting_keeps_the_arms_commanded() -> None:
     cell = FakeCell()
     assert wait(cell.ports(), 0.5, LIMITS) is None
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+def test_a_wait_ends_with_what_is_watched_for() -> None:
+    cell, times = FakeCell(), []
+    slipped = Failure(FailureKind.SLIPPED, "gone")
+
+    def watch(tick: Tick) -> Failure | None:
+        times.append(tick.t)
+        return slipped if cell.now >= 0.3 else None
+
+    assert wait(cell.ports(), 0.5, LIMITS, watch) is slipped
+    assert cell.now == pytest.approx(0.3) and times == pytest.approx(np.arange(1, 31) * TICK_S)
 
 
 # --- on the path: pause, resume, an early end ----------------------------------------------------------
@@ -269,17 +313,19 @@ def test_a_driver_that_alters_set_points_is_found_out() -> None:
 # arms that are off their set-point
 
 
-def displaced(lasts: float) -> FakeCell:
-    """All joints 3 degrees off where they were sent, for so long."""
-    cell = FakeCell(q=np.full(14, np.deg2rad(3.0)))
-    cell.at(lasts, lambda: cell.q.fill(0.0))
+def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
+    """All joints some degrees off where they were sent, at place [rad], for so long."""
+    cell = FakeCell(q=np.full(14, place + np.deg2rad(off)))
+    cell.at(lasts, lambda: cell.q.fill(place))
     return cell
 
 
-def test_arms_that_dropped_are_given_the_time_to_come_back() -> None:
+@pytest.mark.parametrize("place", [0.0, 0.4])
+@pytest.mark.parametrize("off", [3.0, -3.0])
+def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: float) -> None:
     """What is planned from the depth of a drop begins with a jump once the arms are back."""
-    cell = displaced(0.4)
-    assert come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14))) is None
+    cell = displaced(0.4, place, off)
+    assert come_to_rest(cell.ports(), LIMITS, Sent(np.full(14, place))) is None
     assert cell.now == pytest.approx(0.4, abs=2 * TICK_S)
     assert cell.commands == [], "they are sent there already"
 
@@ -309,10 +355,8 @@ def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
     assert come_to_rest(cell.ports(), LIMITS, Sent()) is None and cell.now == 0.0
 
 
-@pytest.mark.parametrize("at", [0.1, 0.5, 0.9])
-def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
-    """The arms have come to rest meanwhile: the path's speed would be a jump."""
-    cell = FakeCell()
+def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:
+    """Ports whose program is held up for 0.15 s at a moment; and the stalls that are still to come."""
     ports, stalls = cell.ports(), [at]
 
     class Stalling:
@@ -325,7 +369,27 @@ def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
             if late:
                 stalls.pop()
 
-    outcome = stream(replace(ports, clock=Stalling()), ramp(), LIMITS, control=control())
+    return replace(ports, clock=Stalling()), stalls
+
+
+@pytest.mark.parametrize("at", [0.6, 0.9, 1.3])
+def test_a_stall_does_not_end_a_pause(at: float) -> None:
+    """On the way to rest or at rest: nobody has said that the arms may go on."""
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(3.0, lambda: commands.put(Event.RESUME))
+    ports, stalls = stalling(cell, at)
+    assert stream(ports, ramp(duration=1.5), LIMITS, control=control(commands)).ok and not stalls
+    rest = [q[0] for t, q in cell.commands if 1.5 < t < 3.0]
+    assert len(rest) > 100 and np.ptp(rest) == 0.0 and 0.05 < rest[0] < 0.45
+
+
+@pytest.mark.parametrize("at", [0.1, 0.5, 0.9])
+def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
+    """The arms have come to rest meanwhile: the path's speed would be a jump."""
+    cell = FakeCell()
+    ports, stalls = stalling(cell, at)
+    outcome = stream(ports, ramp(), LIMITS, control=control())
     assert outcome.ok and cell.q == pytest.approx(0.5) and not stalls
     q = np.array([q[0] for _, q in cell.commands])
     gap = int(np.argmax(np.diff([t for t, _ in cell.commands]) > 0.1)) + 1

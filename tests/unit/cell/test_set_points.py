@@ -104,8 +104,46 @@ def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypat
     assert ended.ok and cell.commands[0][1] == pytest.approx(0.0)
 
 
-def test_a_set_point_that_is_far_off_is_not_gone_back_to() -> None:
+@pytest.mark.parametrize("off", [0.3, -0.3])
+def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
-    wait(cell.ports(), 0.1, ExecutionLimits(), sent=Sent(np.full(14, 0.3)))
+    wait(cell.ports(), 0.1, ExecutionLimits(), sent=Sent(np.full(14, off)))
     assert np.abs(cell.commands[0][1]).max() == 0.0
+
+
+def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.0
+    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    assert ended.failure is not None and ended.failure.kind is FailureKind.STALE_STATE
+    assert cell.commands == []
+
+
+def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    assert ended.failure is not None and ended.failure.kind is FailureKind.GRIPPER_FAULT
+    assert 10.0 < cell.now < 60.0 and np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+@pytest.mark.parametrize("sag", [0.0, OFF])
+def test_hands_are_told_the_speed_at_which_their_set_points_move(
+    sag: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot that is fed its velocities forward would be kicked by any other."""
+    monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
+    cell, told = FakeCell(), []
+    cell.q = cell.q - sag
+    ports = cell.ports()
+    command = ports.arms.command
+    monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append((q, qd)), command(q, qd))[1])
+    work = fake_workcell(cell, ports=ports, sent=Sent(np.zeros(14)))
+    slide = lambda _: np.full(14, 0.005 + 0.05 * cell.now)  # noqa: E731
+    assert each_hand(work, {Side.LEFT: 0}, lambda s, now, state: Outcome(1) if now > 0.5 else 0, slide).ok
+    q, qd = (np.array(part) for part in zip(*told, strict=True))
+    assert qd[0] == pytest.approx(0.0)
+    assert qd[1:] == pytest.approx(np.diff(q, axis=0) / 0.01)
