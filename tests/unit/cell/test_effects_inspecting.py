@@ -20,6 +20,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.perception.inspection import Inspection
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
+from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
@@ -33,15 +34,7 @@ STEPS = tuple(FoldStep(name, k, LINE, (), {}, {}) for k, name in enumerate(("hal
 
 
 def seen(diagnosis: FailureKind | None = None, **changes: Any) -> Inspection:
-    """A fold that lies where it was predicted."""
-    good: dict[str, Any] = {
-        "iou": 0.96, "iou_aligned": 0.97, "drift": np.zeros(2), "drift_about": np.zeros(2), "drift_m": 0.0,
-        "drift_rad": 0.0, "height_m": 0.01, "extra_height_m": 0.0, "piled_area_m2": 0.0, "edge_deviation_m": 0.0,
-        "edge_place": np.zeros(2), "missing_layer": 0.1, "edge": None, "left_behind": {}, "diagnosis": diagnosis,
-        "confidence": 0.9, "contour": CORNERS, "mask": None, "predicted": None, "height": None, "view": None,
-        "rgb": None,
-    }  # fmt: skip
-    return Inspection(**{**good, **changes})
+    return inspection(diagnosis=diagnosis, contour=CORNERS, **changes)
 
 
 def made(**changes: Any) -> Context:
@@ -54,9 +47,9 @@ def made(**changes: Any) -> Context:
     return Context(**{**known, **changes})
 
 
-def look(monkeypatch: pytest.MonkeyPatch, inspection: Inspection) -> None:
+def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
     """What the camera would show is known; nothing is pressed and nothing learned."""
-    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(inspection))
+    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "plan_pressing", lambda *_: None)
     monkeypatch.setattr(inspecting, "adapt", lambda cell, context: (context, {}))
 
