@@ -26,6 +26,7 @@ from skills.perception.inspect import Inspection, InspectionSettings
 from skills.planning.pressing import Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
+from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 FLAT = 0.012
@@ -45,11 +46,11 @@ def easy(monkeypatch: pytest.MonkeyPatch) -> None:
 def seen(
     height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = (), **changes: Any
 ) -> Context:
-    inspection = SimpleNamespace(height_m=height, diagnosis=diagnosis)
+    looked = SimpleNamespace(height_m=height, diagnosis=diagnosis)
     garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
     step = SimpleNamespace(name="half", line=None)
     before = tuple(SimpleNamespace(height_m=height) for height in pressed)
-    known: dict[str, Any] = {"inspection": inspection, "garment": garment, "steps": (step,), "pressed": before}
+    known: dict[str, Any] = {"inspection": looked, "garment": garment, "steps": (step,), "pressed": before}
     return Context(**known, **{"press_tries": len(pressed), **changes})
 
 
@@ -147,8 +148,8 @@ def high(
     shape = PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
     context = replace(seen(0.030, diagnosis), predicted=shape, **changes)
     figures = {"contour": np.zeros((3, 2)), "iou_aligned": 0.95, "edge_deviation_m": outline_off}
-    inspection = SimpleNamespace(**vars(context.inspection), **figures)
-    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(inspection))
+    looked = SimpleNamespace(**vars(context.inspection), **figures)
+    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "figures", lambda seen: {})
     monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
     return context, cell_with(tmp_path, tries=1)
@@ -158,16 +159,8 @@ SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
 
 
 def look(contour: np.ndarray, **changes: Any) -> Inspection:
-    """A good fold, seen so."""
-    good: dict[str, Any] = {
-        "iou": 0.96, "iou_aligned": 0.97, "drift": np.zeros(2), "drift_about": np.zeros(2), "drift_m": 0.002,
-        "drift_rad": 0.0,
-        "height_m": 0.02, "extra_height_m": 0.0, "piled_area_m2": 0.0, "edge_deviation_m": 0.019,
-        "edge_place": np.zeros(2),
-        "missing_layer": 0.1, "edge": None, "left_behind": {}, "diagnosis": None, "confidence": 1.0,
-        "contour": contour, "mask": None, "predicted": None, "height": None, "view": None, "rgb": None,
-    }  # fmt: skip
-    return Inspection(**{**good, **changes})
+    """A good fold whose outline is nearly as far off as it may be, seen so."""
+    return inspection(**{"contour": contour, "edge_deviation_m": 0.019, **changes})
 
 
 def test_a_pressed_crease_that_reaches_further_out_is_no_fault_and_a_turned_corner_is() -> None:
@@ -204,6 +197,7 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
         assert result.event is Event.DONE
         assert result.record["stopped_by_force"] is ended
         assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
+        assert result.context.press_tries == 1
         assert result.record["strongest_n"] == pytest.approx(push)
 
 
@@ -270,6 +264,22 @@ def test_what_goes_wrong_while_a_pushed_hand_brakes_is_not_hidden(
     monkeypatch.setattr(pressing, "stream", stream)
     result = press(workcell, context)
     assert result.event is Event.FAILED and result.context.failure is lag
+
+
+@pytest.mark.parametrize("where", ["move", "each_hand", "plan_arc"])
+def test_a_hand_that_could_not_come_so_far_does_not_press(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """On its way to above the fold, while its tips are zeroed, and where no way down is free any more."""
+    workcell = cell_with(tmp_path, tries=1)
+    context = standing_by(workcell, monkeypatch)
+    why = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
+    failed = why if where == "move" else Outcome[Any](failure=why)
+    monkeypatch.setattr(pressing, where, lambda *_, **__: failed)
+    monkeypatch.setattr(pressing, "stream", lambda *_: pytest.fail("it pressed"))
+    result = press(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure is why
+    assert result.context.press_tries == 1 and result.context.pressed == ()
 
 
 def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

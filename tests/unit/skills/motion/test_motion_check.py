@@ -10,8 +10,8 @@ import pytest
 from robots.baxter.model import load_model
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory
-from skills.motion.check import check_trajectory
-from skills.motion.collision import CollisionChecker
+from skills.motion.check import check_trajectory, contact_along
+from skills.motion.collision import CollisionChecker, Contact
 from skills.motion.free_motion import plan_free_motion
 from skills.motion.timing import free_motion
 from skills.vocabulary import Table
@@ -61,7 +61,7 @@ def test_a_state_that_is_not_a_number_is_a_start_mismatch(checker, good):
     assert judged(checker, good, q).failure.kind is FailureKind.START_MISMATCH
 
 
-@pytest.mark.parametrize(("off", "passes"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize(("off", "passes"), [(0.9, True), (-0.9, True), (1.1, False), (-1.1, False)])
 def test_the_start_has_to_be_where_the_arms_are(checker, good, off, passes):
     q = np.array(good.q[0])
     q[10] -= np.deg2rad(off)
@@ -75,6 +75,8 @@ def test_the_start_has_to_be_where_the_arms_are(checker, good, off, passes):
 def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
     assert not judged(checker, altered(good, "t", 5, good.t[4])).ok
     assert not judged(checker, replace(good, t=good.t + 0.1)).ok
+    twice = ArmTrajectory(*(np.insert(a, 8, a[8], axis=0) for a in (good.t, good.q, good.qd, good.qdd)))
+    assert "rise" in judged(checker, twice).failure.what, "two samples of one moment"
     sparse = ArmTrajectory(good.t[::3], good.q[::3], good.qd[::3], good.qdd[::3])
     assert "far apart" in judged(checker, sparse).failure.what
 
@@ -113,3 +115,45 @@ def test_a_trajectory_through_the_table_is_refused(checker):
     assert failure.kind is FailureKind.IN_COLLISION and "table" in failure.what
     planned = plan_free_motion(MODEL, checker, MODEL.q_park, q1)
     assert planned.failure is not None and planned.failure.values["end"] == "goal"
+
+
+class Looked:
+    """A checker that keeps what it is shown, and meets something at the n-th pose of it."""
+
+    def __init__(self, meets=None):
+        self.meets, self.path, self.fingers = meets, None, None
+
+    def first_collision(self, path, *, allow_fingertips=False):
+        self.path, self.fingers = path, allow_fingertips
+        return None if self.meets is None else Contact("left hand", "right hand", self.meets)
+
+
+def there_and_back(distance, seconds):
+    """All joints, the last the furthest, with least jerk and back again."""
+    t = np.linspace(0.0, seconds, round(100 * seconds) + 1)
+    u = 1.0 - np.abs(2.0 * t / seconds - 1.0)
+    q = np.outer(u**3 * (10 - 15 * u + 6 * u**2), np.linspace(0.1, 1.0, 14) * distance)
+    return ArmTrajectory(t, q, np.gradient(q, t, axis=0), np.zeros_like(q))
+
+
+@pytest.mark.parametrize(("distance", "seconds"), [(1.2, 3.0), (0.3, 4.0), (0.01, 1.0), (0.0, 0.5)])
+def test_a_path_is_looked_at_so_often_that_hands_cannot_pass_through_each_other(distance, seconds):
+    """Between two looks no joint moves by more than 0.02 rad and one sample's way."""
+    motion, looked = there_and_back(distance, seconds), Looked()
+    assert contact_along(looked, motion) is None and looked.fingers is False
+    np.testing.assert_array_equal(looked.path[0], motion.q[0])
+    np.testing.assert_array_equal(looked.path[-1], motion.q[-1])
+    sample = np.abs(np.diff(motion.q, axis=0)).max()
+    gaps = np.abs(np.diff(looked.path, axis=0)).max(axis=1) if len(looked.path) > 1 else np.zeros(1)
+    assert gaps.max() <= 0.02 + sample + 1e-12
+    furthest = looked.path[:, -1].max()
+    assert distance - furthest <= 0.02 + sample, "also where it turns back"
+
+
+@pytest.mark.parametrize("met", [0, 7, 40])
+def test_a_contact_is_told_with_its_place_on_the_trajectory(met):
+    motion, looked = there_and_back(1.2, 3.0), Looked(met)
+    contact = contact_along(looked, motion, allow_fingertips=True)
+    assert looked.fingers is True
+    np.testing.assert_array_equal(motion.q[contact.index], looked.path[met])
+    assert "left hand" in str(contact)
