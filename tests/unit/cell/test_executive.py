@@ -44,18 +44,45 @@ def test_one_row_for_a_state_and_event() -> None:
 
 @pytest.mark.parametrize("state", WORKING)
 def test_stop_and_crash_are_known_everywhere(state: State) -> None:
+    """What already makes the cell safe is not begun again, put off or given up."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is state}
+    safe = state in {State.GIVING_UP, State.MAKING_SAFE}
     assert to[Event.STOP] == (State.STOPPED, Effect.HOLD)
-    assert to[Event.CRASH][0] in {State.MAKING_SAFE, State.FAULT}
+    assert to[Event.UNRECORDED] == (State.FAULT, Effect.HOLD)
+    assert to[Event.CRASH] == ((State.FAULT, Effect.HOLD) if safe else (State.MAKING_SAFE, Effect.MAKE_SAFE))
+    assert to.get(Event.ABORT) == (None if safe else (State.GIVING_UP, Effect.MAKE_SAFE))
+    waits = safe or state is State.PAUSED
+    assert to.get(Event.PAUSE) == (None if waits else (State.PAUSED, Effect.WAIT))
+
+
+def test_whatever_way_leads_to_a_state_the_same_is_done_there() -> None:
+    done = {s: {r.effect for r in ROWS if r.target is s} for s in State if s is not State.IDLE}
+    several = {
+        State.INSPECTING: {Effect.INSPECT, Effect.NEXT_STEP},
+        State.FAULT: {Effect.NOTHING, Effect.HOLD},
+        State.AWAITING_APPROVAL: {Effect.ASK_APPROVAL},
+        State.AWAITING_PRESSING: {Effect.ASK_APPROVAL},
+    }
+    for state, effects in done.items():
+        assert effects == several.get(state, effects) and (len(effects) == 1 or state in several), state
+    assert {s for s, effects in done.items() if Effect.NOTHING in effects} <= TERMINAL, "a state that does nothing"
 
 
 @pytest.mark.parametrize("state", WORKING)
 def test_a_failure_is_known_everywhere(state: State) -> None:
-    """Also where the cell only waits: the arms can be pushed there, and the driver can fall silent."""
-    assert Event.FAILED in {r.event for r in ROWS if r.state is state}
+    """Also where the cell only waits: the arms can be pushed there, and the driver can fall silent. It ends as a
+    fault only where the cell could not be made safe."""
+    (failed,) = (r for r in ROWS if r.state is state and r.event is Event.FAILED)
+    safe = state in {State.GIVING_UP, State.MAKING_SAFE}
+    assert (failed.target is State.FAULT) is safe
+    assert safe or failed.target in {State.CLEARING, State.RECOVERING, State.MAKING_SAFE}
 
 
 def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
+    at_work = {
+        Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS
+    }  # fmt: skip
+    assert {r.target for r in ROWS if r.effect in at_work} == HANDS_ON_CLOTH
     for s in HANDS_ON_CLOTH:
         target = next(r.target for r in ROWS if r.state is s and r.event is Event.FAILED)
         assert target is State.CLEARING
@@ -98,6 +125,7 @@ def test_resume_enters_the_interrupted_state_anew() -> None:
     assert machine.state is State.PAUSED
     resumed = machine.handle(Event.RESUME)
     assert (resumed.target, resumed.effect) == (entered.target, entered.effect)
+    assert machine.state is entered.target, "and it is there"
 
 
 def test_an_interrupted_run_is_entered_again_only_where_it_looks_first() -> None:
@@ -150,3 +178,32 @@ def test_recoveries_are_bounded_and_known_to_the_machine(kind: FailureKind, atte
 def test_a_stop_is_never_recovered_by_itself() -> None:
     for kind in (FailureKind.STOPPED, FailureKind.HARDWARE_FAULT, FailureKind.ABORTED):
         assert kind not in RECOVERIES
+
+
+@pytest.mark.parametrize("kind", [FailureKind.TRACKING_ERROR, FailureKind.STALE_STATE])
+def test_arms_that_strayed_are_moved_again_once_and_half_a_second_later(kind: FailureKind) -> None:
+    """As docs/safety.md tells whoever stands by."""
+    first, second = (choose_recovery(kind, n, attended=False) for n in (1, 2))
+    assert first.event is Event.GRASP_AGAIN and first.dwell_s == 0.5
+    assert second.event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize(
+    "kind", [FailureKind.SLIPPED, FailureKind.NO_CONTACT, FailureKind.MISSED_GRASP, FailureKind.IN_COLLISION]
+)
+def test_a_grasp_that_failed_is_tried_two_or_three_times_each_time_differently(kind: FailureKind) -> None:
+    tried = [choose_recovery(kind, n, attended=False) for n in range(1, 6)]
+    made = [(r.event, r.adjust) for r in tried if r.event is not Event.GIVE_UP]
+    assert 2 <= len(made) <= 3 and len(set(made)) == len(made)
+    assert all(r.event is Event.GIVE_UP for r in tried[len(made) :])
+
+
+@pytest.mark.parametrize(("overlap", "good_enough"), [(0.84, False), (0.86, True)])
+def test_a_fold_that_is_too_far_from_its_prediction_is_never_good_enough(
+    overlap: float, good_enough: bool
+) -> None:
+    for attempt in (1, 2, 3):
+        chosen = choose_recovery(FailureKind.OFF_TARGET, attempt, attended=True, overlap=overlap)
+        assert chosen.event is (Event.CARRY_ON if good_enough else Event.ASK)
+        last = choose_recovery(FailureKind.OFF_TARGET, attempt, attended=True, last_fold=True, overlap=overlap)
+        assert last.event is Event.ASK

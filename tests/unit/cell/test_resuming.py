@@ -18,6 +18,9 @@ from cell.resumable import RESUMED_FROM, check_resumable
 from cell.resuming import Keeper, interrupted_run, reentry
 from cell.states import Event, State
 from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
+from robots.ports import Side
+from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.zero import Zero
 from skills.vocabulary import PredictedShape
 from tests.runs import fold_request
 
@@ -98,13 +101,17 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     failed = PLANNED.with_failure(Failure(FailureKind.SLIPPED, "lost")).with_failure(
         Failure(FailureKind.SLIPPED, "lost")
     )
-    name = logs.cut_off(replace(failed, index=1, waited_s=7.0))
+    grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
+    unloaded = Zero(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+    in_hand = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
+    name = logs.cut_off(replace(failed, index=1, waited_s=7.0, **in_hand))
     found = logs.resume("last", quiet=True)
     assert (found.run, found.world) == (name, b"the world")
     assert (found.request.seed, found.request.garment, found.request.quiet) == (4, "small_towel", True)
     assert found.context.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
     assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
+    assert not found.context.held and not found.context.zeros, "the hands are opened before anything else"
 
 
 @pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
@@ -207,6 +214,10 @@ def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str,
     failed = logs.begin(driver)  # the robot was off: it did nothing
     failed.abandon()
     assert logs.resume(first).run == logs.resume("last").run == first
+    rehearsed = logs.begin("sim" if driver == "ros" else "ros")  # at another table
+    rehearsed.intent(0.0, S.PREPARING, "prepare")
+    rehearsed.abandon()
+    assert logs.resume(first).run == first
     other = logs.begin(driver)
     other.intent(0.0, S.PREPARING, "prepare")
     other.abandon()
