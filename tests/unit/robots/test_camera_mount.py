@@ -32,8 +32,8 @@ def test_sees_the_table_where_garments_lie() -> None:
 def test_the_head_panel_is_below_every_line_of_sight() -> None:
     panel = np.array([0.2155, 0.0, 0.765])  # its upper front edge
     p = np.linalg.inv(T_base_camera()) @ np.append(panel, 1.0)
-    if p[2] > 0:
-        assert INTRINSICS.fy * p[1] / p[2] + INTRINSICS.cy > INTRINSICS.height
+    assert p[2] > 0, "it is before the camera"
+    assert INTRINSICS.fy * p[1] / p[2] + INTRINSICS.cy > INTRINSICS.height
 
 
 def test_turns_about_the_head_joint() -> None:

@@ -78,11 +78,35 @@ def test_a_collision_verdict_agrees_with_the_distances(model, checker):
     """Two code paths of coal: the verdict with margins, and the distances themselves."""
     rng = np.random.default_rng(8)
     plain = CollisionChecker(model, TABLE, body_margin=0.0, table_margin=0.0, fingertip_margin=0.0)
+    met = 0
     for _ in range(60):
         q = rng.uniform(model.planning.lower, model.planning.upper)
         assert plain.in_collision(q) == (plain.clearance(q) <= 1e-6)
         if plain.in_collision(q):
+            met += 1
             assert checker.in_collision(q)
+    assert 10 < met < 50
+
+
+def test_what_comes_nearer_than_the_margin_is_a_contact(model):
+    """One margin for all pairs: the verdict is that of the smallest distance."""
+    rng, margin, verdicts = np.random.default_rng(9), 0.03, []
+    wide = CollisionChecker(model, TABLE, body_margin=margin, table_margin=margin, fingertip_margin=margin)
+    other = hand_at(model, Side.RIGHT, 0.6, -0.1, 0.12)[arm_slice(Side.RIGHT)]
+    for _ in range(12):
+        q = hand_at(model, Side.LEFT, 0.6, float(rng.uniform(0.0, 0.15)), float(rng.uniform(0.02, 0.12)))
+        q[arm_slice(Side.RIGHT)] = other
+        verdicts.append(wide.in_collision(q))
+        assert verdicts[-1] == (wide.clearance(q) < margin)
+    assert {True, False} == set(verdicts)
+
+
+@pytest.mark.parametrize(("height", "free"), [(0.019, False), (0.021, True)])
+def test_free_motions_keep_the_fingers_off_folded_cloth(model, checker, height, free):
+    q = hand_at(model, Side.LEFT, 0.65, 0.25, height + 0.00515)
+    assert checker.in_collision(q) is not free
+    assert checker.first_collision(np.array([q, q])) is None or not free
+    assert checker.edge_free(q, q) is free and not checker.in_collision(q, allow_fingertips=True)
 
 
 def test_an_edge_is_blocked_by_what_stands_between_free_ends(model, checker):
@@ -91,8 +115,8 @@ def test_an_edge_is_blocked_by_what_stands_between_free_ends(model, checker):
     other = hand_at(model, Side.RIGHT, 0.60, 0.0, 0.10)[arm_slice(Side.RIGHT)]
     assert checker.edge_free(a, b)
     a[arm_slice(Side.RIGHT)] = b[arm_slice(Side.RIGHT)] = other
-    if not checker.in_collision(a) and not checker.in_collision(b):
-        assert not checker.edge_free(a, b)
+    assert not checker.in_collision(a) and not checker.in_collision(b)
+    assert not checker.edge_free(a, b)
     assert checker.first_collision(np.linspace(a, b, 20)) is not None
 
 

@@ -52,15 +52,17 @@ def test_reachable_poses_are_found_within_the_limits(model):
 
 
 def test_a_near_start_gives_a_near_solution(model):
-    rng = np.random.default_rng(3)
+    rng, regular = np.random.default_rng(3), 0
     for _ in range(50):
         q = 0.9 * _random(model, rng, Side.LEFT)
         q = np.clip(q, model.planning.lower[:7], model.planning.upper[:7])
         T = ik.tool_pose(model.chains[Side.LEFT], q)
         T[:3, 3] += rng.normal(0, 1e-4, 3)
         found = ik.solve_pose(model, Side.LEFT, T, q, gain=0.0)
-        if found is not None and np.linalg.svd(ik.jacobian(model.chains[Side.LEFT], q))[1][-1] > 0.05:
-            assert np.abs(found - q).max() < 0.02
+        if np.linalg.svd(ik.jacobian(model.chains[Side.LEFT], q))[1][-1] > 0.05:
+            regular += 1
+            assert found is not None and np.abs(found - q).max() < 0.02
+    assert regular > 25
 
 
 def test_what_is_out_of_reach_has_no_solution(model):
