@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,17 +22,23 @@ from cell.states import Event
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
+from skills.cloth.mesh import ClothMesh
 from skills.grasping.reading import HandReading
 from skills.perception.inspect import Inspection, InspectionSettings
+from skills.perception.view import TableView
 from skills.planning.pressing import Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
 from tests.inspections import inspection
+from tests.scenes import TABLE, camera
 from tests.workcells import fake_workcell
 
 FLAT = 0.012
 STEP = FoldStep("half", 0, FoldLine(np.zeros(2), np.array([1.0, 0.0])), (), {}, {})
 STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
+
+
+AS_IT_IS = {name: getattr(pressing, name) for name in ("_flat", "_lying", "_dabs", "_planned")}
 
 
 @pytest.fixture(autouse=True)
@@ -185,6 +192,80 @@ def outline(corners: np.ndarray) -> np.ndarray:
     """A closed polygon's boundary, every 2 mm."""
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     return np.vstack([a + np.linspace(0.0, 1.0, 150, endpoint=False)[:, None] * (b - a) for a, b in sides])
+
+
+# where it is pressed
+
+VIEW = TableView(camera(), TABLE)
+LAYER, BULGE = 0.004, 0.020
+CREASE = FoldLine(np.array([0.6, 0.10]), np.array([1.0, 0.0]))
+"""A towel from y = -0.2 m to 0.4 m, folded so that its half beyond y = 0.1 m lies on the other one."""
+
+
+def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | None) -> tuple[Context, Inspection]:
+    """It lies as planned; along the crease, from one x to another, it stands high for 50 mm [m]."""
+    for name, function in AS_IT_IS.items():
+        monkeypatch.setattr(pressing, name, function)
+    rest = np.array([[x, y] for y in (-0.2, 0.1, 0.4) for x in (0.45, 0.75)])
+    triangles = np.array([[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]], np.int32)
+    mesh = ClothMesh(rest, np.zeros(6, np.int32), triangles, np.zeros(4, np.int32), np.zeros((0, 2), np.int32))
+    pixels = np.dstack(np.mgrid[: VIEW.shape[0], : VIEW.shape[1]][::-1])
+
+    def region(z: float, x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:
+        there = VIEW.to_table(pixels, z)
+        return np.all((there > [x[0], y[0]]) & (there < [x[1], y[1]]), axis=2)
+
+    height = np.where(region(2 * LAYER, (0.45, 0.75), (-0.2, 0.1)), 2 * LAYER, 0.0).astype(np.float32)
+    if high is not None:
+        height[region(2 * LAYER + BULGE, high, (0.05, 0.1))] = 2 * LAYER + BULGE
+    step = FoldStep("half", 0, CREASE, (), {}, {})
+    garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
+    context = Context(steps=(step,), mesh=mesh, garment=garment)
+    return context, inspection(height=height, mask=height > 0.0, view=VIEW, height_m=2 * LAYER)
+
+
+def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lying, looked = folded_towel(monkeypatch, (0.52, 0.68))
+    dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying, looked)
+    points = np.array([dab.point for dab in dabs])
+    assert len(dabs) > 2 and points[:, 0].min() > 0.50 and points[:, 0].max() < 0.70
+    np.testing.assert_allclose(points[:, 1], 0.10 - 0.029, atol=1e-9)
+    assert [dab.bottom for dab in dabs] == pytest.approx([2 * LAYER] * len(dabs)), "two layers"
+    high = np.array([dab.high for dab in dabs])
+    assert (high > BULGE - 0.001).all() and (high < BULGE + LAYER).all(), "the upper layer ends at the crease"
+    assert highest == pytest.approx(2 * LAYER + BULGE)
+
+
+def test_a_crease_that_lies_flat_is_not_dabbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lying, looked = folded_towel(monkeypatch, None)
+    assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying, looked)[0] == ()
+
+
+@pytest.mark.parametrize("reached", ["all", "some", "none"])
+def test_what_two_hands_cannot_press_one_hand_presses_as_far_as_it_reaches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: str
+) -> None:
+    monkeypatch.setattr(pressing, "_planned", AS_IT_IS["_planned"])
+    dabs = tuple(Dab(np.array([0.6, y]), 0.008, 0.02) for y in (-0.3, -0.1, 0.1, 0.3))
+    asked: list[int] = []
+
+    def plan(robot: Any, checker: Any, table: Any, paths: Any, *_: Any, **__: Any) -> Outcome[Any]:
+        asked.append(len(paths))
+        if reached == "all" or (reached == "some" and len(asked) == 2):
+            return Outcome(SimpleNamespace(tool_paths=paths))
+        return Outcome(failure=Failure(FailureKind.UNREACHABLE, f"try {len(asked)}"))
+
+    monkeypatch.setattr(pressing, "plan_hands_motion", plan)
+    with ThreadPoolExecutor(1) as workers:
+        planned = pressing._planned(fake_workcell(FakeCell(), workers), CREASE, dabs, 0.04)
+    assert asked == ([2] if reached == "all" else [2, 1])
+    if reached == "none":
+        assert planned.failure is not None and planned.failure.what == "try 1", "why not all of it"
+    else:
+        paths, motion = planned.unwrap()
+        assert motion.tool_paths is paths and len(paths) == asked[-1]
 
 
 def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

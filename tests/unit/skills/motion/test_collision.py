@@ -54,6 +54,7 @@ def test_fingertips_may_touch_only_when_allowed(model, checker):
     assert checker.in_collision(touching)
     assert checker.contact(touching).first in model.fingertips[Side.RIGHT]
     assert not checker.in_collision(touching, allow_fingertips=True)
+    assert checker.clearance(touching) < 0.0 < checker.clearance(touching, allow_fingertips=True)
 
 
 def test_clearance_over_the_table_is_the_fingertips_height(model, checker):
@@ -124,3 +125,13 @@ def test_contacts_on_a_path_are_located(model, checker):
     up, down = hand_at(model, Side.LEFT, 0.6, 0.2, 0.12), hand_at(model, Side.LEFT, 0.6, 0.2, -0.05)
     contact = checker.first_collision(np.array([up, up, down, up]))
     assert contact is not None and contact.index == 2
+
+
+@pytest.mark.parametrize("distance", [0.01, 0.2, 0.33])
+def test_an_edge_is_looked_at_at_least_every_so_far_and_at_its_end(model, monkeypatch, distance):
+    checker, met = CollisionChecker(model, TABLE), []
+    monkeypatch.setattr(checker, "in_collision", lambda q, **_: met.append(np.array(q)) or False)
+    a, b = model.q_park, model.q_park + distance * np.linspace(-1.0, 0.5, 14)
+    assert checker.edge_free(a, b)
+    way = np.sort([np.abs(q - a).max() for q in met])
+    assert way[-1] == pytest.approx(distance) and np.diff([0.0, *way]).max() <= 0.05 + 1e-9
