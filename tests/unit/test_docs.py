@@ -10,8 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from cell import execution, ticks
 from cell.cli import build_parser
+from cell.config import load_settings
+from cell.effects import seeing
 from cell.garments import list_garments
+from robots import setpoint
+from robots.baxter.ros import arms, electric_gripper
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -155,3 +160,24 @@ def test_every_link_leads_somewhere() -> None:
             if not re.match(r"[a-z]+:|#", link) and not (page.parent / link.split("#")[0]).exists():
                 broken.add(f"{page.name}: {link}")
     assert broken == set()
+
+
+def test_the_figures_that_safety_is_told_by_are_those_of_the_cell() -> None:
+    """Somebody stands beside the arms because of them."""
+    shipped = load_settings()
+    told = {
+        "0.2 s and the brake": arms.COMMAND_TIMEOUT == 0.2,
+        "not been heard of for 0.2 s": arms.COMMAND_TIMEOUT == 0.2,
+        "one tick, 10 ms": ticks.TICK_S == 0.010,
+        "no further from the last one than the joints go in 40 ms at full speed": setpoint.JUMP_TIME == 0.040,
+        "after one of more than 50 ms it runs up from rest": ticks.STALL_S == 0.050,
+        "One of more than 2 s in the middle of a motion": ticks.LOST_S == 2.0,
+        "`grasp.press_force` (25 N as shipped)": shipped.grasp.press_force == 25.0,
+        "`pressing.force` (20 N)": shipped.pressing.force == 20.0,
+        "(100 % taken as 30 N)": electric_gripper.FULL_FORCE == 30.0,
+        "`motion.tracking_tolerance`, 0.12 rad": shipped.motion.tracking_tolerance == 0.12,
+        "to within 0.01 rad of where the camera was calibrated": seeing.HEAD_TOLERANCE == 0.01,
+    }
+    page = " ".join((ROOT / "docs" / "safety.md").read_text(encoding="utf-8").split())
+    assert [words for words, holds in told.items() if words not in page or not holds] == []
+    assert execution.ExecutionLimits().stale_s <= arms.COMMAND_TIMEOUT
