@@ -146,6 +146,15 @@ def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
     assert cell.now < 0.8 + 0.1 + 0.7, "known within 100 ms, at rest 0.6 s later"
 
 
+def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From where the hands really hold, the way may be another than was planned."""
+    cell, workcell, context = holding(monkeypatch)
+    blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
+    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
+    result = gripping.fold(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure is blocked and not cell.commands
+
+
 @pytest.mark.parametrize("stopped", [False, True])
 def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
     stopped: bool, monkeypatch: pytest.MonkeyPatch

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cell.config import load_settings
-from cell.context import Context
+from cell.context import Context, Result
 from cell.effects.gripping import _photographer
-from cell.effects.seeing import look, photograph_table, recognise
+from cell.effects.seeing import await_garment, look, photograph_table, recognise
 from cell.execution import Tick
 from cell.garments import load_garment
 from cell.states import Event
@@ -69,6 +69,7 @@ def test_the_noise_of_the_head_is_let_pass() -> None:
 def test_two_pictures_are_remembered() -> None:
     """A frozen camera is known by comparing the last picture with the one before."""
     workcell, _ = seeing()
+    workcell.ports.clock.sleep_until(20.0)
     context = Context()
     for _ in range(3):
         context = look(workcell, context).context
@@ -138,7 +139,34 @@ def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: 
         first = look(workcell, Context()).context
         recognise(workcell, first)
         recognise(workcell, replace(first, garment=load_garment("medium_towel")))
-    assert expected == [None, "medium_towel"]
+        told = replace(workcell, expected=load_garment("small_towel"))
+        recognise(told, replace(first, garment=load_garment("medium_towel")))
+    assert expected == [None, "medium_towel", "small_towel"], "what was named on the command line counts most"
+
+
+@pytest.mark.parametrize("index", [1, 2])
+def test_between_two_folds_nothing_is_recognised_but_the_folded_garment_found(
+    index: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Folded, it looks like another garment."""
+    found = Result(Event.DONE, Context())
+    monkeypatch.setattr("cell.effects.seeing.find_folded", lambda cell, context: found)
+    monkeypatch.setattr("cell.effects.seeing.perceive", lambda *_: pytest.fail("it was taken for a flat one"))
+    workcell, _ = seeing()
+    assert recognise(workcell, replace(look(workcell, Context()).context, index=index)) is found
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated: bool) -> None:
+    """In simulation it takes the time that is declared, which counts."""
+    workcell, _ = seeing()
+    ports = workcell.ports
+    ports.clock.sleep_until(20.0)
+    laying: Any = SimpleNamespace(lay_garment=lambda: ports.clock.sleep_until(27.0))
+    work = replace(workcell, ports=replace(ports, attendant=laying, simulated=simulated))
+    result = await_garment(work, Context(waited_s=2.0))
+    assert result.event is Event.DONE
+    assert result.context.waited_s == (2.0 if simulated else 9.0)
 
 
 def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:

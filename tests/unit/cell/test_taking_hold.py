@@ -14,8 +14,10 @@ from cell import hands
 from cell.context import Context
 from cell.effects import gripping
 from cell.effects.pushing import Pushes
+from cell.recovery import Adjustment
 from cell.states import Event
 from cell.workcell import Workcell
+from robots.baxter.ros.electric_gripper import FULL_FORCE
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
 from skills.grasping.reading import HandReading
@@ -30,7 +32,9 @@ K = FailureKind
 ABOVE, LAYER, LAYERS = 0.040, 0.002, 2
 """How high both tools stand over the table, a layer's thickness [m], and how many lie there."""
 STACK = LAYER * LAYERS
-WAY = Descent(np.linspace(0.0, 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
+HOME = 0.1
+"""Where all joints stand above the grasp [rad]."""
+WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
 """Each joint turns by 10 rad for a metre of the hand's way."""
 
 
@@ -47,6 +51,7 @@ class Hand:
         self._cell, self.side, self._table, self._between = cell, side, table, between
         self._opening, self._told, self._since = 0.035, 0.035, 0.0
         self.force = 0.0
+        self.jammed = False
         self.lowest = np.inf
         self.heard: list[tuple[float, float]] = []
         """When it was told to open how far [s], [m]."""
@@ -58,6 +63,8 @@ class Hand:
 
     def _now(self) -> float:
         goal, way = max(self._told, self._between), 0.1 * (self._cell.now - self._since)
+        if self.jammed:
+            return self._opening
         return self._opening + float(np.clip(goal - self._opening, -way, way))
 
     def state(self) -> GripperState:
@@ -74,7 +81,7 @@ class Hand:
 
 def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, Context, Any]:
     """Both hands stand above two layers; `left`: what is otherwise under the left one."""
-    cell = FakeCell()
+    cell = FakeCell(q=np.full(14, HOME))
     both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
     for module in (hands, gripping):
         monkeypatch.setattr(module, "tool_height", height)
@@ -82,7 +89,8 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
     grasps = {side: SimpleNamespace(height=STACK, layers=LAYERS) for side in Side}
     motion: Any = SimpleNamespace(
-        descend=dict.fromkeys(Side, WAY), postures={side: Posture(side, pitch=0.1) for side in Side}
+        descend=dict.fromkeys(Side, WAY),
+        postures={Side.LEFT: Posture(Side.LEFT, pitch=0.1), Side.RIGHT: Posture(Side.RIGHT, pitch=-0.1)},
     )
     step: Any = SimpleNamespace(grasps=grasps)
     return cell, work, Context(garment=garment, motion=motion, planned_step=step), both
@@ -136,6 +144,53 @@ def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
     assert "left hand holds 1 layers, not 2" in result.context.failure.what
 
 
+def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, work, context, both = over_cloth(monkeypatch)
+    both[Side.RIGHT].jammed = True
+    result = gripping.grasp(work, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "right gripper" in result.context.failure.what
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: setattr(c, "stop_reason", "button"), K.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), K.STALE_STATE),
+        (lambda c: (setattr(c, "follows", False), setattr(c, "q", c.q + 0.2)), K.TRACKING_ERROR),
+    ],
+)
+def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
+    spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
+    to a stopped robot."""
+    cell, work, context, _ = over_cloth(monkeypatch)
+    assert gripping.grasp(work, context).event is Event.DONE
+    for moment in np.linspace(0.02, cell.now - 0.15, 15):
+        again, work, context, _ = over_cloth(monkeypatch)
+        again.at(float(moment), lambda again=again: spoil(again))
+        result = gripping.grasp(work, context)
+        assert result.event is Event.FAILED and result.context.failure.kind is kind, moment
+        assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
+
+
+def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> None:
+    """One that takes the upper layers only may not take more."""
+    for layers in (1, 2, 4):
+        whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
+        upper: Any = SimpleNamespace(height=(layers + 1) * LAYER, layers=layers)
+        assert gripping._expected(whole, LAYER).or_more and not gripping._expected(upper, LAYER).or_more
+        assert gripping._expected(upper, LAYER).layers == layers
+
+
+def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_can() -> None:
+    work = fake_workcell(FakeCell())
+    tries = [(Adjustment.STRONGER,) * n for n in range(3)]
+    forces = [gripping.grip_settings(work, Context(adjustments=a)).grip_force for a in tries]
+    assert forces[0] == work.grasp.grip_force and np.all(np.diff(forces) > 3.0) and forces[-1] <= FULL_FORCE
+
+
 @pytest.mark.parametrize("part", ["plan", "move"])
 def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, _ = over_cloth(monkeypatch)
@@ -170,8 +225,8 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
     only = {Side.LEFT: WAY}
     context.motion.descend = only  # type: ignore[union-attr]
     context.motion.postures = {Side.LEFT: Posture(Side.LEFT)}  # type: ignore[union-attr]
-    cell.q[arm_slice(Side.RIGHT)] = -0.005
-    work.sent.q = np.zeros(14)
+    cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
+    work.sent.q = np.full(14, HOME)
     through, cell.follows = work.ports.arms.command, False
 
     def sagging(q: Array, qd: Array) -> Any:
@@ -182,7 +237,7 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
     monkeypatch.setattr(work.ports.arms, "command", sagging)
     assert gripping.grasp(work, context).event is Event.DONE
     right = np.array([q[arm_slice(Side.RIGHT)] for _, q in cell.commands])
-    assert np.abs(np.diff(right, axis=0)).max() < 5e-4 and np.abs(right[0]).max() < 1e-9
+    assert np.abs(np.diff(right, axis=0)).max() < 5e-4 and np.abs(right[0] - HOME).max() < 1e-9
 
 
 def state_of(stamp: float) -> JointState:
