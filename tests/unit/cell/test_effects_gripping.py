@@ -217,10 +217,14 @@ def test_cloth_that_clings_to_either_hand_is_not_taken_home(
     gone: list[Any] = []
     away = Withdrawal("up", "home")  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "_withdrawal", lambda cell, sides: Outcome(away))
-    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: gone.append(motion))
+
+    def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
+        gone.append((motion, fingertips))
+
+    monkeypatch.setattr(moving, "move", move)
     result = moving.retreat(workcell, context)
     if side is None:
-        assert (result.event, gone) == (Event.DONE, ["up", "home"])
+        assert (result.event, gone) == (Event.DONE, [("up", True), ("home", False)]), "low only while they rise"
     else:
-        assert (result.event, gone) == (Event.FAILED, ["up"])
+        assert (result.event, gone) == (Event.FAILED, [("up", True)])
         assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what

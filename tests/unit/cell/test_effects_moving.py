@@ -11,7 +11,7 @@ import pytest
 
 import cell.effects.moving as moving
 from cell.context import Context
-from cell.effects.moving import clear, hold_still, make_safe, move, prepare, reenter, retreat
+from cell.effects.moving import approach, clear, hold_still, make_safe, move, prepare, reenter, retreat
 from cell.execution import Sent
 from cell.states import Event
 from cell.workcell import Workcell
@@ -84,6 +84,43 @@ def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypa
     assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands where both can"
 
 
+@pytest.mark.parametrize("free", list(Side))
+def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
+    free: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
+    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
+    monkeypatch.setattr(
+        moving, "plan_withdrawal", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
+    )
+    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    assert make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST).event is Event.DONE
+    assert moved == ["up", "home"]
+    moved.clear()
+    other = Side.LEFT if free is Side.RIGHT else Side.RIGHT
+    zeros: Any = {other: None}
+    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), Context(zeros=zeros))
+    assert result.event is Event.FAILED and not moved, "a hand that did not work is not moved in its place"
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
+    fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lags, frame = Failure(K.TRACKING_ERROR, "the arm lags"), FakeCell().ports().camera.capture()
+    monkeypatch.setattr(moving, "move", lambda *_, **__: lags if fails else None)
+    cell = FakeCell()
+    cell.openings = dict.fromkeys(Side, 0.0)
+    motion: Any = SimpleNamespace(postures={Side.LEFT: None}, approach=None)
+    result = approach(fake_workcell(cell), Context(motion=motion, frame=frame, grasps=1, carried=True))
+    assert result.event is (Event.FAILED if fails else Event.DONE)
+    assert result.context.failure is (lags if fails else None)
+    assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the hand that grasps"
+    after = result.context
+    assert (after.grasps, after.carried) == (2, False) and after.before_fold is frame
+
+
 def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise DriverError(K.HARDWARE_FAULT, "the motors are off", "see the robot's screen")
@@ -149,8 +186,13 @@ def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int)
     assert cell.now >= 1.0, "the head takes its time"
 
 
-def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(baxter: dict[str, Any]) -> None:
-    cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
+@pytest.mark.parametrize("off", [0.1, -0.1])
+def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
+    baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Straight home, where the way is free."""
+    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("they rise first"))
+    cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
     assert prepare(fake_workcell(cell, **baxter), Context()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
 
@@ -159,10 +201,10 @@ def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any])
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.2, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)
     cell.at(1.0, lambda: workcell.commands.put(Event.PAUSE))
-    cell.at(4.0, lambda: workcell.commands.put(Event.RESUME))
+    cell.at(2.2, lambda: workcell.commands.put(Event.RESUME))
     result = clear(workcell, replace(FIRST, waited_s=5.0))
     assert result.event is Event.DONE and cell.q == pytest.approx(BAXTER.q_park)
-    assert 5.0 + 2.0 < result.context.waited_s < 5.0 + 3.0
+    assert 5.0 + 0.5 < result.context.waited_s < 5.0 + 1.2
 
 
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
@@ -293,6 +335,10 @@ def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter:
     there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)
     failure = move(fake_workcell(cell, **baxter), there)
     assert failure is not None and failure.kind is K.START_MISMATCH and cell.commands == []
+    cell = FakeCell(q=BAXTER.q_park)
+    cell.now, cell.frozen_since = 5.0, 4.0
+    failure = move(fake_workcell(cell, **baxter), there)
+    assert failure is not None and failure.kind is K.STALE_STATE and cell.commands == [], "or nobody knows where"
 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])

@@ -26,7 +26,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.grasping.reading import HandReading
 from skills.perception.inspect import Inspection, InspectionSettings
 from skills.perception.view import TableView
-from skills.planning.pressing import Dab, press_paths
+from skills.planning.pressing import OPENING, Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.fakes import FakeCell
 from tests.inspections import inspection
@@ -69,7 +69,8 @@ def cell_with(tmp_path: Path, **keys: float) -> Any:
 
 def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
     workcell = cell_with(tmp_path, tries=1, above_flat=0.007)
-    assert plan_pressing(workcell, seen(0.030)) is not None
+    planned = plan_pressing(workcell, seen(0.030))
+    assert planned is not None and planned.context.press_motion is not None
     assert plan_pressing(workcell, seen(FLAT + 0.0069)) is None
     assert plan_pressing(workcell, seen(float("nan"))) is None, "what nobody saw does not stand high"
 
@@ -238,6 +239,18 @@ def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
     assert highest == pytest.approx(2 * LAYER + BULGE)
 
 
+def test_it_is_pressed_where_it_is_seen_to_lie_after_the_fold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It drifted by 30 mm; the crease went along."""
+    context, looked = folded_towel(monkeypatch, None)
+    folded = np.array([[x, y, 0.006] for y in (-0.2, 0.1, -0.2) for x in (0.45, 0.75)])
+    assert context.mesh is not None
+    shape = PredictedShape(folded, context.mesh.triangles, context.mesh.rest)
+    drifted = replace(looked, drift=np.array([0.03, 0.0]))
+    lying = pressing._lying(replace(context, predicted=shape, vertices=np.zeros((6, 3))), drifted)
+    np.testing.assert_allclose(lying.vertices, folded + np.array([0.03, 0.0, 0.0]), atol=1e-12)
+    np.testing.assert_allclose(lying.step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
+
+
 def test_a_crease_that_lies_flat_is_not_dabbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, None)
     assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying, looked)[0] == ()
@@ -279,6 +292,7 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
         assert result.record["stopped_by_force"] is ended
         assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
         assert result.context.press_tries == 1
+        assert workcell.ports.grippers[Side.LEFT].state().opening == OPENING, "one finger beside the other"
         assert result.record["strongest_n"] == pytest.approx(push)
 
 

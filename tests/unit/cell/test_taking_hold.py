@@ -32,7 +32,7 @@ K = FailureKind
 ABOVE, LAYER, LAYERS = 0.040, 0.002, 2
 """How high both tools stand over the table, a layer's thickness [m], and how many lie there."""
 STACK = LAYER * LAYERS
-HOME = 0.1
+HOME = -0.1
 """Where all joints stand above the grasp [rad]."""
 WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
 """Each joint turns by 10 rad for a metre of the hand's way."""
