@@ -224,6 +224,24 @@ def test_arms_that_were_moved_in_a_pause_do_not_go_on() -> None:
     assert failure is not None and failure.kind is FailureKind.START_MISMATCH
 
 
+@pytest.mark.parametrize("pause", [None, 0.5])
+def test_the_velocities_told_are_those_at_which_the_set_points_move(
+    pause: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also while the clock runs down and up: a robot that is fed them forward would be kicked by any other."""
+    cell, commands, told = FakeCell(), CommandQueue(), []
+    if pause is not None:
+        cell.at(pause, lambda: commands.put(Event.PAUSE))
+        cell.at(pause + 0.8, lambda: commands.put(Event.RESUME))
+    ports = cell.ports()
+    command = ports.arms.command
+    monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append(qd[0]), command(q, qd))[1])
+    assert stream(ports, ramp(duration=1.5), LIMITS, control=control(commands)).ok
+    q = derivatives(cell)[0]
+    assert told[1:-1] == pytest.approx((q[2:] - q[:-2]) / (2 * TICK_S), abs=0.01)
+    assert max(told) > 0.5
+
+
 def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
     cell, commands, kept = FakeCell(), CommandQueue(), []
     held = control(commands)
