@@ -86,9 +86,10 @@ def test_nothing_is_sent_after_a_stop() -> None:
     assert max(t for t, _ in cell.commands) < 0.5 + 1e-9
 
 
-def test_a_start_two_degrees_off_is_refused_before_anything_is_sent() -> None:
+@pytest.mark.parametrize("off", [2.0, -2.0])
+def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) -> None:
     q = np.zeros(14)
-    q[3] = np.deg2rad(2.0)
+    q[3] = np.deg2rad(off)
     cell = FakeCell(q)
     failure = stream(cell.ports(), ramp(), LIMITS).failure
     assert failure is not None
@@ -214,11 +215,12 @@ def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
     assert np.abs(v[240:300]).max() < 1e-9, "at rest 0.6 s after the second pause"
 
 
-def test_arms_that_were_moved_in_a_pause_do_not_go_on() -> None:
+@pytest.mark.parametrize("off", [2.0, -2.0])
+def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
     cell, commands = FakeCell(), CommandQueue()
     cell.at(0.5, lambda: commands.put(Event.PAUSE))
     cell.at(1.5, lambda: setattr(cell, "follows", False))
-    cell.at(1.5, lambda: setattr(cell, "q", cell.q + np.deg2rad(2.0)))
+    cell.at(1.5, lambda: setattr(cell, "q", cell.q + np.deg2rad(off)))
     cell.at(1.6, lambda: commands.put(Event.RESUME))
     failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
     assert failure is not None and failure.kind is FailureKind.START_MISMATCH

@@ -218,7 +218,9 @@ def test_a_stop_of_the_robot_is_seen_with_its_reason(
     puppet.button, puppet.source, puppet.stopped = int(source == 1), source, True
     wait(lambda: stop.state().stopped, "seen")
     assert reason in stop.state().reason
+    puppet.source = 3 if source == 4 else 4
     puppet.let(10)
+    assert reason in stop.state().reason, "what stopped it first"
     assert puppet.heard[STOP] == []
 
 

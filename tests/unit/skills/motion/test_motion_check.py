@@ -84,6 +84,16 @@ def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
 def test_it_has_to_begin_and_end_at_rest(checker, good):
     cut = ArmTrajectory(good.t[:30], good.q[:30], good.qd[:30], good.qdd[:30])
     assert "rest" in judged(checker, cut).failure.what
+    for end, speed in ((0, 0.01), (0, -0.01), (-1, 0.01), (-1, -0.01)):
+        moving = judged(checker, altered(good, "qd", (end, 3), speed), good.q[0])
+        assert "rest" in moving.failure.what, "either way"
+
+
+@pytest.mark.parametrize("name", ["q", "qd", "qdd"])
+@pytest.mark.parametrize("part", [np.s_[:-1], np.s_[:, :13]])
+def test_arrays_that_do_not_fit_each_other_are_refused(checker, good, name, part):
+    result = judged(checker, replace(good, **{name: getattr(good, name)[part]}), good.q[0])
+    assert "do not fit" in result.failure.what
 
 
 @pytest.mark.parametrize("faster", [1.05, 2.0])
@@ -104,6 +114,19 @@ def test_a_joint_beyond_its_range_is_named(checker):
     q1[5] = MODEL.planning.upper[5] + 0.05
     failure = judged(checker, free_motion(MODEL.q_park, q1, MODEL.planning)).failure
     assert failure.kind is FailureKind.LIMIT_EXCEEDED and "left_w1" in failure.what
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_arms_that_stand_outside_of_a_range_come_back_and_go_no_further_out(checker, side):
+    """What is planned with is narrower than what the joints can do; left wrist roll, which meets nothing."""
+    limits, wrist = MODEL.planning, 6
+    bound = limits.lower[wrist] if side < 0.0 else limits.upper[wrist]
+    outside, further = np.array(MODEL.q_park), np.array(MODEL.q_park)
+    outside[wrist], further[wrist] = bound + 0.01 * side, bound + 0.02 * side
+    assert judged(checker, free_motion(outside, MODEL.q_park, limits)).ok
+    for start in (outside, MODEL.q_park):
+        failure = judged(checker, free_motion(start, further, limits)).failure
+        assert failure.kind is FailureKind.LIMIT_EXCEEDED and "left_w2" in failure.what
 
 
 def test_a_trajectory_through_the_table_is_refused(checker):

@@ -11,6 +11,7 @@ from skills.perception.diagnosis import beyond_limits, diagnose
 from skills.perception.fold_heights import upper_height
 from skills.perception.inspect import inspect
 from skills.perception.inspection import InspectionSettings
+from skills.perception.left_behind import left_behind
 from skills.perception.moved_edge import MovedEdge
 from skills.perception.predicted_view import draw_shape
 from skills.perception.view import TableView
@@ -141,6 +142,27 @@ def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
     seen = look([HALF, flap], step=step).unwrap()
     assert seen.diagnosis is FailureKind.DROPPED_CORNER
     assert seen.left_behind["left"] > 0.08 > 0.03 > seen.left_behind["right"]
+
+
+@pytest.mark.parametrize(("place", "behind"), [("left", 0.15), ("right", -0.15), ("middle", 0.0)])
+def test_what_is_left_behind_is_told_where_it_is(place, behind):
+    """Cloth reaches 40 mm too far beyond the fold line, beside one grasp or between the two."""
+    view = TableView(camera(), TABLE)
+    there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
+    x, y = there[..., 0], there[..., 1]
+    planned = (np.abs(x - 0.5) < 0.1) & (np.abs(y) < 0.25)
+    seen = planned | ((np.abs(x - 0.5) < 0.14) & (np.abs(y - behind) < 0.06))
+    line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # its normal points to larger x
+    left = Grasp(Side.LEFT, np.array([0.7, 0.15]), 0.0, 1, 0.003)
+    right = Grasp(Side.RIGHT, np.array([0.7, -0.15]), 0.0, 1, 0.003)
+    step, settings = replace(STEP, line=line, grasps={Side.LEFT: left, Side.RIGHT: right}), InspectionSettings()
+    found = left_behind(view, seen, planned, step, settings)
+    expected = {name: 0.04 * (name == place) for name in ("left", "right", "middle")}
+    assert found == pytest.approx(expected, abs=0.004)
+    hidden = left_behind(view, seen & (np.abs(y - behind) > 0.07), planned, step, settings)
+    assert np.isnan(hidden[place]) and np.isfinite([v for name, v in hidden.items() if name != place]).all()
+    one = left_behind(view, seen, planned, replace(step, grasps={Side.LEFT: left}), settings)
+    assert set(one) == {"left"} and left_behind(view, seen, planned, None, settings) == {}
 
 
 def test_a_layer_left_where_it_lay_is_a_missed_layer():
