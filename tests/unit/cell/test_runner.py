@@ -514,6 +514,15 @@ def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
     assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
+def test_whoever_ends_a_motion_on_its_way_is_not_asked_what_to_do(rig: Rig) -> None:
+    rig.attended()
+    rig.special[Effect.FOLD] = failing(K.ABORTED)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and end.context.failure.kind is K.ABORTED
+    assert rig.performed[-3:] == [Effect.FOLD, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.transitions()[-2][0] == "abort"
+
+
 def test_pause_cannot_keep_the_cell_from_being_made_safe(rig: Rig) -> None:
     rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
     rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)
