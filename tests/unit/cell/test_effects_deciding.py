@@ -103,10 +103,11 @@ def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
     assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
 
 
-def test_no_recovery_where_none_is_wanted(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
+def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event: Event) -> None:
     for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
-        workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
-        assert choose_next(workcell, failed(K.NO_GARMENT)).event is Event.GIVE_UP
+        workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds), attended=attended)
+        assert choose_next(workcell, failed(K.NO_GARMENT)).event is event
 
 
 @pytest.mark.parametrize("kind", [K.STOPPED, K.HARDWARE_FAULT, K.CATEGORY_MISMATCH, K.GRIPPER_FAULT])
