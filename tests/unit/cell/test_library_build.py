@@ -296,7 +296,7 @@ def test_a_build_is_for_the_cell_that_it_is_asked_for(tmp_path: Path, monkeypatc
             lifts.append(path[straight, 2].max() - path[0, 2])
             return super().__call__(mesh, positions, material, paths)
 
-    monkeypatch.setattr("cell.subcommands.library._pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.subcommands.library.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.library_build.ClothPredictor", Watching)
     (tmp_path / "cell.yaml").write_text("grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\n")
     line = ["library", "build", "small_towel", "--method", "initial", "--cell", str(tmp_path / "cell.yaml")]
