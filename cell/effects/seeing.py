@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from cell.context import Context, Result
 from cell.effects.inspecting import find_folded
+from cell.execution import fresh_state
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
@@ -24,7 +25,11 @@ PICTURE_AGE = 0.5  # [s]: what is older shows another moment; a camera that hang
 def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome[CameraFrame]:
     """A fresh picture, if the head stands where the camera was calibrated. refined: what is believed of the camera
     by now, for the view."""
-    pan = cell.ports.arms.state().head_pan
+    read = fresh_state(cell.ports, cell.execution)
+    if read.failure:  # the head may have been turned since
+        what = f"where the head stands is not known: {read.failure.what}"
+        return Outcome(failure=replace(read.failure, kind=FailureKind.CAMERA_FAULT, what=what))
+    pan = read.unwrap().head_pan
     if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # also where nobody knows
         return Outcome(
             failure=Failure(

@@ -60,6 +60,17 @@ def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None
     assert camera.shots == 0 and result.context.frame is None
 
 
+@pytest.mark.parametrize("effect", [look, photograph_table])
+def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> None:
+    workcell, camera = seeing()
+    old = replace(workcell.ports.arms.state(), stamp=workcell.ports.clock.now() - 0.5)
+    arms = SimpleNamespace(state=lambda: old)
+    result = effect(replace(workcell, ports=replace(workcell.ports, arms=arms)), Context())
+    assert result.event is Event.FAILED and camera.shots == 0
+    assert result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "500 ms old" in result.context.failure.what
+
+
 def test_the_noise_of_the_head_is_let_pass() -> None:
     workcell, camera = seeing(0.008)
     assert look(workcell, Context()).event is Event.DONE
