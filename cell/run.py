@@ -80,9 +80,7 @@ def fold_once(
         if interrupted:  # nobody else can go on with it from here on
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
-        with begun_run(
-            journal, request.garment, request.seed, request.driver, request.settings, packages
-        ) as run:
+        with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
             ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
             result = _ended_in_ledger(run, ended.result)
         if result.result == "folded" or ended.end.context.through:

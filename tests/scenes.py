@@ -29,8 +29,12 @@ def camera(position=(0.12, 0.0, 1.05), target=(0.6, 0.0, 0.0), width=640, height
     T[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     T[:3, 3] = position
     intrinsics = Intrinsics(
-        width, height, width / 2 / np.tan(np.deg2rad(29)), height / 2 / np.tan(np.deg2rad(22.5)),
-        (width - 1) / 2, (height - 1) / 2,
+        width,
+        height,
+        width / 2 / np.tan(np.deg2rad(29)),
+        height / 2 / np.tan(np.deg2rad(22.5)),
+        (width - 1) / 2,
+        (height - 1) / 2,
     )
     return CameraCalibration(intrinsics, T)
 
@@ -80,8 +84,9 @@ def render(scene: Scene, calibration: CameraCalibration | None = None, sequence:
     cloth = _cloth(scene, top)
     colour = np.where(inside[..., None] > 0.5, cloth, colour)
     light = 1 + scene.gradient[0] * (points[..., 0] - 0.6) + scene.gradient[1] * points[..., 1]
-    colour = cv2.resize(np.float32(colour * light[..., None] * scene.gain), (k.width, k.height),
-                        interpolation=cv2.INTER_AREA)
+    colour = cv2.resize(
+        np.float32(colour * light[..., None] * scene.gain), (k.width, k.height), interpolation=cv2.INTER_AREA
+    )
     if scene.blur:
         colour = cv2.GaussianBlur(colour, (0, 0), scene.blur)
     encoded = np.clip(colour, 0, 1) ** (1 / 2.2) + scene.noise * rng.standard_normal(colour.shape)
@@ -93,8 +98,14 @@ def _intersect(calibration, factor, z):
     """Table points (h, w, 2) at height z seen by each (sub)pixel, and their depth."""
     k, T = calibration.intrinsics, calibration.T_table_camera
     u, v = np.meshgrid(np.arange(k.width * factor), np.arange(k.height * factor))
-    rays = np.stack([((u + 0.5) / factor - 0.5 - k.cx) / k.fx, ((v + 0.5) / factor - 0.5 - k.cy) / k.fy,
-                     np.ones_like(u, dtype=float)], axis=-1)
+    rays = np.stack(
+        [
+            ((u + 0.5) / factor - 0.5 - k.cx) / k.fx,
+            ((v + 0.5) / factor - 0.5 - k.cy) / k.fy,
+            np.ones_like(u, dtype=float),
+        ],
+        axis=-1,
+    )
     d = rays @ T[:3, :3].T
     depth = (z - T[2, 3]) / d[..., 2]
     return T[:2, 3] + d[..., :2] * depth[..., None], depth
@@ -191,9 +202,15 @@ def towel_scene(seed: int) -> tuple[Scene, np.ndarray]:
     fabrics = [(0.15, 0.25, 0.55), (0.75, 0.72, 0.68), (0.5, 0.08, 0.08), (0.1, 0.35, 0.15), (0.6, 0.5, 0.15)]
     tables = [(0.45, 0.35, 0.25), (0.3, 0.22, 0.14), (0.5, 0.5, 0.5), (0.55, 0.48, 0.38)]
     scene = Scene(
-        seed=seed, polygons=[truth], fabric=fabrics[rng.integers(5)], table_colour=tables[rng.integers(4)],
-        stripes=float(rng.choice([0.0, 0.3])), light=tuple(rng.uniform(-1, 1, 2)),
-        shadow=rng.uniform(0.3, 0.6), gain=rng.uniform(0.9, 1.1), thickness=rng.uniform(0.002, 0.005),
+        seed=seed,
+        polygons=[truth],
+        fabric=fabrics[rng.integers(5)],
+        table_colour=tables[rng.integers(4)],
+        stripes=float(rng.choice([0.0, 0.3])),
+        light=tuple(rng.uniform(-1, 1, 2)),
+        shadow=rng.uniform(0.3, 0.6),
+        gain=rng.uniform(0.9, 1.1),
+        thickness=rng.uniform(0.002, 0.005),
     )
     return scene, truth
 

@@ -116,10 +116,7 @@ def sides_folds() -> list[Paths]:
     on each other, and the hem; start and end of each hand."""
     q = np.pi / 2
     return [
-        {
-            side: arc(*ends, heading)
-            for side, ends in ((Side.LEFT, left), (Side.RIGHT, right))
-        }
+        {side: arc(*ends, heading) for side, ends in ((Side.LEFT, left), (Side.RIGHT, right))}
         for left, right, heading in (
             (((0.57, 0.06, 5e-4), (-0.25, 0.06, 0.02)), ((0.225, -0.33, 5e-4), (0.095, -0.33, 0.02)), q),
             (((-0.57, 0.06, 5e-4), (0.25, 0.06, 0.03)), ((-0.225, -0.33, 5e-4), (-0.095, -0.33, 0.03)), q),

@@ -134,9 +134,7 @@ def photograph(kind: str, seed: int) -> Photograph:
     scene = _lit(rng, ground, cloth, mask, 2.5 if lumpy else 1.0)
     rgb = _taken(rng, scene, H, size)
     placed = {name: _project(H, p[None])[0] for name, p in points.items()}
-    return Photograph(
-        rgb, "" if lumpy else kind, placed, _project(H, outline), ground_name, cloth_name, contrast
-    )
+    return Photograph(rgb, "" if lumpy else kind, placed, _project(H, outline), ground_name, cloth_name, contrast)
 
 
 def _lump(rng: np.random.Generator) -> Points:

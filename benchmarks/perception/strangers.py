@@ -31,8 +31,20 @@ def _crossing_towels(rng: np.random.Generator) -> Array:
     a, b = rng.uniform(0.07, 0.11, 2)
     x, y = rng.uniform(0.18, 0.28, 2)
     return np.array(
-        [(x, -a), (x, a), (b, a), (b, y), (-b, y), (-b, a),
-         (-x, a), (-x, -a), (-b, -a), (-b, -y), (b, -y), (b, -a)]
+        [
+            (x, -a),
+            (x, a),
+            (b, a),
+            (b, y),
+            (-b, y),
+            (-b, a),
+            (-x, a),
+            (-x, -a),
+            (-b, -a),
+            (-b, -y),
+            (b, -y),
+            (b, -a),
+        ]
     )
 
 
@@ -97,9 +109,7 @@ def draw_stranger(name: str, seed: int) -> tuple[CameraFrame, CameraFrame, Camer
         return frame, reference, refine_calibration(reference, drawn, TABLE).value or drawn
 
 
-def measure_strangers(
-    tell: Callable[[str], None], garments: Sequence[Garment], quick: bool
-) -> Mapping[str, Any]:
+def measure_strangers(tell: Callable[[str], None], garments: Sequence[Garment], quick: bool) -> Mapping[str, Any]:
     """How often a thing was taken for a garment, and what was said of the others."""
     said: dict[str, list[str]] = {}
     for k, name in enumerate(STRANGERS):

@@ -121,9 +121,7 @@ def calibrate(
         check_terminal(sys.stdin)
     with (
         owned_cell(request.logs) as (interrupts, journal),
-        begun_run(
-            journal, f"calibrate-{request.name}", request.seed, request.driver, request.settings
-        ) as run,
+        begun_run(journal, f"calibrate-{request.name}", request.seed, request.driver, request.settings) as run,
     ):
         write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
         end = _with_cell(request, run, procedure, script, began, interrupts)

@@ -120,9 +120,7 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
     """Where to press, and how high the garment stands [m]."""
     mesh, step, thickness = lying.mesh, lying.step, lying.known_garment.material.thickness
     assert mesh is not None
-    found = standing(
-        seen.height, seen.mask, seen.view, _flat(lying), thickness, cell.settings.pressing.above_flat
-    )
+    found = standing(seen.height, seen.mask, seen.view, _flat(lying), thickness, cell.settings.pressing.above_flat)
     if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1

@@ -1,6 +1,6 @@
 """A ROS master of this program's own, in a process that ends with whoever started it.
 
-    python -m cell.simulation.ros_master PORT      until standard input ends
+python -m cell.simulation.ros_master PORT      until standard input ends
 """
 
 from __future__ import annotations

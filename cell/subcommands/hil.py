@@ -44,9 +44,7 @@ def run(options: argparse.Namespace) -> int:
         return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
 
 
-def _campaign(
-    options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path
-) -> int:
+def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path) -> int:
     done: list[Performance] = []
     ended_by: int | None = None
     try:

@@ -34,9 +34,7 @@ def run(options: argparse.Namespace) -> int:
     if not heavy:
         print(f"nothing to remove in {logs} beyond the newest {options.keep} runs")
         return 0
-    print_table(
-        ("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy]
-    )
+    print_table(("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy])
     if options.yes:
         print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the ledger stay")
     else:

@@ -65,4 +65,3 @@ T_HEAD_CAMERA = frozen(np.linalg.inv(T_base_head(0.0)) @ look_at(EYE, TARGET))
 def T_base_camera(pan: float = 0.0) -> Array:
     """(4, 4) nominal pose of the camera in the base frame."""
     return T_base_head(pan) @ T_HEAD_CAMERA
-

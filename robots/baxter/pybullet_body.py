@@ -90,7 +90,11 @@ class BaxterBody:
                     and "finger" not in first + second
                 )
                 pb.setCollisionFilterPair(
-                    self._body, self._body, self._links[first], self._links[second], int(collide),
+                    self._body,
+                    self._body,
+                    self._links[first],
+                    self._links[second],
+                    int(collide),
                     physicsClientId=self._client,
                 )
 

@@ -194,6 +194,4 @@ def _joined(act_i, c, o):
     """Whether the triangles of two rows have a common vertex."""
     p, q, r = act_i[c, 1], act_i[c, 2], act_i[c, 3]
     s, t, u = act_i[o, 1], act_i[o, 2], act_i[o, 3]
-    return (
-        (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)
-    )
+    return (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)

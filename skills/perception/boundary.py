@@ -71,7 +71,10 @@ def _trace(mask: NDArray[np.bool_]) -> Array:
 
 def _sample(image: NDArray[np.float32], at: Array) -> Array:
     return cv2.remap(
-        image, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR,
+        image,
+        at[..., 0].astype(np.float32),
+        at[..., 1].astype(np.float32),
+        cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     ).astype(float)
 
@@ -85,9 +88,9 @@ def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> t
     by_hue = (profile * w).sum(axis=2) / np.maximum(hue**2, 1e-6)
     step = inside - outside
     contrast = np.linalg.norm(step, axis=1)
-    by_light = ((profile - outside[:, None, :]) * step[:, None, :]).sum(axis=2) / np.maximum(
-        contrast**2, 1e-6
-    )[:, None]
+    by_light = ((profile - outside[:, None, :]) * step[:, None, :]).sum(axis=2) / np.maximum(contrast**2, 1e-6)[
+        :, None
+    ]
     trust = np.clip((hue.mean(axis=1) - 10.0) / 15.0, 0.0, 1.0)[:, None]
     return trust * by_hue + (1 - trust) * by_light, np.maximum(hue.mean(axis=1), contrast)
 

@@ -37,7 +37,8 @@ def diagnose(
         ratio = max(seen.drift_m / settings.drift, abs(seen.drift_rad) / settings.drift_angle)
         return FailureKind.DRIFT, _surety(ratio, 1.0)
     worst = max(
-        (1 - seen.iou_aligned) / (1 - settings.iou), seen.drift_m / settings.drift,
+        (1 - seen.iou_aligned) / (1 - settings.iou),
+        seen.drift_m / settings.drift,
         abs(seen.edge_deviation_m) / settings.deviation,
     )
     return None, float(np.clip(1.0 - 0.5 * worst, 0.5, 1.0))

@@ -88,10 +88,14 @@ def inspect(
     kind, confidence = diagnose(inspection, step, settings)
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)
     notes: dict[str, float | int | str] = {
-        "iou": inspection.iou, "iou_aligned": inspection.iou_aligned, "drift_m": inspection.drift_m,
-        "drift_rad": inspection.drift_rad, "height_m": inspection.height_m,
+        "iou": inspection.iou,
+        "iou_aligned": inspection.iou_aligned,
+        "drift_m": inspection.drift_m,
+        "drift_rad": inspection.drift_rad,
+        "height_m": inspection.height_m,
         "extra_height_m": inspection.extra_height_m,
-        "edge_deviation_m": inspection.edge_deviation_m, "segmentation_confidence": found.confidence,
+        "edge_deviation_m": inspection.edge_deviation_m,
+        "segmentation_confidence": found.confidence,
     }
     return Outcome(value=inspection, notes=notes)
 

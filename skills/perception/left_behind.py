@@ -35,9 +35,7 @@ def left_behind(
         reach.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
     out = {}
     for name, place in places.items():
-        seen, planned = (
-            across[np.abs(along - place) < settings.strip] for along, across in reach
-        )
+        seen, planned = (across[np.abs(along - place) < settings.strip] for along, across in reach)
         enough = min(len(seen), len(planned)) > 50
         out[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
     return out

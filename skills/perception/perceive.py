@@ -199,9 +199,13 @@ def _perceive_by(
     iou = polygon_iou(registration.contour, contour)
     confidence = _confidence(segmentation, iou, registration)
     stages.notes |= {
-        "iou": iou, "scale": chosen.scale, "confidence": confidence,
-        "boundary_rms_m": registration.residual, "updates": len(registration.history) - 1,
-        "garment_height_m": top, "least_turn": registration.least_turn,
+        "iou": iou,
+        "scale": chosen.scale,
+        "confidence": confidence,
+        "boundary_rms_m": registration.residual,
+        "updates": len(registration.history) - 1,
+        "garment_height_m": top,
+        "least_turn": registration.least_turn,
     }
     if confidence < settings.lowest_confidence:
         return failed(
@@ -249,7 +253,9 @@ def camera_fault(
         )
     if previous is not None and _frozen_camera(frame, previous):
         return Failure(
-            FailureKind.CAMERA_FAULT, "the camera repeats its last picture", hint,
+            FailureKind.CAMERA_FAULT,
+            "the camera repeats its last picture",
+            hint,
             {"sequence": frame.sequence, "stamp_s": frame.stamp},
         )
     return None
@@ -270,8 +276,7 @@ def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
     if frame is previous or frame.stamp == previous.stamp:
         return False
     return frame.sequence == previous.sequence or (
-        np.array_equal(frame.rgb, previous.rgb)
-        and np.array_equal(frame.depth, previous.depth, equal_nan=True)
+        np.array_equal(frame.rgb, previous.rgb) and np.array_equal(frame.depth, previous.depth, equal_nan=True)
     )
 
 
@@ -460,5 +465,3 @@ def _confidence(segmentation: Segmentation, iou: float, registration: Registrati
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
     fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
     return _SUREST * segmentation.confidence * overlap * fit
-
-

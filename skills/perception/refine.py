@@ -53,7 +53,8 @@ def refine_calibration(
     if plane is None:
         return Outcome(
             failure=Failure(
-                FailureKind.CAMERA_FAULT, "the depth picture does not show the table as a plane",
+                FailureKind.CAMERA_FAULT,
+                "the depth picture does not show the table as a plane",
                 "take everything off the table; check the depth sensor",
             )
         )
@@ -126,9 +127,7 @@ def _rays(calibration: CameraCalibration, uv: Array) -> Array:
     return np.stack([(uv[:, 0] - k.cx) / k.fx, (uv[:, 1] - k.cy) / k.fy, np.ones(len(uv))], axis=1)
 
 
-def _table_plane(
-    frame: CameraFrame, calibration: CameraCalibration, table: Table
-) -> tuple[Array, float] | None:
+def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Table) -> tuple[Array, float] | None:
     """The table's upward normal in camera axes (3,) and the camera's height above it [m]."""
     v, u = np.mgrid[2 : frame.depth.shape[0] : 5, 2 : frame.depth.shape[1] : 5].reshape(2, -1)
     depth = frame.depth[v, u].astype(float)
@@ -138,8 +137,10 @@ def _table_plane(
     there = points @ T[:3, :3].T + T[:3, 3]
     margin = 0.04
     on = (
-        (there[:, 0] > table.x[0] + margin) & (there[:, 0] < table.x[1] - margin)
-        & (there[:, 1] > table.y[0] + margin) & (there[:, 1] < table.y[1] - margin)
+        (there[:, 0] > table.x[0] + margin)
+        & (there[:, 0] < table.x[1] - margin)
+        & (there[:, 1] > table.y[0] + margin)
+        & (there[:, 1] < table.y[1] - margin)
         & (np.abs(there[:, 2]) < 0.06)
     )
     points = points[on]

@@ -10,9 +10,8 @@ from skills.perception.segmentation import Image, Mask, Segmentation, Segmentati
 
 __all__ = ["segment_watershed"]
 
-def segment_watershed(
-    rgb: Image, valid: Mask, settings: SegmentationSettings | None = None
-) -> Segmentation:
+
+def segment_watershed(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
     """The paper's: watershed from the four corners (background) and the centre (foreground)."""
     settings = settings or SegmentationSettings()
     rows, columns = np.nonzero(valid)

@@ -93,12 +93,19 @@ class TableView:
         """Resample one picture, colour bilinearly, depth (as height) by nearest neighbour."""
         size = (self.shape[1], self.shape[0])
         rgb = cv2.warpPerspective(
-            frame.rgb, self.homography, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            frame.rgb,
+            self.homography,
+            size,
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
         height = cv2.warpPerspective(
-            self._height(frame), self.homography, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"),
+            self._height(frame),
+            self.homography,
+            size,
+            flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
         )
         return RectifiedView(rgb.astype(np.uint8, copy=False), height.astype(np.float32, copy=False), self.valid)
 

@@ -60,9 +60,7 @@ def test_scripts_that_pass_and_one_that_does_not(tmp_path: Path, capsys: pytest.
     assert [case.find("failure") is None for case in suite] == [True, False, True]
 
 
-def test_nothing_is_performed_while_one_script_is_bad(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_performed_while_one_script_is_bad(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / "bad.yaml"
     bad.write_text(STOPPED.replace("end:", "ends:"), encoding="utf-8")
     logs = tmp_path / "logs"

@@ -60,9 +60,7 @@ class Node:
         self._stack.enter_context(self.listening(topic, kind, heard, queue))
 
     @contextmanager
-    def listening(
-        self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1
-    ) -> Iterator[None]:
+    def listening(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> Iterator[None]:
         """As `subscribe`, for as long as the context lasts."""
         subscriber = self._rospy.Subscriber(topic, kind, heard, queue_size=queue, tcp_nodelay=True)
         try:

@@ -39,9 +39,7 @@ def test_a_photograph_is_measured_in_its_pixels(
     assert max(np.linalg.norm(found - c, axis=1).min() for c in corners) < 0.01 * size[0]
 
 
-def test_what_is_refused_says_why_under_the_same_keys(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_refused_says_why_under_the_same_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photograph(tmp_path / "table.png", (640, 480), garment=False)
     assert main(["perceive", str(tmp_path / "table.png"), "--unit", "px", "--json"]) == 2
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])

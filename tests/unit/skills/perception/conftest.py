@@ -39,6 +39,4 @@ def calibration():
 @pytest.fixture(scope="session")
 def towels():
     sizes = {"medium_towel": (0.40, 0.60), "large_towel": (0.50, 0.80), "small_towel": (0.30, 0.42)}
-    return [
-        Template(name, "towel", TOWEL_NAMES, TOWEL * (x / 0.40, y / 0.60)) for name, (x, y) in sizes.items()
-    ]
+    return [Template(name, "towel", TOWEL_NAMES, TOWEL * (x / 0.40, y / 0.60)) for name, (x, y) in sizes.items()]

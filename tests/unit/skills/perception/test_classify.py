@@ -8,12 +8,32 @@ from skills.perception.template import Template
 from tests.scenes import TOWEL, TOWEL_NAMES, place
 
 SHIRT = np.array(
-    [[0.25, 0.08], [0.30, 0.25], [0.05, 0.48], [-0.03, 0.40], [0.12, 0.22], [-0.30, 0.22], [-0.30, -0.22],
-     [0.12, -0.22], [-0.03, -0.40], [0.05, -0.48], [0.30, -0.25], [0.25, -0.08]]
+    [
+        [0.25, 0.08],
+        [0.30, 0.25],
+        [0.05, 0.48],
+        [-0.03, 0.40],
+        [0.12, 0.22],
+        [-0.30, 0.22],
+        [-0.30, -0.22],
+        [0.12, -0.22],
+        [-0.03, -0.40],
+        [0.05, -0.48],
+        [0.30, -0.25],
+        [0.25, -0.08],
+    ]
 )
 TROUSERS = np.array(
-    [[0.42, 0.19], [0.14, 0.22], [-0.5, 0.20], [-0.5, 0.05], [0.10, 0.0], [-0.5, -0.05], [-0.5, -0.20],
-     [0.42, -0.19]]
+    [
+        [0.42, 0.19],
+        [0.14, 0.22],
+        [-0.5, 0.20],
+        [-0.5, 0.05],
+        [0.10, 0.0],
+        [-0.5, -0.05],
+        [-0.5, -0.20],
+        [0.42, -0.19],
+    ]
 )
 
 
@@ -40,8 +60,12 @@ def test_a_towel_of_another_size_is_told_by_its_size(towels):
 
 
 def test_an_unknown_silhouette_matches_nothing_well():
-    star = np.array([(r * np.cos(a), r * np.sin(a)) for a, r in zip(
-        np.arange(10) * np.pi / 5, np.tile([0.35, 0.13], 5), strict=True)])
+    star = np.array(
+        [
+            (r * np.cos(a), r * np.sin(a))
+            for a, r in zip(np.arange(10) * np.pi / 5, np.tile([0.35, 0.13], 5), strict=True)
+        ]
+    )
     assert classify(resample_closed(star, 0.003), ALL)[0].iou < 0.8
 
 

@@ -35,13 +35,19 @@ def mesh(quad, z, n=16):
 
 PREDICTED = mesh(HALF, HEIGHT)
 STEP = FoldStep(
-    "half", 0, FoldLine(HALF[0], (HALF[1] - HALF[0]) / np.linalg.norm(HALF[1] - HALF[0])), (), {},
+    "half",
+    0,
+    FoldLine(HALF[0], (HALF[1] - HALF[0]) / np.linalg.norm(HALF[1] - HALF[0])),
+    (),
+    {},
     {Side.LEFT: np.r_[HALF[3], 0.006], Side.RIGHT: np.r_[HALF[2], 0.006]},
 )
 SAGGED = np.array(
     [*HALF[:3]]
-    + [HALF[2] + u * (HALF[3] - HALF[2]) + 0.045 * np.sin(np.pi * u) * np.array([0.0, 1.0])
-       for u in np.linspace(0.1, 0.9, 9)]
+    + [
+        HALF[2] + u * (HALF[3] - HALF[2]) + 0.045 * np.sin(np.pi * u) * np.array([0.0, 1.0])
+        for u in np.linspace(0.1, 0.9, 9)
+    ]
     + [HALF[3]]
 )
 SHORT = np.array(

@@ -21,11 +21,30 @@ from tests.scenes import (
 
 TOWEL_TEMPLATE = Template("medium_towel", "towel", TOWEL_NAMES, TOWEL)
 TROUSERS = Template(
-    "pants", "trousers",
-    ("waist_left", "crotch_side_left", "hem_left_out", "hem_left_in", "crotch", "hem_right_in", "hem_right_out",
-     "waist_right"),
-    np.array([[0.42, 0.19], [0.14, 0.22], [-0.5, 0.20], [-0.5, 0.05], [0.10, 0.0], [-0.5, -0.05], [-0.5, -0.20],
-              [0.42, -0.19]]),
+    "pants",
+    "trousers",
+    (
+        "waist_left",
+        "crotch_side_left",
+        "hem_left_out",
+        "hem_left_in",
+        "crotch",
+        "hem_right_in",
+        "hem_right_out",
+        "waist_right",
+    ),
+    np.array(
+        [
+            [0.42, 0.19],
+            [0.14, 0.22],
+            [-0.5, 0.20],
+            [-0.5, 0.05],
+            [0.10, 0.0],
+            [-0.5, -0.05],
+            [-0.5, -0.20],
+            [0.42, -0.19],
+        ]
+    ),
 )
 
 
