@@ -21,7 +21,7 @@ fold: setup            ## one-shot fold of a medium towel in the simulated cell
 
 test: setup            ## lint, types, import floors and the whole test suite
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(PARALLEL)
@@ -30,7 +30,7 @@ quick: setup           ## the tests without the whole runs
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
 
 lint: setup
-	$(BIN)/ruff check . && $(BIN)/ruff format --check --quiet . && $(BIN)/lint-imports && $(BIN)/mypy
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
 
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil
