@@ -139,17 +139,17 @@ def test_a_run_that_no_seed_can_repeat_is_decided_the_same(tmp_path: Path) -> No
 
 def test_an_altered_reading_is_told_where_it_changes_what_is_done(seen: Any, copied: RunRecord) -> None:
     """The head is not where it was: no picture is taken."""
-    before_the_picture: list[int] = []
+    pictures: list[int] = []
 
     def turn(exchanges: list[Exchange]) -> list[Exchange]:
-        at = places(exchanges, Channel.CAPTURE)[0] - 1
-        before_the_picture.append(at)
+        pictures.append(places(exchanges, Channel.CAPTURE)[0])
+        at = max(k for k in places(exchanges, Channel.ARMS) if k < pictures[0])
         return answered(exchanges, at, replace(unpack(exchanges[at].answer), head_pan=0.5))
 
     altered(copied, turn)
     verdict = decided(seen, copied)
     there = verdict.deviation
-    assert there is not None and verdict.exchanges == before_the_picture[0] + 1
+    assert there is not None and verdict.exchanges == pictures[0]
     assert (there.state, there.effect) == ("photographing", "photograph_table")
     assert (there.then, there.now) == ("a picture", "a look at the clock")
     (photograph,) = [e for e in seen.entries if e.kind == "intent" and e.name == "photograph_table"]
