@@ -12,7 +12,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.execution import Watch, faded, followed, fresh_state, start_mismatch
+from cell.execution import Watch, followed, fresh_state, start_mismatch
+from cell.sent import faded
 from cell.ticks import TICK_S, Ticks
 from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind

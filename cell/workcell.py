@@ -11,8 +11,9 @@ import numpy as np
 
 from cell.commands import CommandQueue
 from cell.config import CellSettings
-from cell.execution import ExecutionLimits, Sent, stopped
+from cell.execution import ExecutionLimits, stopped
 from cell.recorder import Recorder
+from cell.sent import Sent
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import Ports, Stop

@@ -10,9 +10,10 @@ import numpy as np
 from cell.context import Context, Result
 from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
 from cell.effects.pushing import Pushes
-from cell.execution import Tick, Watch, faded, followed, stream
+from cell.execution import Tick, Watch, followed, stream
 from cell.hands import comes_to_rest, command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.recovery import Adjustment
+from cell.sent import faded
 from cell.states import Event
 from cell.ticks import TICK_S, Ticks
 from cell.workcell import Workcell

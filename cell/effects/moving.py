@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import PathControl, come_to_rest, fresh_state, hold, stopped, stream, wait
+from cell.execution import come_to_rest, fresh_state, hold, stopped, stream, wait
 from cell.hands import command_grip, each_hand, telemetry
+from cell.path_clock import PathControl
 from cell.states import Event
 from cell.ticks import TICK_S
 from cell.workcell import Workcell

@@ -15,8 +15,9 @@ import pytest
 
 import robots.ports
 from cell.commands import CommandQueue
-from cell.execution import ExecutionLimits, PathControl, stream, wait
+from cell.execution import ExecutionLimits, stream, wait
 from cell.frame_store import FRAMES
+from cell.path_clock import PathControl
 from cell.replaying.answering import Answers, Halt
 from cell.replaying.exchange import Channel, pack, unpack
 from cell.replaying.stenographer import Stenographer

@@ -13,8 +13,8 @@ import pytest
 from cell.config import CellSettings, load_settings
 from cell.context import Context
 from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
-from cell.execution import Sent
 from cell.recovery import RECOVERIES, Adjustment
+from cell.sent import Sent
 from cell.states import Event
 from robots.errors import Failure, FailureKind
 from tests.fakes import FakeCell

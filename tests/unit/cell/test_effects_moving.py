@@ -12,7 +12,7 @@ import pytest
 import cell.effects.moving as moving
 from cell.context import Context
 from cell.effects.moving import approach, clear, hold_still, make_safe, move, prepare, reenter, retreat
-from cell.execution import Sent
+from cell.sent import Sent
 from cell.states import Event
 from cell.workcell import Workcell
 from robots.baxter.model import load_model

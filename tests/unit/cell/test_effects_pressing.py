@@ -17,7 +17,7 @@ from cell.config import load_settings
 from cell.context import Context
 from cell.effects.inspecting import inspect_fold, judged_as_before
 from cell.effects.pressing import plan_pressing, press
-from cell.execution import PathControl
+from cell.path_clock import PathControl
 from cell.states import Event
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from cell.commands import CommandQueue
-from cell.execution import ExecutionLimits, PathControl, Sent, Tick, come_to_rest, hold, stream, wait
+from cell.execution import ExecutionLimits, Tick, come_to_rest, hold, stream, wait
+from cell.path_clock import PathControl
+from cell.sent import Sent
 from cell.states import Event
 from cell.ticks import TICK_S
 from robots.errors import Failure, FailureKind

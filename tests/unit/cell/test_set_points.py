@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from cell import hands
-from cell.execution import ExecutionLimits, PathControl, Sent, faded, stream, wait
+from cell.execution import ExecutionLimits, stream, wait
 from cell.hands import each_hand
+from cell.path_clock import PathControl
+from cell.sent import Sent, faded
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.vocabulary import Outcome
