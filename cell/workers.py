@@ -5,27 +5,32 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait
-from threading import Thread
+from threading import Lock, Thread
+from typing import Any, TypeVar
 
 __all__ = ["worker_pool"]
 
 AGAIN_S = 1.0
+T = TypeVar("T")
 
 
 @contextmanager
 def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executor]:
     """So many processes. tasks_each: after so many tasks a process is replaced. What is raised within, an
     interruption too, ends the work under way: a run is stopped and written to its end."""
-    # spawn: a forked child would share the parent's threads' locks, numba's state and the renderer
-    context = get_context("spawn")
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_follow, max_tasks_per_child=tasks_each
-    ) as pool:
+    with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
             yield pool
         except BaseException:
@@ -33,6 +38,58 @@ def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executo
             for worker in active_children():
                 worker.terminate()
             raise
+
+
+class RenewedWorkers(Executor):
+    """Some processes side by side, each replaced after so many tasks; one that dies fails its own task only
+    (BrokenExecutor), and the next task has a new one.
+
+    `max_tasks_per_child` of the standard library does not do it: with more tasks waiting than processes it stops
+    replacing them, and waits for ever (CPython, issue 115634).
+    """
+
+    def __init__(self, workers: int, tasks_each: int) -> None:
+        self._tasks_each = tasks_each
+        self._threads = ThreadPoolExecutor(workers, "worker")
+        self._lock = Lock()
+        self._idle: list[tuple[ProcessPoolExecutor, int]] = []
+        """Processes that wait for a task, and how many tasks each has left."""
+        self._closed = False
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **options: Any) -> Future[T]:
+        return self._threads.submit(self._perform, fn, *args, **options)
+
+    def _perform(self, fn: Callable[..., T], *args: Any, **options: Any) -> T:
+        with self._lock:  # whoever closes finds every process that was begun
+            if self._closed:
+                raise CancelledError
+            process, left = self._idle.pop() if self._idle else (_processes(1), self._tasks_each)
+            task = process.submit(fn, *args, **options)
+        try:
+            return task.result()
+        finally:
+            broken = isinstance(task.exception(), BrokenExecutor)
+            with self._lock:
+                keep = left > 1 and not broken and not self._closed
+                if keep:
+                    self._idle.append((process, left - 1))
+            if not keep:
+                process.shutdown()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        if not cancel_futures and wait:
+            self._threads.shutdown()
+        with self._lock:
+            self._closed = True
+            idle, self._idle = self._idle, []
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        for process, _ in idle:
+            process.shutdown(wait)
+
+
+def _processes(number: int) -> ProcessPoolExecutor:
+    # spawn: a forked child would share the parent's threads' locks, numba's state and the renderer
+    return ProcessPoolExecutor(number, mp_context=get_context("spawn"), initializer=_follow)
 
 
 def _follow() -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
@@ -62,9 +63,27 @@ def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int) -> Non
     assert not alive(worker)
 
 
-def test_work_is_done_elsewhere() -> None:
-    with worker_pool(2, 1) as pool:
-        assert os.getpid() not in set(pool.map(_pid, range(4)))
+@pytest.mark.parametrize("each", [None, 1, 3])
+@pytest.mark.timeout(60)
+def test_work_is_done_elsewhere(each: int | None) -> None:
+    """Also where far more waits than there are processes, and these are replaced."""
+    with worker_pool(2, each) as pool:
+        pids = list(pool.map(_pid, range(14)))
+    assert os.getpid() not in pids
+    if each is not None:
+        assert max(pids.count(pid) for pid in pids) <= each
+
+
+@pytest.mark.timeout(60)
+def test_a_process_that_dies_fails_its_own_task_only() -> None:
+    with worker_pool(2, 4) as pool:
+        tasks = [pool.submit(_die if k == 3 else _pid, k) for k in range(9)]
+        failed = [k for k, task in enumerate(tasks) if isinstance(task.exception(), BrokenExecutor)]
+    assert failed == [3]
+
+
+def _die(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _pid(_: int) -> int:
