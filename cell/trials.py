@@ -62,8 +62,8 @@ class GarmentFigures:
 def run_trials(
     work: Callable[[str, int], dict[str, Any]], garments: Sequence[str], seeds: Sequence[int], executor: Executor
 ) -> Generator[Trial, None, None]:
-    """Yields each trial as it ends. `work(garment, seed)` returns a run's figures; what it raises is a fault. A run
-    whose worker process is killed is not performed."""
+    """Yields each trial as it ends. `work(garment, seed)` returns a run's figures; what it raises is a fault.
+    A run whose worker process is killed is not performed."""
     jobs = {executor.submit(work, g, s): (g, s) for g in garments for s in seeds}
     try:
         for job in as_completed(jobs):

@@ -24,7 +24,7 @@ from cell.workers import worker_pool
 if __name__ == "__main__":
     with unwinding():
         try:
-            with worker_pool(1) as pool:
+            with worker_pool(1, *map(int, sys.argv[2:])) as pool:
                 task = "import os, time; open(%r, 'w').write(str(os.getpid())); time.sleep(100)"
                 pool.submit(exec, task % sys.argv[1]).result()
         except Terminated as e:
@@ -45,11 +45,12 @@ def alive(pid: int) -> bool:
     [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, BY_SIGNAL + signal.SIGTERM),
      (signal.SIGHUP, BY_SIGNAL + signal.SIGHUP)],
 )  # fmt: skip
-def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int) -> None:
+@pytest.mark.parametrize("each", [(), ("8",)])
+def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int, each: tuple[str, ...]) -> None:
     script, told = tmp_path / "maker.py", tmp_path / "pid"
     script.write_text(MAKER)
     environment = {**os.environ, "PYTHONPATH": os.getcwd()}
-    maker = subprocess.Popen([sys.executable, str(script), str(told)], env=environment)
+    maker = subprocess.Popen([sys.executable, str(script), str(told), *each], env=environment)
     until = time.monotonic() + 30.0
     while not (told.exists() and told.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
