@@ -29,14 +29,13 @@ T = TypeVar("T")
 @contextmanager
 def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executor]:
     """So many processes. tasks_each: after so many tasks a process is replaced. What is raised within, an
-    interruption too, ends the work under way: a run is stopped and written to its end."""
+    interruption too, ends the work under way (a run is stopped and written to its end) and the processes."""
     with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in active_children():
-                worker.terminate()
+            _end_children()
             raise
 
 
@@ -90,6 +89,17 @@ class RenewedWorkers(Executor):
 def _processes(number: int) -> ProcessPoolExecutor:
     # spawn: a forked child would share the parent's threads' locks, numba's state and the renderer
     return ProcessPoolExecutor(number, mp_context=get_context("spawn"), initializer=_follow)
+
+
+def _end_children() -> None:
+    """The first signal may stop a run, which is then written to its end; the next ones end the tasks that were
+    handed over already, as they begin."""
+    while children := active_children():
+        for child in children:
+            child.terminate()
+        until = time.monotonic() + AGAIN_S
+        for child in children:
+            child.join(max(0.0, until - time.monotonic()))
 
 
 def _follow() -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor
+from multiprocessing import active_children
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,38 @@ def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int, each: 
     while alive(worker) and time.monotonic() < until:
         time.sleep(0.05)
     assert not alive(worker)
+
+
+RUN = """
+import os, signal, time
+open(os.path.join({folder!r}, "begun-{number}"), "w").close()
+asked = []
+before = signal.signal(signal.SIGTERM, lambda *_: asked.append(1))  # as a run with an open cell
+until = time.monotonic() + 5.0
+while not asked and time.monotonic() < until:
+    time.sleep(0.02)
+signal.signal(signal.SIGTERM, before)
+open(os.path.join({folder!r}, ("stopped" if asked else "whole") + "-{number}"), "w").close()
+"""
+
+
+@pytest.mark.parametrize("each", [None, 8])
+def test_what_was_handed_over_already_is_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
+    """A run that heeds the signal ends in order; the executor's queue, which nobody can take back, is left."""
+
+    def ended(how: str) -> list[str]:
+        return sorted(path.name for path in tmp_path.glob(f"{how}-*"))
+
+    with pytest.raises(KeyboardInterrupt), worker_pool(1, each) as pool:
+        for number in range(4):
+            pool.submit(exec, RUN.format(folder=str(tmp_path), number=number), {})
+        until = time.monotonic() + 30.0
+        while not ended("begun") and time.monotonic() < until:
+            time.sleep(0.02)
+        time.sleep(0.1)
+        raise KeyboardInterrupt
+    assert "stopped-0" in ended("stopped") and ended("whole") == []
+    assert not active_children()
 
 
 @pytest.mark.parametrize("each", [None, 1, 3])
