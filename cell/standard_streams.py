@@ -49,12 +49,12 @@ class LastingStream:
 @contextmanager
 def lasting_streams() -> Iterator[LastingStream]:
     """Within it sys.stdout, which is given, and sys.stderr last. Numbers 0 to 2 that are closed lead nowhere: a
-    file that is opened later would get one of them, and what C libraries print with it."""
+    file that is opened later would get one of them, and what C libraries print with it, in a child too."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the lowest number that is free
     before = sys.stdout, sys.stderr
     kept = [LastingStream(stream or open(os.devnull, "w", encoding="utf-8")) for stream in before]  # noqa: SIM115
     sys.stdout, sys.stderr = cast(TextIO, kept[0]), cast(TextIO, kept[1])

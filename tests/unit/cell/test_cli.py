@@ -503,6 +503,18 @@ def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: st
     assert not list(ledger.glob("crash-*"))
 
 
+def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
+    child = "import os; os.write(1, b'into the first file that is opened')"
+    script = f"""
+import subprocess, sys
+from cell.standard_streams import lasting_streams
+with lasting_streams():
+    sys.exit(subprocess.run([sys.executable, "-c", {child!r}]).returncode)
+"""
+    command = ["bash", "-c", '"$0" -c "$1" >&- 2>&- <&-', sys.executable, script]
+    assert subprocess.run(command).returncode == 0
+
+
 @pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
 def test_a_run_keeps_its_exit_code_whoever_reads(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
