@@ -26,6 +26,7 @@ __all__ = [
     "shipped_library_path",
     "user_library_path",
     "write_library",
+    "write_text",
 ]
 
 
@@ -107,8 +108,13 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
 def write_library(path: Path, library: Library) -> None:
     """Write the whole file or none of it. Raises StorageError."""
+    write_text(path, to_json(library))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write the whole file or none of it, and the folder where there is none. Raises StorageError."""
     _made(path.parent)
-    write_whole(path, to_json(library), _HINT)
+    write_whole(path, text, _HINT)
 
 
 def _made(folder: Path) -> Path:
@@ -125,13 +131,17 @@ def _alone(path: Path) -> Iterator[None]:
 
     The lock is the folder's (`flock`), for the instant that it takes; where a file system has none, there is none.
     """
-    folder = os.open(_made(path.absolute().parent), os.O_RDONLY | os.O_CLOEXEC)
+    folder = _made(path.absolute().parent)
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be read: {error.strerror}", _HINT, path=str(folder)) from None
     try:
         with suppress(OSError):
-            fcntl.flock(folder, fcntl.LOCK_EX)
+            fcntl.flock(handle, fcntl.LOCK_EX)
         yield
     finally:
-        os.close(folder)
+        os.close(handle)
 
 
 def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:

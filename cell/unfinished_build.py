@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from cell.whole_file import write_whole
+from cell.library import write_text
 from robots.errors import StorageError
 from skills.garments.garment import Garment
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
@@ -50,7 +50,7 @@ class UnfinishedBuild:
                 self.path.unlink(missing_ok=True)
             return
         data = json.loads(to_json(Library(entries)))
-        write_whole(self.path, json.dumps({**data, "plans": {**plans, **self._plans}}, indent=1) + "\n")
+        write_text(self.path, json.dumps({**data, "plans": {**plans, **self._plans}}, indent=1) + "\n")
 
 
 def _load(path: Path) -> tuple[Library, dict[str, str]]:

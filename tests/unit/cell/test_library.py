@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -92,6 +94,17 @@ def test_a_folder_that_is_a_file_is_a_storage_error(tmp_path: Path, built: Libra
     with pytest.raises(StorageError) as caught:
         add_entry(tmp_path / "logs", built.entries[0])
     assert "--logs" in str(caught.value)
+
+
+def test_a_folder_that_may_not_be_read_is_a_storage_error(
+    tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its lock is taken on it; a run goes on without the entry."""
+    monkeypatch.setattr(
+        "cell.library.os.open", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied"))
+    )
+    with pytest.raises(StorageError, match="cannot be read: Permission denied"):
+        add_entry(tmp_path, built.entries[0])
 
 
 def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path: Path, built: Library) -> None:

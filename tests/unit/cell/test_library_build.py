@@ -203,6 +203,12 @@ def test_a_build_leaves_alone_what_one_of_other_garments_has_left(tmp_path: Path
     assert {(e.garment, e.step) for e in left} == {("medium_towel", "half"), ("medium_towel", "quarter")}
 
 
+def test_the_folder_of_a_build_is_made_for_its_first_entry(tmp_path: Path, serial: Library) -> None:
+    """`foldcell library build --output arcs/library.json`."""
+    UnfinishedBuild(tmp_path / "arcs" / "library.json", [TOWEL]).keep(serial.entries[0])
+    assert len(UnfinishedBuild(tmp_path / "arcs" / "library.json", [TOWEL]).library.entries) == 1
+
+
 def test_a_garment_whose_folds_are_planned_otherwise_is_built_anew(tmp_path: Path, serial: Library) -> None:
     part = UnfinishedBuild(tmp_path / "library.json", [TOWEL])
     for entry in serial.entries[:2]:
