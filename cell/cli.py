@@ -36,7 +36,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     prints (`| head`) changes nothing; output that could not be written is a fault of its own."""
     with lasting_streams() as output, unwinding():
         code = _perform(arguments)
-        output.flush()
         lost = output.lost
         if code != OK or lost is None or isinstance(lost, BrokenPipeError):
             return code
@@ -44,16 +43,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _perform(arguments: Sequence[str] | None) -> int:
+    options = argparse.Namespace()
     try:
-        options = build_parser().parse_args(arguments)
-    except SystemExit as e:  # argparse: --help is 0, a bad line USAGE
-        code = int(e.code or 0)
-        if code and "--json" in (sys.argv[1:] if arguments is None else arguments):
-            print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}), flush=True)
+        try:
+            options = build_parser().parse_args(arguments)
+        except SystemExit as e:  # argparse: --help is 0, a bad line USAGE
+            code = int(e.code or 0)
+            if code and "--json" in (sys.argv[1:] if arguments is None else arguments):
+                print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}))
+        else:
+            command = importlib.import_module(f"cell.subcommands.{options.module}")
+            code = int(command.run(options))
+        sys.stdout.flush()
         return code
-    try:
-        command = importlib.import_module(f"cell.subcommands.{options.module}")
-        return int(command.run(options))
     except Terminated as e:
         return _fail(options, BY_SIGNAL + e.number, f"ended by {e}", "")
     except KeyboardInterrupt:

@@ -6,8 +6,10 @@ import json
 import os
 import subprocess
 import sys
+import time
 import types
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -501,6 +503,29 @@ def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: st
         command = f"{sys.executable} -m cell.cli {line} --logs {ledger} {closed}"
         assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
     assert not list(ledger.glob("crash-*"))
+
+
+@pytest.mark.parametrize("line", ["runs --help", "garment list"])
+def test_who_waits_for_a_reader_can_be_ended(line: str) -> None:
+    """A pager that stands: by its signal, not with a traceback."""
+    reader, full = os.pipe()
+    try:
+        os.set_blocking(full, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(full, bytes(4096))
+        os.set_blocking(full, True)
+        command = [sys.executable, "-m", "cell.cli", *line.split()]
+        with subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True) as waiting:
+            until = time.monotonic() + 30.0
+            while "pipe_write" not in Path(f"/proc/{waiting.pid}/wchan").read_text() and time.monotonic() < until:
+                time.sleep(0.05)
+            waiting.terminate()
+            assert waiting.communicate(timeout=20.0)[1] == "foldcell: ended by SIGTERM\n"
+            assert waiting.returncode == 143
+    finally:
+        os.close(reader)
+        os.close(full)
 
 
 def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
