@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from cell.standard_streams import lasting_streams
-from cell.terminations import Terminated, unwinding
+from cell.terminations import BY_SIGNAL, Terminated, unwinding
 from robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT."""
-BY_SIGNAL = 128
-"""And the signal's number: SIGHUP 129, SIGTERM 143."""
+"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. (SIGHUP, 129, and SIGTERM, 143:
+cell/terminations.py.)"""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""

@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.config import CellSettings
 from cell.journal import to_json
+from cell.terminations import BY_SIGNAL
 
 __all__ = ["EXIT_CODES", "FoldRequest", "FoldResult"]
 
@@ -69,7 +70,7 @@ class FoldResult:
     @property
     def exit_code(self) -> int:
         if self.signal is not None:
-            return 128 + self.signal
+            return BY_SIGNAL + self.signal
         return EXIT_CODES[self.result]
 
     def as_json(self) -> dict[str, Any]:

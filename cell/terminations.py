@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["Terminated", "unwinding"]
+__all__ = ["BY_SIGNAL", "Terminated", "unwinding"]
+
+BY_SIGNAL = 128
+"""And the signal's number is the exit code of what it ended: SIGHUP 129, SIGINT 130, SIGTERM 143."""
 
 
 class Terminated(KeyboardInterrupt):

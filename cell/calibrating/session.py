@@ -33,6 +33,7 @@ from cell.recorder import Recorder
 from cell.requests import FoldRequest
 from cell.simulation import SimulationSettings, Truth, truth
 from cell.terminal import TerminalOperator, check_terminal
+from cell.terminations import BY_SIGNAL
 from cell.whole_file import write_whole
 from cell.workcell import Workcell
 from robots.errors import (
@@ -90,7 +91,7 @@ class CalibrationEnd(Generic[T]):
     @property
     def exit_code(self) -> int:
         if self.signal is not None:
-            return 128 + self.signal
+            return BY_SIGNAL + self.signal
         return {"done": 0, "not_done": 2, "fault": 3}[self.result]
 
     def as_json(self) -> dict[str, Any]:

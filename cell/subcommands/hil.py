@@ -20,12 +20,11 @@ from cell.journal import to_json
 from cell.lock import OwnerLock
 from cell.paths import campaign_folder, logs_directory, prepare_logs
 from cell.subcommands.output import progress_stream
+from cell.terminations import BY_SIGNAL
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 
 __all__ = ["run"]
-
-BY_SIGNAL = 128
 
 
 def run(options: argparse.Namespace) -> int:

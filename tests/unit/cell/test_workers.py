@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.cli import BY_SIGNAL
+from cell.terminations import BY_SIGNAL
 from cell.workers import worker_pool
 
 MAKER = """
