@@ -6,8 +6,7 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,8 @@ from cell.hil.script import Script, read_script
 from cell.journal import to_json
 from cell.lock import OwnerLock
 from cell.paths import campaign_folder, logs_directory, prepare_logs
-from cell.subcommands.output import progress_stream
-from cell.terminations import BY_SIGNAL
+from cell.subcommands.output import print_json, progress_stream
+from cell.terminations import BY_SIGNAL, Terminated
 from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 
@@ -47,15 +46,14 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
     done: list[Performance] = []
     ended_by: int | None = None
     try:
-        with _interruptible():
-            ended_by = _perform(options, settings, scripts, folder, done)
-    except _Interrupted as e:
-        ended_by = e.number
+        ended_by = _perform(options, settings, scripts, folder, done)
+    except KeyboardInterrupt as e:  # between two runs; while one is under way signals are its own, and stop it
+        ended_by = e.number if isinstance(e, Terminated) else signal.SIGINT
     finally:  # also when a bug ends it
         left = scripts[len(done) :]
         figures = _figures(done, left, options.driver)
         if options.json:
-            _tell(sys.stdout, json.dumps(to_json({**figures, "directory": str(folder)}), ensure_ascii=False))
+            print_json({**figures, "directory": str(folder)})
         else:
             _summary(done, left, folder)
         _keep(folder, figures)
@@ -73,42 +71,17 @@ def _perform(
     """Each script in turn, added to `done`; -> the signal that ended a run, if one did."""
     out = progress_stream(options.json)
     for number, script in enumerate(scripts, 1):
-        _tell(out, f"{number:3d}/{len(scripts)}  {script.name}: {script.about}")
+        print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
         performance = perform_script(
             script, settings, folder, driver=options.driver, world=options.world, live=options.live,
-            realtime=options.realtime, tell=lambda line: _tell(sys.stderr, f"         -> {line}"),
+            realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
         _keep(folder, _figures(done, scripts[number:], options.driver))  # now: a kill must not lose it
-        _tell(out, _outcome(performance))
+        print(_outcome(performance), file=out, flush=True)
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
     return None
-
-
-class _Interrupted(BaseException):
-    """A signal between two runs."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """SIGINT and SIGTERM raise _Interrupted; while a run is under way they are its own, and stop it."""
-
-    def interrupt(number: int, _: Any) -> None:
-        raise _Interrupted(number)
-
-    try:
-        before = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:  # not the main thread
-        before = {}
-    try:
-        yield
-    finally:
-        for n, handler in before.items():
-            signal.signal(n, handler)
 
 
 def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
@@ -142,11 +115,6 @@ def _keep(folder: Path, figures: dict[str, Any]) -> None:
     write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
 
 
-def _tell(stream: Any, line: str) -> None:
-    """A line for whoever reads."""
-    print(line, file=stream, flush=True)
-
-
 def _outcome(p: Performance) -> str:
     times = f"{p.result.robot_time_s:.1f} s robot, {p.seconds:.1f} s wall" if p.result else "no run"
     lines = [f"         {'passed' if p.passed else 'FAILED'}  ({times})"]
@@ -163,4 +131,4 @@ def _summary(done: list[Performance], left: list[Script], folder: Path) -> None:
     if left:
         lines.append(f"not performed: {', '.join(script.name for script in left)}")
     lines.append(f"details  {folder / 'hil.json'}")
-    _tell(sys.stdout, "\n".join(lines))
+    print("\n".join(lines), flush=True)
