@@ -20,6 +20,7 @@ from skills.vocabulary import FoldStep, GraspTrajectory
 __all__ = [
     "LoadedLibrary",
     "add_entry",
+    "alone_with",
     "entry_of",
     "load_library",
     "put_garments",
@@ -84,7 +85,7 @@ def entry_of(
 def add_entry(logs: Path, entry: LibraryEntry) -> Path:
     """Keep one more fold in the user's library. Raises StorageError; a broken library is set aside, not lost."""
     path = user_library_path(logs)
-    with _alone(path):
+    with alone_with(path):
         library, refused = _load(path)
         if refused:
             _set_aside(path)
@@ -97,7 +98,7 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
     Raises StorageError; a broken library is set aside, not lost.
     """
-    with _alone(path):
+    with alone_with(path):
         there, refused = _load(path)
         if refused:
             _set_aside(path)
@@ -126,8 +127,9 @@ def _made(folder: Path) -> Path:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Nobody else reads a library to write it anew meanwhile: a run that ends beside a build would undo it.
+def alone_with(path: Path) -> Iterator[None]:
+    """Nobody else reads a library to write it anew meanwhile: a run that ends beside a build would undo it. Raises
+    StorageError.
 
     The lock is the folder's (`flock`), for the instant that it takes; where a file system has none, there is none.
     """

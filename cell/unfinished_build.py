@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from cell.library import write_text
+from cell.library import alone_with, write_text
 from robots.errors import StorageError
 from skills.garments.garment import Garment
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
@@ -43,14 +43,15 @@ class UnfinishedBuild:
             self._write(())
 
     def _write(self, own: tuple[LibraryEntry, ...]) -> None:
-        there, plans = _load(self.path)
-        entries = (*own, *(e for e in there.entries if e.garment not in self._plans))
-        if not entries:
-            with suppress(OSError):
-                self.path.unlink(missing_ok=True)
-            return
-        data = json.loads(to_json(Library(entries)))
-        write_text(self.path, json.dumps({**data, "plans": {**plans, **self._plans}}, indent=1) + "\n")
+        with alone_with(self.path):
+            there, plans = _load(self.path)
+            entries = (*own, *(e for e in there.entries if e.garment not in self._plans))
+            if not entries:
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
+                return
+            data = json.loads(to_json(Library(entries)))
+            write_text(self.path, json.dumps({**data, "plans": {**plans, **self._plans}}, indent=1) + "\n")
 
 
 def _load(path: Path) -> tuple[Library, dict[str, str]]:

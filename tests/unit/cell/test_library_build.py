@@ -25,9 +25,10 @@ from cell.library_build import BuildProgress, BuiltStep, build_library
 from cell.unfinished_build import UnfinishedBuild
 from robots.errors import CellError, FailureKind
 from skills.cloth.mesh import mesh_from_contour
+from skills.garments.garment import Garment
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
-from skills.trajectory.library import Library, from_json, to_json
+from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
 from skills.vocabulary import Side
 
 TOWEL, SMALL = load_garment("medium_towel"), load_garment("small_towel")
@@ -201,6 +202,20 @@ def test_a_build_leaves_alone_what_one_of_other_garments_has_left(tmp_path: Path
     beside.end()
     left = UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries
     assert {(e.garment, e.step) for e in left} == {("medium_towel", "half"), ("medium_towel", "quarter")}
+
+
+def test_two_builds_at_once_lose_nothing(tmp_path: Path, serial: Library) -> None:
+    begin = threading.Barrier(2)
+
+    def build(garment: Garment, entry: LibraryEntry) -> None:
+        part = UnfinishedBuild(tmp_path / "library.json", [garment])
+        for k in range(20):
+            begin.wait()
+            part.keep(replace(entry, step=f"step{k}"))
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(build, BOTH, serial.entries[1:3]))
+    assert len(UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries) == 40
 
 
 def test_the_folder_of_a_build_is_made_for_its_first_entry(tmp_path: Path, serial: Library) -> None:
