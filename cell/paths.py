@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import tempfile
 import time
@@ -14,6 +15,7 @@ from robots.errors import StorageError
 __all__ = [
     "LEDGER",
     "campaign_folder",
+    "command_for",
     "free_bytes",
     "ledger_path",
     "logs_directory",
@@ -43,6 +45,12 @@ def logs_directory(option: Path | None = None, environment: Mapping[str, str] | 
     import platformdirs
 
     return Path(platformdirs.user_data_dir("foldcell", appauthor=False)) / "logs"
+
+
+def command_for(words: str, logs: Path) -> str:
+    """`foldcell WORDS`, to be typed: it names the logs unless they are where a command looks by itself."""
+    where = "" if logs == logs_directory() else f" --logs {shlex.quote(str(logs))}"
+    return f"foldcell {words}{where}"
 
 
 def repository_root() -> Path | None:

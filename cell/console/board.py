@@ -16,6 +16,7 @@ from cell.commands import ANSWERS, OPERATOR_EVENTS
 from cell.context import Context, Result
 from cell.executive import Step, complete_table
 from cell.observers import Remarks
+from cell.paths import command_for
 from cell.resumable import has_belief
 from cell.states import TERMINAL, Event, State
 from robots.errors import Failure
@@ -98,7 +99,7 @@ class Board:
             self._end = {
                 "result": state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",
-                "go_on": f"foldcell resume {folder.name}" if resumable else "",
+                "go_on": command_for(f"resume {folder.name}", folder.parent) if resumable else "",
             }  # fmt: skip
             self.version += 1
 

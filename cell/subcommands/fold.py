@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cell.config import load_settings
 from cell.garments import load_garment
-from cell.paths import logs_directory, prepare_logs
+from cell.paths import command_for, logs_directory, prepare_logs
 from cell.recording_losses import recording_losses
 from cell.resumable import has_belief
 from cell.subcommands.output import print_json
@@ -100,12 +100,14 @@ def _summary(figures: dict) -> None:
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")
     if folder and figures.get("state") in {"stopped", "fault"} and has_belief(Path(folder)):
-        print(f"  go on      foldcell resume {Path(folder).name}   (it lets go, parks, and looks)")
+        go_on = command_for(f"resume {Path(folder).name}", Path(folder).parent)
+        print(f"  go on      {go_on}   (it lets go, parks, and looks)")
     if folder:
         if not unwritten:
             print(f"  report     {folder}/report.html")
         if not lost or Path(folder, "run.rrd").exists():
-            print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}foldcell replay last)")
+            replay = command_for("replay last", Path(folder).parent)
+            print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})")
 
 
 def _missed(score: dict) -> str:

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from cell.journal import NOT_BEGUN, Entry, Journal, RunRecord
-from cell.paths import ledger_path, logs_directory
+from cell.paths import command_for, ledger_path, logs_directory
 from cell.resumable import resumable
 from cell.subcommands.output import print_json
 from cell.subcommands.runs import run_figures
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     if reason := record.summary.get("reason"):
         print(f"  nothing was begun: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
     if figures["resumable"]:
-        print(f"go on   foldcell resume {record.id}")
+        print(f"go on   {command_for(f'resume {record.id}', record.directory.parent)}")
     print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
     return 0
 
@@ -46,7 +46,8 @@ def run(options: argparse.Namespace) -> int:
 def _no_page(record: RunRecord) -> str:
     """Why there is no page, and what there is instead."""
     recorded = (record.directory / "run.rrd").is_file()
-    replay = f"\n        foldcell replay {record.id} opens what was recorded" if recorded else ""
+    command = command_for(f"replay {record.id}", record.directory.parent)
+    replay = f"\n        {command} opens what was recorded" if recorded else ""
     if record.status == "running":
         return f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run as it goes{replay}"
     if record.status == NOT_BEGUN:

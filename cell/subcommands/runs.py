@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.journal import Journal, RunRecord
-from cell.paths import ledger_path, logs_directory
+from cell.paths import command_for, ledger_path, logs_directory
 from cell.resumable import has_belief
 from cell.subcommands.output import print_json, print_table
 
@@ -39,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     ]
     print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
     if rows[-1]["status"] == "interrupted" and has_belief(Path(rows[-1]["run_dir"])):
-        print(f"go on with the last one: foldcell resume {rows[-1]['run']}")
+        last = Path(rows[-1]["run_dir"])
+        print(f"go on with the last one: {command_for(f'resume {last.name}', last.parent)}")
     return 0
 
 

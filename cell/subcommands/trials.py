@@ -6,7 +6,7 @@ import argparse
 import functools
 import shutil
 import sys
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
 from cell.whole_file import write_whole
 from cell.workers import worker_pool
+from robots.errors import StorageError
 
 __all__ = ["run"]
 
@@ -41,8 +42,7 @@ def run(options: argparse.Namespace) -> int:
     planned = [(g, s) for g in garments for s in seeds]
     trials: list[Trial] = []
     out = progress_stream(options.json)
-    with suppress(FileNotFoundError):
-        shutil.copyfile(user_library_path(logs), user_library_path(campaign))
+    _copy_library(logs, campaign)
     kept = campaign / "trials.json"
     write_whole(kept, _text(_figures(trials, planned)))
     print(f"{len(planned)} runs, {options.workers} at a time", file=out, flush=True)
@@ -85,13 +85,23 @@ def _one(
     from cell.run import FoldRequest, fold_once
 
     logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
-    with suppress(FileNotFoundError):
-        shutil.copyfile(user_library_path(campaign), user_library_path(logs))
+    _copy_library(campaign, logs)
     request = FoldRequest(
         garment=garment, seed=seed, driver=driver, settings=settings, settings_path=path, logs=logs,
         live=False, approve=False, realtime=False, world=world, quiet=True,
     )  # fmt: skip
     return dict(to_json(fold_once(request).as_json()))
+
+
+def _copy_library(logs: Path, to: Path) -> None:
+    """The user's library, if there is one, from some logs to others. Raises StorageError."""
+    try:
+        shutil.copyfile(user_library_path(logs), user_library_path(to))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        hint = "see whether both may be read and written, and whether the disk is full"
+        raise StorageError(f"{user_library_path(logs)} cannot be copied to {to}: {error.strerror}", hint) from None
 
 
 def _key(trial: Trial) -> tuple[str, int]:

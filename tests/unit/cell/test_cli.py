@@ -234,7 +234,7 @@ def test_the_summary_tells_what_the_recording_lacks(
     text = capsys.readouterr().out
     assert "not kept   the run cannot be decided again from here on: disk full" in text
     assert "not kept   7 entries of the recording" in text
-    assert ("run.rrd   (incomplete; foldcell replay last)" in text) is there and ("run.rrd" in text) is there
+    assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
 
 
 def test_the_summary_tells_which_figure_missed_its_limit(
