@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with lasting_streams() as output, unwinding():
         code = _perform(arguments)
         lost = output.lost
-        if code != OK or lost is None or isinstance(lost, BrokenPipeError):
+        if code != OK or not isinstance(lost, OSError) or isinstance(lost, BrokenPipeError):
             return code
         return _say(USAGE, f"standard output cannot be written: {lost.strerror}", "what was done stays done")
 

@@ -5,40 +5,55 @@ What a command does, and its exit code, do not hang on who reads along.
 from __future__ import annotations
 
 import os
+import select
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO, cast
+from typing import Any, TextIO, TypeVar, cast
 
 __all__ = ["LastingStream", "lasting_streams"]
 
 
+T = TypeVar("T")
+
+
 class LastingStream:
-    """A text stream that takes what it is given also when it can no longer be written. lost: why it cannot."""
+    """A text stream that takes what it is given also when it can no longer be written. lost: why it cannot; an
+    interruption while a reader was waited for counts, too: whoever ends the program would wait for him again."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self.lost: OSError | None = None
+        self.lost: OSError | KeyboardInterrupt | None = None
 
     def write(self, text: str) -> int:
-        if self.lost is None:
-            try:
-                return self._stream.write(text)
-            except OSError as e:
-                self._lose(e)
-        return len(text)
+        return self._last(lambda: self._stream.write(text), len(text))
 
     def flush(self) -> None:
+        self._last(self._stream.flush, None)
+
+    def _last(self, act: Callable[[], T], when_lost: T) -> T:
         if self.lost is None:
             try:
-                self._stream.flush()
+                return act()
             except OSError as e:
                 self._lose(e)
+            except KeyboardInterrupt as e:
+                if not self._is_taken():
+                    self._lose(e)
+                raise
+        return when_lost
+
+    def _is_taken(self) -> bool:
+        """Whether what is written would be taken at once."""
+        try:
+            return bool(select.select([], [self._stream.fileno()], [], 0.0)[1])
+        except (OSError, ValueError):  # no file
+            return True
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
-    def _lose(self, error: OSError) -> None:
+    def _lose(self, error: OSError | KeyboardInterrupt) -> None:
         self.lost = error
         with suppress(OSError, ValueError):  # what is still buffered would be tried again as Python ends
             nowhere = os.open(os.devnull, os.O_WRONLY)

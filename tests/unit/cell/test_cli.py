@@ -505,9 +505,10 @@ def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: st
     assert not list(ledger.glob("crash-*"))
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("line", ["runs --help", "garment list"])
-def test_who_waits_for_a_reader_can_be_ended(line: str) -> None:
-    """A pager that stands: by its signal, not with a traceback."""
+def test_who_waits_for_a_reader_can_be_ended(line: str, unbuffered: str) -> None:
+    """A pager that stands: by its signal, not with a traceback. What waits in a buffer is not waited for again."""
     reader, full = os.pipe()
     try:
         os.set_blocking(full, False)
@@ -516,13 +517,18 @@ def test_who_waits_for_a_reader_can_be_ended(line: str) -> None:
                 os.write(full, bytes(4096))
         os.set_blocking(full, True)
         command = [sys.executable, "-m", "cell.cli", *line.split()]
-        with subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True) as waiting:
+        environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+        waiting = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True, env=environment)
+        try:
             until = time.monotonic() + 30.0
             while "pipe_write" not in Path(f"/proc/{waiting.pid}/wchan").read_text() and time.monotonic() < until:
                 time.sleep(0.05)
             waiting.terminate()
             assert waiting.communicate(timeout=20.0)[1] == "foldcell: ended by SIGTERM\n"
             assert waiting.returncode == 143
+        finally:
+            waiting.kill()
+            waiting.communicate()
     finally:
         os.close(reader)
         os.close(full)
