@@ -23,7 +23,7 @@ import argparse
 import numpy as np
 
 from benchmarks.turned import turned_over
-from cell.garments import list_garments, load_garment
+from cell.garments.garment_file import list_garments, load_garment
 from cell.simulation.folded_mesh import fold_mesh
 from cell.simulation.score import FinalGarment, named_edge_pairs, score
 from skills.cloth.crossings import count_crossings

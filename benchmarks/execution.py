@@ -19,8 +19,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cell import execution
 from cell.config import load_settings
+from cell.execution import streaming as execution
 from cell.run import FoldRequest, FoldResult, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
 from robots.baxter.model import load_model

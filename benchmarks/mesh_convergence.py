@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from cell.simulation.score import Score, score_plan
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold

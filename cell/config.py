@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cell.yaml_file import Document, Key, merge, read_yaml, validated
+from cell.files.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
+from cell.files.yaml_file import Document, Key, merge, read_yaml, validated
 from robots.errors import ConfigurationError
 from skills.vocabulary import Table
 
@@ -159,7 +160,6 @@ class GraspConfig(_Group):
 
     def settings(self) -> GraspSettings:
         """As the skill takes them; what stands in no file keeps the skill's defaults."""
-        from cell.calibration_file import load_tactile_thresholds
         from skills.grasping.settings import GraspSettings
 
         values = self.model_dump(exclude={"lift_height", "calibration"})
@@ -285,8 +285,6 @@ class CellSettings(_Group):
         """The table as the skills know it: at its calibrated height where a file is named."""
         if self.table_.calibration is None:
             return self.drawn_table
-        from cell.calibration_file import load_table_height
-
         return Table(load_table_height(self.table_.calibration), self.table_.x, self.table_.y)
 
     @property
@@ -365,8 +363,6 @@ def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
 
 
 def _check_files(settings: CellSettings, where: Any) -> None:
-    from cell.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
-
     files: dict[str, tuple[Path | None, Callable[[Path], object]]] = {
         "table": (settings.table_.calibration, load_table_height),
         "camera": (settings.camera.calibration, load_camera_calibration),

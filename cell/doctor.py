@@ -12,8 +12,8 @@ from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
 
-from cell.paths import free_bytes, ledger_path, repository_root, user_cache
-from cell.viewer import find_viewer
+from cell.files.paths import free_bytes, ledger_path, repository_root, user_cache
+from cell.recorder.viewer import find_viewer
 from robots.errors import CellError
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
@@ -240,7 +240,7 @@ def _cores() -> Iterable[Check]:
 
 def _garments() -> Iterable[Check]:
     from cell.config import load_settings
-    from cell.garments import list_garments, load_garment
+    from cell.garments.garment_file import list_garments, load_garment
 
     surface = load_settings().surface
     names = list_garments()

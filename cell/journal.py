@@ -23,8 +23,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cell.lock import OwnerLock, is_held
-from cell.paths import new_folder
+from cell.files.paths import new_folder
+from cell.process.lock import OwnerLock, is_held
 from robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
 __all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]

@@ -20,38 +20,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.assembly import assemble, load_robot
-from cell.attendant import PersonAttendant
-from cell.commands import CommandQueue
-from cell.compiling import compiling_told
 from cell.context import Context
-from cell.driver import PersonAt, check_cell, is_simulated, opened_cell
 from cell.effects import EFFECTS
-from cell.fold_result import fold_result, told
-from cell.interrupts import Interrupts
+from cell.equipment.assembly import assemble, load_robot
+from cell.equipment.driver import PersonAt, check_cell, is_simulated, opened_cell
+from cell.equipment.owned import VERSIONED, begun_run, owned_cell
+from cell.files.whole_file import write_whole
 from cell.journal import RunJournal
 from cell.observers import RecorderObserver, Remark, Remarks
-from cell.owned import VERSIONED, begun_run, owned_cell
-from cell.progress import ProgressLines
+from cell.operator.attendant import PersonAttendant
+from cell.operator.commands import CommandQueue
+from cell.operator.keys import TerminalOperator, check_terminal, in_foreground
+from cell.process.interrupts import Interrupts
+from cell.progress.compiling import compiling_told
+from cell.progress.lines import ProgressLines
 from cell.recorder import Recorder
 from cell.replaying.stenographer import Stenographer
 from cell.replaying.surroundings import keep_surroundings
-from cell.request_file import keep_request
-from cell.requests import FoldRequest, FoldResult
-from cell.resumable import RESUMED_FROM, check_resumable
-from cell.resuming import Interrupted, Keeper
+from cell.requests.fold_request import FoldRequest, FoldResult
+from cell.requests.request_file import keep_request
+from cell.results.fold_result import fold_result, told
+from cell.resuming.keeper import Interrupted, Keeper
+from cell.resuming.resumable import RESUMED_FROM, check_resumable
 from cell.runner import Observer, RunEnd, Runner
 from cell.simulation import SimulationSettings, checkpoint, restore
 from cell.states import Event, State
-from cell.terminal import TerminalOperator, check_terminal, in_foreground
-from cell.whole_file import write_whole
 from robots.errors import CellError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
     from cell.console.board import Board
     from cell.console.supervision import Supervision
-    from cell.reporting import TrueFrame
+    from cell.reports.report import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
@@ -107,7 +107,7 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
     try:
         write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
         if request.record:
-            from cell.reporting import report
+            from cell.reports.report import report
 
             report(folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles)
     except StorageError as e:

@@ -12,13 +12,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from cell.commands import ABORTED, ANSWERS, CommandQueue
 from cell.context import Context, Result
-from cell.execution import stopped
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import stopped
 from cell.executive import Executive, Step
 from cell.journal import RunJournal
+from cell.operator.commands import ABORTED, ANSWERS, CommandQueue
 from cell.states import TERMINAL, Effect, Event, State
-from cell.workcell import Workcell
 from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
 __all__ = ["EffectFunction", "Observer", "RunEnd", "Runner"]

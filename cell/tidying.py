@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cell.frame_store import FRAMES
+from cell.files.frame_store import FRAMES
+from cell.files.paths import LEDGER
 from cell.journal import Journal, RunRecord
-from cell.paths import LEDGER
-from cell.resumable import BELIEF, resumable
-from cell.resuming import WORLD
+from cell.resuming.keeper import WORLD
+from cell.resuming.resumable import BELIEF, resumable
 from robots.errors import StorageError
 
 __all__ = ["Heavy", "heavy_runs", "lighten"]

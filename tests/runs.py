@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands import CommandQueue
 from cell.config import load_settings
 from cell.context import Context, Result
 from cell.effects import EFFECTS
+from cell.equipment.workcell import Workcell
 from cell.journal import Journal
+from cell.operator.commands import CommandQueue
 from cell.replaying.deciding import Verdict, decide_again
-from cell.requests import FoldRequest, FoldResult
-from cell.resuming import Interrupted
+from cell.requests.fold_request import FoldRequest, FoldResult
+from cell.resuming.keeper import Interrupted
 from cell.run import fold_once
 from cell.states import Effect, Event
-from cell.workcell import Workcell
 from robots.ports import Array, JointSetpoint, Ports
 
 __all__ = ["PLAIN", "Onlooker", "Sent", "decided_again", "fold_request"]

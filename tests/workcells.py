@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from cell.calibration_file import camera_calibration
-from cell.commands import CommandQueue
 from cell.config import load_settings
-from cell.execution import ExecutionLimits
+from cell.equipment.camera import camera_calibration
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import ExecutionLimits
+from cell.operator.commands import CommandQueue
 from cell.recorder import Recorder
-from cell.workcell import Workcell
 from skills.trajectory.library import Library
 from tests.fakes import FakeCell
 

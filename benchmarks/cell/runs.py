@@ -13,8 +13,8 @@ from unittest.mock import patch
 from cell.config import load_settings
 from cell.context import Result
 from cell.executive import Step
-from cell.requests import FoldRequest, FoldResult
-from cell.resuming import Keeper
+from cell.requests.fold_request import FoldRequest, FoldResult
+from cell.resuming.keeper import Keeper
 from cell.run import fold_once
 from cell.states import Effect
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cell.config import load_settings
-from cell.requests import FoldRequest
+from cell.requests.fold_request import FoldRequest
 from cell.run import fold_once
 from cell.simulation.noise import load_noise
 from robots.baxter.model import load_model

@@ -24,7 +24,7 @@ from benchmarks.cloth.scenes import (
     sides_folds,
     timed,
 )
-from cell.garments import list_garments, load_garment
+from cell.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour

@@ -14,7 +14,7 @@ from benchmarks.motion.folds import measure_folds
 from benchmarks.motion.grasps import measure_grasps
 from benchmarks.motion.kinematics import measure_kinematics
 from cell.config import load_settings
-from cell.garments import list_garments, load_garment
+from cell.garments.garment_file import list_garments, load_garment
 from robots.baxter.model import load_model
 
 __all__ = ["measure"]

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.garments import garment_path
-from cell.whole_file import write_whole
+from cell.files.whole_file import write_whole
+from cell.garments.garment_file import garment_path
 
 __all__ = ["Kept", "fingerprint"]
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
-from cell.camera import nominal_calibration
-from cell.garments import load_garment
+from cell.equipment.camera import nominal_calibration
+from cell.garments.garment_file import load_garment
 from cell.simulation.fabric import garment_uv
 from cell.simulation.noise import load_noise
 from cell.simulation.outline import draw_outline

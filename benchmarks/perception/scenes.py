@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.perception.fabrics import Light, draw_fabric
 from benchmarks.perception.pieces import Laying, Piece, draw_piece
-from cell.camera import nominal_calibration
-from cell.garments import load_garment
+from cell.equipment.camera import nominal_calibration
+from cell.garments.garment_file import load_garment
 from cell.simulation.camera import SimulatedCamera
 from cell.simulation.fabric import garment_uv, table_texture
 from cell.simulation.noise import load_noise

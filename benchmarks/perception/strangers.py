@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, open_studio
-from cell.camera import nominal_calibration
+from cell.equipment.camera import nominal_calibration
 from cell.simulation.fabric import garment_uv
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import mesh_from_contour

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
 from cell.calibrating.reaching import reach, settled_joints, with_board
 from cell.calibrating.touching import touch_table
+from cell.effects.hands import command_grip
 from cell.effects.seeing import capture
-from cell.execution import stopped, wait
-from cell.hands import command_grip
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import stopped, wait
+from cell.execution.ticks import TICK_S
 from cell.journal import RunJournal
-from cell.ticks import TICK_S
-from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import BoardPlace, Side, TactileReading
 from skills.grasping.reading import GripCommand

@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from calibration.board import BOARD
 from calibration.effects import Reach
-from cell.assembly import SLACK
 from cell.calibrating.touching import park_other
+from cell.effects.hands import telemetry
 from cell.effects.moving import move
-from cell.execution import fresh_state, wait
-from cell.hands import telemetry
-from cell.ticks import TICK_S
-from cell.workcell import Workcell
+from cell.equipment.assembly import SLACK
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import fresh_state, wait
+from cell.execution.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice, frozen

@@ -17,25 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import Procedure
-from cell.assembly import assemble, load_robot
-from cell.attendant import PersonAttendant
 from cell.calibrating.performing import STATE, Performer
-from cell.commands import CommandQueue
-from cell.compiling import compiling_told
 from cell.config import CellSettings
 from cell.context import Context
-from cell.driver import check_cell, is_simulated, opened_cell
 from cell.effects.moving import hold_still, make_safe, prepare
-from cell.interrupts import Interrupts
+from cell.equipment.assembly import assemble, load_robot
+from cell.equipment.driver import check_cell, is_simulated, opened_cell
+from cell.equipment.owned import begun_run, owned_cell
+from cell.equipment.workcell import Workcell
+from cell.files.whole_file import write_whole
 from cell.journal import RunJournal, to_json
-from cell.owned import begun_run, owned_cell
+from cell.operator.attendant import PersonAttendant
+from cell.operator.commands import CommandQueue
+from cell.operator.keys import TerminalOperator, check_terminal
+from cell.process.interrupts import Interrupts
+from cell.process.terminations import BY_SIGNAL
+from cell.progress.compiling import compiling_told
 from cell.recorder import Recorder
-from cell.requests import FoldRequest
+from cell.requests.fold_request import FoldRequest
 from cell.simulation import SimulationSettings, Truth, truth
-from cell.terminal import TerminalOperator, check_terminal
-from cell.terminations import BY_SIGNAL
-from cell.whole_file import write_whole
-from cell.workcell import Workcell
 from robots.errors import (
     CellError,
     DriverError,

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.effects import Touch, Touched
+from cell.effects.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.effects.moving import move
-from cell.execution import fresh_state, wait
-from cell.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
-from cell.ticks import TICK_S
-from cell.workcell import Workcell
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import fresh_state, wait
+from cell.execution.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side, arm_slice
 from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent

@@ -12,12 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.commands import ANSWERS, OPERATOR_EVENTS
 from cell.context import Context, Result
 from cell.executive import Step, complete_table
+from cell.files.paths import command_for
 from cell.observers import Remarks
-from cell.paths import command_for
-from cell.resumable import has_belief
+from cell.operator.commands import ANSWERS, OPERATOR_EVENTS
+from cell.resuming.resumable import has_belief
 from cell.states import TERMINAL, Event, State
 from robots.errors import Failure
 

@@ -29,8 +29,8 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from cell.commands import ANSWERS, CommandQueue
 from cell.console.board import Board
+from cell.operator.commands import ANSWERS, CommandQueue
 from robots.errors import DriverError, StorageError
 from robots.ports import Stop
 

@@ -6,13 +6,13 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from cell.commands import CommandQueue
 from cell.console.board import Board
 from cell.console.server import operators_page
-from cell.driver import is_simulated
+from cell.equipment.driver import is_simulated
+from cell.operator.commands import CommandQueue
 from cell.recorder import Recorder
 from cell.recorder.live import viewer_address, web_viewer
-from cell.requests import FoldRequest
+from cell.requests.fold_request import FoldRequest
 from robots.ports import Stop
 
 __all__ = ["Supervision"]

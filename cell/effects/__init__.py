@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from cell.context import Context, Result
 from cell.effects import deciding, gripping, inspecting, moving, planning, pressing, seeing
+from cell.equipment.workcell import Workcell
 from cell.runner import EffectFunction
 from cell.states import Effect, Event
-from cell.workcell import Workcell
 
 __all__ = ["EFFECTS"]
 

@@ -16,7 +16,7 @@ import numpy as np
 from calibration.identify import MaterialEstimate, Noise, identify_material, outline_residual, predict_candidates
 from cell.context import Context
 from cell.effects.planning import named_garment, simulated_paths
-from cell.workcell import Workcell
+from cell.equipment.workcell import Workcell
 from robots.ports import Array
 from skills.perception.view import TableView
 

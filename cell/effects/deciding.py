@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.commands import ABORTED
 from cell.context import Context, Result
-from cell.execution import stopped, wait
-from cell.hands import telemetry
+from cell.effects.hands import telemetry
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import stopped, wait
+from cell.execution.ticks import TICK_S
+from cell.operator.commands import ABORTED
 from cell.recovery import Adjustment, Recovery, choose_recovery
 from cell.states import Event
-from cell.ticks import TICK_S
-from cell.workcell import Workcell
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
+from cell.effects.hands import comes_to_rest, command_grip, each_hand, lowered, read_hand, telemetry, tool_height
 from cell.effects.moving import PREGRASP_OPENING, move, pausable, waited
 from cell.effects.pushing import Pushes
-from cell.execution import Tick, Watch, followed, stream
-from cell.hands import comes_to_rest, command_grip, each_hand, lowered, read_hand, telemetry, tool_height
+from cell.equipment.workcell import Workcell
+from cell.execution.sent import faded
+from cell.execution.streaming import Tick, Watch, followed, stream
+from cell.execution.ticks import TICK_S, Ticks
 from cell.recovery import Adjustment
-from cell.sent import faded
 from cell.states import Event
-from cell.ticks import TICK_S, Ticks
-from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side, arm_slice
 from skills.grasping.close import close, start_close

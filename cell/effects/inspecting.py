@@ -10,9 +10,9 @@ from cell.context import Context, Result
 from cell.effects.adapting import adapt
 from cell.effects.drifting import moved_along
 from cell.effects.pressing import plan_pressing
+from cell.equipment.workcell import Workcell
+from cell.results.step_notes import note_of
 from cell.states import Event
-from cell.step_notes import note_of
-from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from skills.perception.alignment import edge_deviation
 from skills.perception.diagnosis import beyond_limits, diagnose, outline_good, told_by_height

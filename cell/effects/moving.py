@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import come_to_rest, fresh_state, hold, stopped, stream, wait
-from cell.hands import command_grip, each_hand, telemetry
-from cell.path_clock import PathControl
+from cell.effects.hands import command_grip, each_hand, telemetry
+from cell.equipment.workcell import Workcell
+from cell.execution.path_clock import PathControl
+from cell.execution.streaming import come_to_rest, fresh_state, hold, stopped, stream, wait
+from cell.execution.ticks import TICK_S
 from cell.states import Event
-from cell.ticks import TICK_S
-from cell.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.cloth.pinch import PadGeometry

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cell.context import Context, Result
-from cell.execution import stopped
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import stopped
 from cell.recovery import Adjustment
 from cell.states import Event
-from cell.workcell import Workcell
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, Side, frozen
 from skills.cloth.mesh import mesh_from_contour

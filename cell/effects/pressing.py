@@ -9,12 +9,12 @@ import numpy as np
 
 from cell.context import Context, Result
 from cell.effects.drifting import moved_along
+from cell.effects.hands import command_grip, each_hand, telemetry
 from cell.effects.moving import move, pausable, waited
 from cell.effects.pushing import Pushes
-from cell.execution import Tick, stream
-from cell.hands import command_grip, each_hand, telemetry
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import Tick, stream
 from cell.states import Event
-from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
 from skills.grasping.reading import GripCommand

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cell.hands import read_hand
-from cell.workcell import Workcell
+from cell.effects.hands import read_hand
+from cell.equipment.workcell import Workcell
 from robots.errors import Failure
 from robots.ports import JointState, Side
 from skills.grasping.reading import fault

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from cell.context import Context, Result
 from cell.effects.inspecting import find_folded
-from cell.execution import fresh_state
+from cell.equipment.workcell import Workcell
+from cell.execution.streaming import fresh_state
 from cell.states import Event
-from cell.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.overlay import draw_on_camera

@@ -15,12 +15,12 @@ from functools import partial
 
 import numpy as np
 
-from cell.commands import CommandQueue, Said
 from cell.context import Result
 from cell.executive import Step
 from cell.hil.clock import PunctualClock
 from cell.hil.script import Action, Script
 from cell.observers import FAILING
+from cell.operator.commands import CommandQueue, Said
 from cell.simulation import Fault, inject, truth
 from cell.states import TERMINAL, Event, State
 from robots.errors import FailureKind

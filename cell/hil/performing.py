@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.assembly import load_robot
 from cell.config import CellSettings, overlaid
-from cell.driver import is_simulated
-from cell.garments import load_garment
+from cell.equipment.assembly import load_robot
+from cell.equipment.driver import is_simulated
+from cell.garments.garment_file import load_garment
 from cell.hil.director import Director
 from cell.hil.script import Script
 from cell.hil.verdict import broken_expectations
-from cell.requests import FoldRequest, FoldResult
+from cell.requests.fold_request import FoldRequest, FoldResult
 from cell.states import State
 from robots.errors import CellError, ConfigurationError
 

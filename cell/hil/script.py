@@ -23,10 +23,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
-from cell.commands import OPERATOR_EVENTS
+from cell.files.yaml_file import Key, read_yaml, validated
+from cell.operator.commands import OPERATOR_EVENTS
 from cell.simulation import Fault, FaultKind
 from cell.states import TERMINAL, Event, State
-from cell.yaml_file import Key, read_yaml, validated
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Side
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from cell.hil.director import Seen
 from cell.hil.script import Script
-from cell.requests import FoldResult
+from cell.requests.fold_request import FoldResult
 
 __all__ = ["broken_expectations"]
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cell.commands import CommandQueue
-from cell.frame_store import FRAMES, FrameStore
+from cell.files.frame_store import FRAMES, FrameStore
+from cell.operator.commands import CommandQueue
 from cell.replaying.exchange import Channel, Exchange, Picture, Raised, pack, unpack
 from cell.replaying.stenographer import wanted_names
 from cell.replaying.transcript import Transcript

@@ -18,23 +18,23 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Self
 
-from cell.assembly import assemble, load_robot
-from cell.commands import CommandQueue
 from cell.context import Context, Result
 from cell.effects import EFFECTS
+from cell.equipment.assembly import assemble, load_robot
+from cell.equipment.workcell import Workcell
 from cell.executive import Step
+from cell.files.paths import ledger_path
 from cell.journal import Entry, Journal, RunRecord
-from cell.paths import ledger_path
+from cell.operator.commands import CommandQueue
 from cell.recorder import Recorder
 from cell.replaying.answering import Answers, Halt, asked_in_words
 from cell.replaying.exchange import Channel
 from cell.replaying.surroundings import first_belief, restored_request
 from cell.replaying.transcript import TRANSCRIPT, Transcript
-from cell.requests import FoldRequest
-from cell.resumable import RESUMED_FROM
+from cell.requests.fold_request import FoldRequest
+from cell.resuming.resumable import RESUMED_FROM
 from cell.runner import Observer, RunEnd, Runner
 from cell.states import Event, State
-from cell.workcell import Workcell
 from robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
@@ -90,7 +90,7 @@ def decide_again(
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
 ) -> Verdict:
     """Take the decisions of a run that has ended again, from where it began. entries: its lines in the ledger.
-    tell, progress: as `cell.assembly.assemble` has them.
+    tell, progress: as `cell.equipment.assembly.assemble` has them.
 
     Raises ConfigurationError where the run cannot be set up as it was, StorageError where its transcript or a
     picture is missing or damaged.

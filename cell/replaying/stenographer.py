@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from cell.commands import CommandQueue, Said
+from cell.operator.commands import CommandQueue, Said
 from cell.replaying.exchange import Channel, pack, pack_raised
 from cell.replaying.transcript import CellConstants, TranscriptWriter
 from cell.states import Event

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import yaml
 
-from cell.belief import read_belief, write_belief
 from cell.context import Context
-from cell.frame_store import FRAMES, FrameStore
-from cell.library import user_library_path
-from cell.request_file import SETTINGS, load_request
-from cell.requests import FoldRequest
-from cell.whole_file import write_whole
-from cell.yaml_file import read_yaml
+from cell.files.frame_store import FRAMES, FrameStore
+from cell.files.whole_file import write_whole
+from cell.files.yaml_file import read_yaml
+from cell.library.library_file import user_library_path
+from cell.requests.fold_request import FoldRequest
+from cell.requests.request_file import SETTINGS, load_request
+from cell.resuming.belief import read_belief, write_belief
 from robots.errors import StorageError
 
 __all__ = ["BEGAN_WITH", "CALIBRATIONS", "first_belief", "keep_surroundings", "restored_request"]

@@ -7,7 +7,7 @@
 
 It is written by a thread of its own, every fifth of a second: neither disk nor compression keeps the arms waiting,
 and a process that is killed leaves all but its last moment. What cannot be written ends the transcript, not the
-run. Pictures go into the frame store beside it (cell/frame_store.py), their names into the transcript.
+run. Pictures go into the frame store beside it (cell/files/frame_store.py), their names into the transcript.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from cell.frame_store import FRAMES, FrameStore
+from cell.files.frame_store import FRAMES, FrameStore
 from cell.replaying.exchange import ENUMS, RECORDS, Channel, Exchange, Picture, pack
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Ports, Side

@@ -35,7 +35,7 @@ __all__ = [
 def check_settings(settings: SimulationSettings) -> None:
     """Raises ConfigurationError for what no cell can be opened with: a garment that does not exist, that the world
     does not carry, or a world that is not installed."""
-    from cell.garments import load_garment
+    from cell.garments.garment_file import load_garment
     from cell.simulation.cloth_body import check_body
 
     if settings.garment == "auto":  # the world draws one that it carries

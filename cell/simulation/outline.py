@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from cell.simulation.noise import GarmentNoise
 from skills.garments.garment import Garment
 from skills.vocabulary import Array

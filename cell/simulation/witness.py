@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from cell.recorder import Recorder
-from cell.requests import FoldRequest
+from cell.requests.fold_request import FoldRequest
 from cell.simulation import Truth, truth, witness
 from cell.simulation.score import score_plan
 from robots.ports import Array, Ports, Side

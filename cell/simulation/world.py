@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.garments import list_garments, load_garment
-from cell.packing import packed
+from cell.files.packing import packed
+from cell.garments.garment_file import list_garments, load_garment
 from cell.simulation import contact
 from cell.simulation.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera import Renderer, SimulatedCamera

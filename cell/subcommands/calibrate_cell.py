@@ -18,13 +18,14 @@ from calibration.table import TableCalibration, TableSettings, calibrate_table
 from calibration.tactile import TactileCalibration, calibrate_tactile
 from cell.calibrating.score import hand_eye_error, intrinsics_error, table_error, tactile_error
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
-from cell.calibration_file import calibration_text, camera_calibration, read_camera_file, table_text, tactile_text
 from cell.config import CellSettings, load_settings
-from cell.paths import logs_directory, prepare_logs
+from cell.equipment.camera import camera_calibration
+from cell.equipment.workcell import Workcell
+from cell.files.calibration_file import calibration_text, read_camera_file, table_text, tactile_text
+from cell.files.paths import logs_directory, prepare_logs
+from cell.files.whole_file import write_whole
 from cell.simulation import Truth
 from cell.subcommands.output import print_json, progress_stream
-from cell.whole_file import write_whole
-from cell.workcell import Workcell
 from robots.errors import ConfigurationError
 from skills.vocabulary import Array
 

@@ -14,14 +14,14 @@ from typing import Any
 from calibration.bending import calibrate_bending
 from calibration.friction import FrictionCalibration, calibrate_friction
 from calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
-from cell.compiling import compiling_told
 from cell.config import load_settings
-from cell.garments import garment_path, load_garment, shipped_garment_path
-from cell.material_file import with_material
-from cell.paths import logs_directory, prepare_logs
+from cell.files.paths import logs_directory, prepare_logs
+from cell.files.whole_file import write_whole
+from cell.files.yaml_file import read_yaml
+from cell.garments.garment_file import garment_path, load_garment, shipped_garment_path
+from cell.garments.material_file import with_material
+from cell.progress.compiling import compiling_told
 from cell.subcommands.output import print_json, print_table, progress_stream
-from cell.whole_file import write_whole
-from cell.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import flexural_rigidity, membrane_modulus
 from skills.garments.garment import Garment
@@ -140,7 +140,7 @@ def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Te
     l1, l2 = options.l1, options.l2
 
     def record(path: Path) -> None:
-        from cell.material_recording import record_shear
+        from cell.recorder.material import record_shear
 
         record_shear(path, test)
 
@@ -189,7 +189,7 @@ def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell:
     degrees = math.degrees(test.angle)
 
     def record(path: Path) -> None:
-        from cell.material_recording import record_friction
+        from cell.recorder.material import record_friction
 
         record_friction(path, test)
 
@@ -214,7 +214,7 @@ def _bending(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     test = calibrate_bending(garment.material, options.overhang)
 
     def record(path: Path) -> None:
-        from cell.material_recording import record_bending
+        from cell.recorder.material import record_bending
 
         record_bending(path, test)
 

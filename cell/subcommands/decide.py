@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from cell.files.paths import ledger_path, logs_directory
 from cell.journal import Journal
-from cell.paths import ledger_path, logs_directory
 from cell.subcommands.output import print_json, progress_stream
 
 __all__ = ["run"]
@@ -18,8 +18,8 @@ def run(options: argparse.Namespace) -> int:
     with Journal.open(ledger_path(logs_directory(options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
         entries = journal.entries(record.id)
-    from cell.compiling import compiling_told
-    from cell.progress import ProgressLines
+    from cell.progress.compiling import compiling_told
+    from cell.progress.lines import ProgressLines
     from cell.replaying.deciding import changed_versions, decide_again
 
     changed = changed_versions(record.versions)

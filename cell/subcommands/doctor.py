@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from cell.doctor import Verdict, examine
-from cell.paths import logs_directory
+from cell.files.paths import logs_directory
 from cell.subcommands.output import print_json, print_table
 
 __all__ = ["run"]

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cell.config import load_settings
-from cell.garments import load_garment
-from cell.paths import command_for, logs_directory, prepare_logs
-from cell.recording_losses import recording_losses
-from cell.resumable import has_belief
+from cell.files.paths import command_for, logs_directory, prepare_logs
+from cell.garments.garment_file import load_garment
+from cell.reports.recording_losses import recording_losses
+from cell.resuming.resumable import has_belief
 from cell.subcommands.output import print_json
 
 if TYPE_CHECKING:
-    from cell.requests import FoldResult
+    from cell.requests.fold_request import FoldResult
 
 __all__ = ["run", "tell"]
 

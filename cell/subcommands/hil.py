@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from cell.config import CellSettings, load_settings
-from cell.driver import is_simulated
+from cell.equipment.driver import is_simulated
+from cell.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.files.whole_file import write_whole
 from cell.hil.junit import junit_text
 from cell.hil.performing import Performance, check_script, perform_script
 from cell.hil.script import Script, read_script
 from cell.journal import to_json
-from cell.lock import OwnerLock
-from cell.paths import campaign_folder, logs_directory, prepare_logs
+from cell.process.lock import OwnerLock
+from cell.process.terminations import BY_SIGNAL, Terminated
 from cell.subcommands.output import print_json, progress_stream
-from cell.terminations import BY_SIGNAL, Terminated
-from cell.whole_file import write_whole
 from robots.errors import ConfigurationError
 
 __all__ = ["run"]

@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from cell.config import load_settings
-from cell.garments import list_garments, load_garment
-from cell.library import load_library, put_garments, user_library_path
-from cell.library_build import BuildProgress, BuiltStep, build_library
-from cell.paths import logs_directory, prepare_logs
-from cell.progress_bar import ProgressBar
+from cell.files.paths import logs_directory, prepare_logs
+from cell.garments.garment_file import list_garments, load_garment
+from cell.library.build import BuildProgress, BuiltStep, build_library
+from cell.library.library_file import load_library, put_garments, user_library_path
+from cell.library.unfinished_build import UnfinishedBuild
+from cell.process.workers import worker_pool
+from cell.progress.bar import ProgressBar
 from cell.subcommands.output import print_json, print_table, progress_stream
-from cell.unfinished_build import UnfinishedBuild
-from cell.workers import worker_pool
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["run"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from cell.files.paths import ledger_path, logs_directory, prepare_logs
 from cell.journal import Journal
-from cell.paths import ledger_path, logs_directory, prepare_logs
 from cell.subcommands.fold import tell
 
 __all__ = ["run"]
@@ -14,7 +14,7 @@ __all__ = ["run"]
 
 def run(options: argparse.Namespace) -> int:
     """What is left of the run is read and checked before the cell is opened."""
-    from cell.resuming import interrupted_run
+    from cell.resuming.keeper import interrupted_run
     from cell.run import fold_once
 
     logs = logs_directory(options.logs)

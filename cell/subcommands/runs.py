@@ -7,9 +7,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from cell.files.paths import command_for, ledger_path, logs_directory
 from cell.journal import Journal, RunRecord
-from cell.paths import command_for, ledger_path, logs_directory
-from cell.resumable import has_belief
+from cell.resuming.resumable import has_belief
 from cell.subcommands.output import print_json, print_table
 
 __all__ = ["run", "run_figures"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from cell.paths import logs_directory
+from cell.files.paths import logs_directory
 from cell.subcommands.output import print_json, print_table
 from cell.tidying import heavy_runs, lighten
 

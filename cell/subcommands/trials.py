@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from cell.config import CellSettings, load_settings
-from cell.garments import list_garments, load_garment
+from cell.files.paths import campaign_folder, logs_directory, new_folder, prepare_logs
+from cell.files.whole_file import write_whole
+from cell.garments.garment_file import list_garments, load_garment
 from cell.journal import to_json
-from cell.library import user_library_path
-from cell.paths import campaign_folder, logs_directory, new_folder, prepare_logs
+from cell.library.library_file import user_library_path
+from cell.process.workers import worker_pool
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.trials import GarmentFigures, Trial, run_trials, tabulate
-from cell.whole_file import write_whole
-from cell.workers import worker_pool
 from robots.errors import StorageError
 
 __all__ = ["run"]

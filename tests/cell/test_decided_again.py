@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.commands import CommandQueue
 from cell.executive import Step
-from cell.frame_store import FRAMES, FrameStore
+from cell.files.frame_store import FRAMES, FrameStore
 from cell.journal import RunRecord
+from cell.operator.commands import CommandQueue
 from cell.replaying.answering import Halt
 from cell.replaying.deciding import Verdict, decide_again
 from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack

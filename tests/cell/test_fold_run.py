@@ -14,8 +14,8 @@ import pytest
 
 from cell.executive import Executive
 from cell.journal import Entry
-from cell.library import load_library
-from cell.lock import is_held
+from cell.library.library_file import load_library
+from cell.process.lock import is_held
 from cell.states import TERMINAL, Effect, Event, State
 from robots.baxter.model import load_model
 from skills.motion.collision import CollisionChecker

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.commands import CommandQueue
 from cell.journal import Journal
+from cell.operator.commands import CommandQueue
 from cell.recovery import Adjustment
-from cell.requests import FoldRequest
+from cell.requests.fold_request import FoldRequest
 from cell.simulation import Fault, FaultKind, inject
 from cell.states import Effect, Event
 from robots.baxter.model import load_model
@@ -60,7 +60,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     def lose(*_: Any) -> None:
         journals[0]._connection.execute("PRAGMA query_only = ON")
 
-    monkeypatch.setattr("cell.owned.Journal.open", keep)
+    monkeypatch.setattr("cell.equipment.owned.Journal.open", keep)
     onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path, record=True)
     result = onlooker.fold(request)
     monkeypatch.undo()

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands import CommandQueue
+from cell.files.packing import packed
 from cell.journal import Journal
-from cell.packing import packed
-from cell.requests import FoldRequest, FoldResult
-from cell.resuming import Interrupted, interrupted_run
+from cell.operator.commands import CommandQueue
+from cell.requests.fold_request import FoldRequest, FoldResult
+from cell.resuming.keeper import Interrupted, interrupted_run
 from cell.states import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import StorageError

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from cell import execution, ticks
 from cell.cli import build_parser
 from cell.config import load_settings
 from cell.effects import seeing
-from cell.garments import list_garments
+from cell.execution import streaming as execution
+from cell.execution import ticks
+from cell.garments.garment_file import list_garments
 from robots import setpoint
 from robots.baxter.ros import arms, electric_gripper
 

@@ -15,28 +15,46 @@ def lint_imports(config: Path | None = None, cwd: Path = ROOT) -> subprocess.Com
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
-def test_imports_go_down_only() -> None:
+def test_imports_go_down_only_and_in_no_circle() -> None:
     answer = lint_imports()
     assert answer.returncode == 0, answer.stdout + answer.stderr
-    assert "3 kept, 0 broken" in answer.stdout
+    assert "4 kept, 0 broken" in answer.stdout
+
+
+def house(folder: Path, files: dict[str, str], contract: str) -> subprocess.CompletedProcess:
+    """The answer of the check for a house of the same floors."""
+    for floor in ("cell", "calibration", "skills", "robots"):
+        (folder / floor).mkdir()
+        (folder / floor / "__init__.py").write_text("")
+    for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        ((folder / name).parent / "__init__.py").write_text("")
+        (folder / name).write_text(text)
+    (folder / "lint.toml").write_text(
+        "[tool.importlinter]\n"
+        'root_packages = ["cell", "calibration", "skills", "robots"]\n'
+        f"[[tool.importlinter.contracts]]\n{contract}"
+    )
+    return lint_imports(folder / "lint.toml", folder)
 
 
 def test_an_import_that_goes_up_is_found(tmp_path: Path) -> None:
-    """The check itself can fail: a house of the same floors with one stair upwards."""
-    for floor in ("cell", "calibration", "skills", "robots"):
-        (tmp_path / floor).mkdir()
-        (tmp_path / floor / "__init__.py").write_text("")
-    (tmp_path / "skills" / "grasp.py").write_text("import cell.runner\n")
-    (tmp_path / "cell" / "runner.py").write_text("")
-    (tmp_path / "lint.toml").write_text(
-        "[tool.importlinter]\n"
-        'root_packages = ["cell", "calibration", "skills", "robots"]\n'
-        "[[tool.importlinter.contracts]]\n"
-        'name = "floors"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
-    )
-    answer = lint_imports(tmp_path / "lint.toml", tmp_path)
+    """The check itself can fail: one stair upwards."""
+    floors = 'name = "floors"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
+    answer = house(tmp_path, {"skills/grasp.py": "import cell.runner\n", "cell/runner.py": ""}, floors)
     assert answer.returncode == 1
     assert "skills.grasp -> cell.runner" in answer.stdout
+
+
+def test_a_circle_between_packages_is_found(tmp_path: Path) -> None:
+    """No module imports itself, by whatever way; the packages do."""
+    files = {
+        "cell/motion/path.py": "import cell.storage.file\n", "cell/motion/clock.py": "",
+        "cell/storage/file.py": "", "cell/storage/times.py": "import cell.motion.clock\n",
+    }  # fmt: skip
+    answer = house(tmp_path, files, 'name = "no circle"\ntype = "acyclic_siblings"\nancestors = ["cell"]\n')
+    assert answer.returncode == 1
+    assert "motion" in answer.stdout and "storage" in answer.stdout
 
 
 def tracked_texts() -> list[Path]:

@@ -20,7 +20,7 @@ from calibration.shear import (
     hung_shape,
     stretch_fraction,
 )
-from cell.garments import list_garments, load_garment
+from cell.garments.garment_file import list_garments, load_garment
 from robots.errors import ConfigurationError
 from skills.cloth.elastic import GRAVITY
 from skills.cloth.mesh import mesh_from_contour

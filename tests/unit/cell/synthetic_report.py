@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.figures import KeyFrame, fold_strip, outline
-from cell.report import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
+from cell.reports.figures import KeyFrame, fold_strip, outline
+from cell.reports.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
 
 
 def run_record() -> RunRecord:

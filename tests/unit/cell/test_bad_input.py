@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.calibration_file import calibration_text, camera_calibration
 from cell.cli import main
 from cell.config import load_settings
-from cell.garments import shipped_garment_path
-from cell.lock import OwnerLock
+from cell.equipment.camera import camera_calibration
+from cell.files.calibration_file import calibration_text
+from cell.garments.garment_file import shipped_garment_path
+from cell.process.lock import OwnerLock
 
 
 @pytest.fixture

@@ -538,7 +538,7 @@ def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
-from cell.standard_streams import lasting_streams
+from cell.process.standard_streams import lasting_streams
 with lasting_streams():
     sys.exit(subprocess.run([sys.executable, "-c", {child!r}]).returncode)
 """
@@ -593,9 +593,9 @@ def test_garment_show(capsys: pytest.CaptureFixture[str]) -> None:
 
 def picture(path: Path, garment: bool) -> Path:
     """A table as the nominal camera sees it: even grey, with the medium towel as an even dark rectangle."""
-    from cell.calibration_file import camera_calibration
     from cell.config import load_settings
-    from cell.garments import load_garment
+    from cell.equipment.camera import camera_calibration
+    from cell.garments.garment_file import load_garment
 
     calibration = camera_calibration(load_settings())
     rng = np.random.default_rng(0)

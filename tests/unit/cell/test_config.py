@@ -9,9 +9,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.calibration_file import calibration_text, camera_calibration, load_camera_calibration
 from cell.config import CellSettings, default_settings_path, load_settings
-from cell.yaml_file import merge, read_yaml
+from cell.equipment.camera import camera_calibration
+from cell.files.calibration_file import calibration_text, load_camera_calibration
+from cell.files.yaml_file import merge, read_yaml
 from robots.baxter.ros.connection import RosSettings
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import ConfigurationError

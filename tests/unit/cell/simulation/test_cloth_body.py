@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cell.cli import main
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from cell.simulation import SimulationSettings, check_settings
 from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
 from cell.simulation.garment import WorldGarment

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from cell.simulation.noise import load_noise
 from cell.simulation.outline import draw_outline
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import cell.simulation.witness as module
-from cell.garments import load_garment, shipped_garment_path
+from cell.garments.garment_file import load_garment, shipped_garment_path
 from cell.simulation.truth import GarmentTruth
 from cell.simulation.witness import Witness
 from skills.cloth.mesh import mesh_from_contour

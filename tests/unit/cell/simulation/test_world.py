@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.commands import CommandQueue
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
+from cell.operator.commands import CommandQueue
 from cell.replaying.stenographer import Stenographer
 from cell.simulation import (
     Fault,

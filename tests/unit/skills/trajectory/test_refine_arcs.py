@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.garments import load_garment
+from cell.garments.garment_file import load_garment
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.plan import plan_folds
 from skills.trajectory.problem import FoldProblem

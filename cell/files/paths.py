@@ -1,0 +1,145 @@
+"""Where logs go, and whether they can be written: found out before anything moves."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from robots.errors import StorageError
+
+__all__ = [
+    "LEDGER",
+    "campaign_folder",
+    "command_for",
+    "free_bytes",
+    "ledger_path",
+    "logs_directory",
+    "new_folder",
+    "prepare_logs",
+    "repository_root",
+    "user_cache",
+]
+
+LEDGER = "ledger.db"
+MOST_ALIKE = 10_000
+"""Folders of one name and second."""
+LEAST_FREE_BYTES = 200 * 2**20
+"""A run's recording and report take about a third of this."""
+
+
+def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
+    """The folder of ledger and runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`, else the
+    user's data folder. Nothing is made."""
+    environment = os.environ if environment is None else environment
+    if option is not None:
+        return option.expanduser().absolute()
+    if named := environment.get("FOLDCELL_LOGS"):
+        return Path(named).expanduser().absolute()
+    if (root := repository_root()) is not None:
+        return root / "logs"
+    import platformdirs
+
+    return Path(platformdirs.user_data_dir("foldcell", appauthor=False)) / "logs"
+
+
+def command_for(words: str, logs: Path) -> str:
+    """`foldcell WORDS`, to be typed: it names the logs unless they are where a command looks by itself."""
+    where = "" if logs == logs_directory() else f" --logs {shlex.quote(str(logs))}"
+    return f"foldcell {words}{where}"
+
+
+def repository_root() -> Path | None:
+    """The checkout that this program runs from; None when it is installed as a package."""
+    root = Path(__file__).resolve().parents[2]
+    checkout = (root / "pyproject.toml").is_file() and (root / "logs" / "README.md").is_file()
+    return root if checkout else None
+
+
+def ledger_path(logs: Path) -> Path:
+    return logs / LEDGER
+
+
+def user_cache() -> Path:
+    """The user's cache folder of this program; what is in it can always be made again."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("foldcell", appauthor=False))
+
+
+def free_bytes(path: Path) -> int:
+    """Free space on the file system that holds `path` (or the nearest folder above that exists)."""
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return shutil.disk_usage(path).free
+
+
+def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
+    """Make the folder and prove that it can be written. Raises StorageError; leaves nothing behind then."""
+    hint = "make room or make it writable, or choose another folder with --logs DIR or FOLDCELL_LOGS"
+    made = _missing_folders(logs)
+    try:
+        logs.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=logs, prefix=".probe-") as probe:
+            probe.write(b"foldcell")
+            probe.flush()
+            os.fsync(probe.fileno())
+    except OSError as e:
+        _remove(made)
+        raise StorageError(
+            f"the logs folder {logs} cannot be written: {e.strerror}", hint, path=str(logs), errno=e.errno
+        ) from e
+    free = free_bytes(logs)
+    if free < least_free:
+        _remove(made)
+        raise StorageError(
+            f"the logs folder {logs} has {free / 2**20:.0f} MiB left; a run needs {least_free / 2**20:.0f} MiB",
+            f"free some space, or {hint}",
+            path=str(logs),
+            free_bytes=free,
+        )
+    return logs
+
+
+def campaign_folder(logs: Path, kind: str) -> Path:
+    """A new folder `KIND-time` in the logs, for many runs that belong together. Raises StorageError."""
+    return new_folder(logs, f"{kind}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
+
+
+def new_folder(logs: Path, name: str) -> Path:
+    """The folder `name` in the logs, or `name-2` and so on: `mkdir` decides who gets it. Raises StorageError."""
+    for i in range(1, MOST_ALIKE):
+        folder = logs / (name if i == 1 else f"{name}-{i}")
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            continue
+        except OSError as e:
+            raise StorageError(
+                f"cannot make the folder {folder}: {e.strerror}",
+                "choose another folder with --logs DIR or FOLDCELL_LOGS",
+                path=str(folder),
+            ) from e
+    raise StorageError(f"too many folders called {name} in {logs}", "choose another --logs DIR", path=str(logs))
+
+
+def _missing_folders(path: Path) -> list[Path]:
+    """The folders that `mkdir(parents=True)` would make, deepest first."""
+    missing = []
+    while not path.exists() and path != path.parent:
+        missing.append(path)
+        path = path.parent
+    return missing
+
+
+def _remove(folders: list[Path]) -> None:
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return

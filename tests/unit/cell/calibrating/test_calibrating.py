@@ -1,0 +1,267 @@
+"""Calibrations with the simulated cell, as a user runs them: figures against the truth, files, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from calibration.effects import Grip, Listen, Reach, Touch
+from calibration.table import TableSettings, calibrate_table
+from cell.calibrating.reaching import holding_board
+from cell.calibrating.session import CalibrationRequest, calibrate
+from cell.cli import main
+from cell.config import load_settings
+from cell.equipment.assembly import load_robot
+from cell.equipment.camera import camera_calibration
+from cell.execution.ticks import TICK_S
+from cell.files.calibration_file import (
+    calibration_text,
+    load_camera_calibration,
+    read_camera_file,
+    table_text,
+    tactile_text,
+)
+from cell.files.paths import ledger_path
+from cell.journal import Journal
+from cell.simulation.ports import _Arms
+from robots.errors import ConfigurationError, FailureKind
+from robots.ports import Ports, Side, arm_slice
+from skills.motion import ik
+from skills.motion.collision import CollisionChecker
+from skills.vocabulary import Table
+
+
+def foldcell(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict[str, Any], str]:
+    code = main([str(a) for a in (*arguments, "--json")])
+    out, err = capsys.readouterr()
+    return code, json.loads(out.splitlines()[-1]), err
+
+
+def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path, capsys, monkeypatch) -> None:
+    told: list[np.ndarray] = []
+    command = _Arms.command
+    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(np.array(q)), command(self, q, qd))[1])
+    code, report, err = foldcell(capsys, "calibrate", "table", "--seed", 3, "--points", 3, "--logs", tmp_path)
+    assert code == 0 and report["result"] == "done" and "point 3 of 3" in err
+    assert abs(report["simulated_truth"]["height_error_mm"]) < 1.5 < abs(report["change_mm"])
+
+    acceleration = np.abs(np.diff(told, n=2, axis=0)).max(axis=0) / TICK_S**2
+    assert (acceleration <= load_robot(load_settings()).planning.acceleration).all(), "a set-point that jumps"
+
+    (tmp_path / "cell.yaml").write_text(f"table: {{calibration: {report['file']}}}\n")
+    settings = load_settings(tmp_path / "cell.yaml")
+    assert settings.table.height == pytest.approx(report["height_m"], abs=1e-6)
+    assert settings.drawn_table.height == -0.10 and settings.calibrated
+    origin = yaml.safe_load(Path(report["file"]).read_text())["provenance"]["height"]
+    assert origin["simulated"] is True and origin["figures"]["points"] == 3 and origin["run"] in report["run_dir"]
+
+    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+        run = journal.run("last")
+        assert run.result == "done" and run.summary["points"] == 3
+        intents = journal.entries(run.id, "intent")
+        answered = {e.answers for e in journal.entries(run.id, "result")}
+    assert [e.name for e in intents] == ["prepare", "touch", "touch", "touch", "make_safe"]
+    assert answered == {e.sequence for e in intents}
+
+
+@pytest.mark.parametrize(("believed", "kind"), [(-0.055, "no_contact"), (-0.145, "low_confidence")])
+def test_a_table_that_is_elsewhere_ends_safely_and_writes_nothing(
+    believed: float, kind: str, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "table.yaml").write_text(table_text(believed))
+    cell, logs, out = tmp_path / "cell.yaml", tmp_path / "logs", tmp_path / "found.yaml"
+    cell.write_text("table: {calibration: table.yaml}\n")
+    code, report, _ = foldcell(capsys, "calibrate", "table", "--cell", cell, "--logs", logs, "--output", out)
+    assert code == 2 and report["failure"]["kind"] == kind and "table.height" in report["failure"]["hint"]
+    assert not out.exists() and "file" not in report
+
+
+def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
+    held: list[Ports] = []
+
+    def say(text: str) -> None:
+        if "point 1" in text:
+            held[0].stop.trigger("a test")
+
+    request = CalibrationRequest("table", 0, "sim", load_settings(), tmp_path, False, say)
+    end = calibrate(
+        request, lambda cell: calibrate_table(cell.table, TableSettings(points=3)), lambda c, t: {}, held.append
+    )
+    assert end.value is None and end.failure and end.failure.kind is FailureKind.STOPPED
+    assert end.result == "not_done" and end.safe and end.exit_code == 2
+    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+        last = journal.entries(journal.run("last").id, "result")[-1]
+    assert last.name == "make_safe" and last.payload["event"] == "held"
+
+
+def test_only_a_refused_plan_is_for_the_procedure_to_answer(tmp_path: Path) -> None:
+    asked: list[object] = []
+
+    def stubborn(_: object):  # type: ignore[no-untyped-def]
+        far = np.eye(4)
+        far[:3, 3] = 5.0, 0.0, 0.0
+        asked.append((yield Reach(Side.LEFT, far)).failure.kind)
+        asked.append((yield Touch(Side.LEFT, 0.55, 0.25, search=0.002)))
+        asked.append((yield Listen(1.0)))
+
+    (tmp_path / "table.yaml").write_text(table_text(-0.055))
+    (tmp_path / "cell.yaml").write_text("table: {calibration: table.yaml}\n")
+    settings = load_settings(tmp_path / "cell.yaml")
+    request = CalibrationRequest("table", 0, "sim", settings, tmp_path, False, lambda text: None)
+    end = calibrate(request, stubborn, lambda c, t: {})
+    assert asked == [FailureKind.UNREACHABLE] and end.failure and end.failure.kind is FailureKind.NO_CONTACT
+    assert end.safe and end.exit_code == 2
+
+
+def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
+    def broken(_: object):  # type: ignore[no-untyped-def]
+        yield Grip(Side.LEFT, 0.0, 5.0)
+        raise ZeroDivisionError("a bug")
+
+    request = CalibrationRequest("table", 0, "sim", load_settings(), tmp_path, False, lambda text: None)
+    end = calibrate(request, broken, lambda c, t: {})
+    assert end.failure and end.failure.kind is FailureKind.SKILL_CRASHED and "a bug" in end.failure.what
+    assert end.result == "fault" and end.exit_code == 3 and end.safe
+    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+        run = journal.run("last")
+        assert [e.name for e in journal.entries(run.id, "result")] == ["prepare", "grip", "make_safe"]
+
+
+def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit 3, not 64: the arms have moved. After the touch that cannot be noted they are only told to stand."""
+    opened, told = Journal.open, []
+
+    def journal(path: Path) -> Journal:
+        opening = opened(path)
+        monkeypatch.setattr(opening, "_write", lambda sql, values: write(opening, sql, values))
+        return opening
+
+    def write(opening: Journal, sql: str, values: tuple) -> int:
+        if "touch" in values:
+            opening._connection.execute("PRAGMA query_only = ON")
+            told.clear()
+        return Journal._write(opening, sql, values)
+
+    command = _Arms.command
+    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
+    monkeypatch.setattr("cell.equipment.owned.Journal.open", journal)
+    code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
+    assert code == 3 and "held where they are" in report["hint"] and "ledger.db" in err
+    assert len(told) == 1 and not np.any(told[0])
+    monkeypatch.undo()
+    with Journal.open(ledger_path(tmp_path), readonly=True) as kept:
+        assert kept.run("last").status == "interrupted"
+
+
+def test_lens_and_pose_are_found_one_after_the_other(tmp_path: Path, capsys) -> None:
+    """The second calibration reads what the first one wrote; both are nearer to the truth than the drawings."""
+    cell, lens, eye = (tmp_path / name for name in ("cell.yaml", "lens.yaml", "eye.yaml"))
+    common = ("--seed", 2, "--logs", tmp_path / "logs")
+    code, report, _ = foldcell(capsys, "calibrate", "camera", "--views", 6, *common, "--output", lens)
+    assert code == 0 and report["reprojection_rms_px"] < 0.3
+    assert report["simulated_truth"]["corner_error_px"] < 5.0
+    assert len(list(Path(report["run_dir"]).glob("board-*.png"))) >= 6
+
+    cell.write_text("camera: {calibration: lens.yaml}\n")
+    code, report, _ = foldcell(
+        capsys, "calibrate", "hand-eye", "--views", 4, *common, "--cell", cell, "--output", eye
+    )
+    assert code == 0 and report["intrinsics_by"] == "foldcell calibrate camera" and report["views"] == 8
+    assert (
+        report["simulated_truth"]["camera_error_mm"] < 5.0 and report["simulated_truth"]["camera_error_deg"] < 0.25
+    )
+    file = read_camera_file(eye)
+    before = read_camera_file(lens).calibration.intrinsics
+    assert (file.calibration.intrinsics.matrix == before.matrix).all()
+    assert file.provenance["pose"]["figures"]["residual_mm"] > 0 and set(file.provenance) == {"intrinsics", "pose"}
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        (("table", "--points", 2), "3 to"),
+        (("table", "--points", 99), "3 to"),
+        (("camera", "--views", 2), "views"),
+        (("hand-eye", "--views", 1), "views"),
+        (("tactile", "--output", "no/such/folder/file.yaml"), "no such folder"),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_moves(line: tuple, word: str, tmp_path: Path, capsys) -> None:
+    code, report, _ = foldcell(capsys, "calibrate", *line, "--logs", tmp_path / "logs")
+    assert code == 64 and word in report["error"] and report["hint"]
+    assert not (tmp_path / "logs").exists()
+
+
+# the files
+
+
+def test_a_camera_file_follows_the_table_to_its_new_height(tmp_path: Path) -> None:
+    """The camera hangs where it hangs in the base frame, whatever the table's height is found to be."""
+    nominal = camera_calibration(load_settings())
+    path = tmp_path / "camera.yaml"
+    path.write_text(calibration_text(nominal, table_height=-0.10))
+    low = Table(-0.13, (0.2, 1.1), (-0.75, 0.75))
+    moved = load_camera_calibration(path, low)
+    assert low.T_base_table @ moved.T_table_camera == pytest.approx(
+        load_settings().table.T_base_table @ nominal.T_table_camera
+    )
+    path.write_text(calibration_text(nominal))  # an older file does not say
+    assert load_camera_calibration(path, low).T_table_camera == pytest.approx(nominal.T_table_camera)
+
+
+def test_tactile_thresholds_replace_those_of_the_settings(tmp_path: Path) -> None:
+    (tmp_path / "tactile.yaml").write_text(tactile_text({"contact_force": 0.41, "held_force": 0.52}))
+    (tmp_path / "cell.yaml").write_text("grasp: {calibration: tactile.yaml, grip_force: 12.0}\n")
+    grasp = load_settings(tmp_path / "cell.yaml").grasp.settings()
+    assert (grasp.contact_force, grasp.held_force, grasp.grip_force) == (0.41, 0.52, 12.0)
+
+
+@pytest.mark.parametrize(
+    ("group", "text"),
+    [
+        ("table", table_text(-0.1).replace("table", "tactile")),
+        ("table", table_text(-0.1).replace("-0.1", "-100.0")),
+        ("table", table_text(-0.1) + "tilt: 0.1\n"),
+        ("grasp", tactile_text({"contact_force": 0.4, "held_force": 0.5}).replace("0.4", "-0.4")),
+        ("grasp", tactile_text({"contact_force": 0.4})),
+        ("camera", table_text(-0.1)),
+    ],
+)
+def test_files_that_are_no_calibration_are_refused(group: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / "found.yaml").write_text(text)
+    (tmp_path / "cell.yaml").write_text(f"{group}:\n  calibration: found.yaml\n")
+    with pytest.raises(ConfigurationError, match=rf"cell\.yaml:2: {group}\.calibration.*found\.yaml"):
+        load_settings(tmp_path / "cell.yaml")
+
+
+# the board in a hand
+
+
+def test_the_board_in_a_hand_is_planned_with() -> None:
+    """What is free for the bare hand is not free where the card would go through the table."""
+    settings = load_settings()
+    robot = load_robot(settings)
+    bare = CollisionChecker(robot, settings.table)
+    with_card = CollisionChecker(holding_board(robot, Side.LEFT), settings.table)
+    assert with_card.pairs > bare.pairs
+    T = np.eye(4)  # pointing forwards and down, so that the card reaches 0.2 m beyond the tips
+    T[:3, :3] = np.column_stack(([0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.8, 0.0, -0.6]))
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+    seeds = np.random.default_rng(7).uniform(robot.planning.lower[:7], robot.planning.upper[:7], (12, 7))
+    seen = set()
+    for height in (0.30, 0.02):
+        T[:3, 3] = 0.55, 0.25, height
+        for q7 in ik.solve_seeds(robot, Side.LEFT, T, seeds):
+            q = np.array(robot.q_park)
+            q[arm_slice(Side.LEFT)] = q7
+            if bare.contact(q) is None:
+                contact = with_card.contact(q)
+                seen.add((height, None if contact is None else str(contact)))
+    assert (0.30, None) in seen and (0.02, "board - table") in seen

@@ -1,0 +1,129 @@
+"""The person at a real cell: asked, waited for, and not for ever."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from cell.console.board import Board
+from cell.executive import Step
+from cell.operator.attendant import PersonAttendant
+from cell.operator.commands import CommandQueue
+from cell.states import Effect, Event, State
+from robots.errors import DriverError, FailureKind
+from robots.ports import BoardPlace
+from tests.fakes import FakeCell
+
+
+class Asked:
+    """A person who is asked on another thread."""
+
+    def __init__(self) -> None:
+        self.cell, self.commands = FakeCell(), CommandQueue()
+        self.asked: list[str | None] = []
+        self.refused: DriverError | None = None
+        self.person = PersonAttendant(self.commands, self.cell.ports().stop, self.asked.append)
+
+    def ask(self, what: Callable[[], None]) -> threading.Thread:
+        def asking() -> None:
+            try:
+                what()
+            except DriverError as e:
+                self.refused = e
+
+        thread = threading.Thread(target=asking, daemon=True)
+        thread.start()
+        until(lambda: self.asked)
+        return thread
+
+
+def until(so: Callable[[], Any]) -> None:
+    for _ in range(3000):
+        if so():
+            return
+        time.sleep(0.01)
+    raise AssertionError("never")
+
+
+@pytest.fixture
+def asked() -> Asked:
+    return Asked()
+
+
+def test_it_waits_until_the_person_says_so(asked: Asked) -> None:
+    thread = asked.ask(asked.person.lay_garment)
+    assert thread.is_alive() and "lay the garment flat" in str(asked.asked[0])
+    asked.commands.put(Event.PAUSE)
+    thread.join(0.3)
+    assert thread.is_alive()
+    asked.commands.put(Event.APPROVE)
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.asked[1:] == [None]
+
+
+def test_what_was_approved_before_is_no_answer(asked: Asked) -> None:
+    asked.commands.put(Event.APPROVE)
+    thread = asked.ask(asked.person.lay_garment)
+    thread.join(0.3)
+    assert thread.is_alive()
+    asked.commands.put(Event.APPROVE)
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
+def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
+    """Else the next effect follows: pads that close on fingers."""
+    thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
+    assert "left gripper" in str(asked.asked[0])
+    asked.commands.put(Event.ABORT)
+    thread.join(10.0)
+    assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
+    assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, "it is said once"
+
+
+def test_nobody_is_waited_for_who_has_left(asked: Asked) -> None:
+    """The terminal was closed: else the robot would wait for ever with its motors on."""
+    thread = asked.ask(asked.person.lay_garment)
+    asked.commands.desert()
+    for _ in range(2):  # and whatever is asked for next
+        thread.join(10.0)
+        assert not thread.is_alive()
+        assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
+        asked.refused = None
+        thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.AWAY))
+    thread.join(10.0)
+
+
+def test_a_stop_ends_the_waiting(asked: Asked) -> None:
+    thread = asked.ask(asked.person.lay_garment)
+    asked.cell.stop_reason = "the button"
+    thread.join(10.0)
+    assert asked.refused is not None and asked.refused.kind is FailureKind.STOPPED and asked.asked[-1] is None
+
+
+def test_a_script_goes_on_while_somebody_is_waited_for(asked: Asked) -> None:
+    """It is carried out on the way of the cell's clock."""
+    clock = asked.cell.ports().clock
+    asked.person.clock = clock
+    asked.cell.at(0.5, lambda: asked.commands.put(Event.APPROVE) and None)
+    thread = asked.ask(asked.person.lay_garment)
+    thread.join(10.0)
+    assert not thread.is_alive() and asked.refused is None and clock.now() >= 0.5
+
+
+def test_the_page_asks_and_takes_the_answer() -> None:
+    board = Board("run-1", "small_towel", 3, simulated=False)
+    board.entered(1.0, Step(State.PHOTOGRAPHING, Event.DONE, State.AWAITING_GARMENT, Effect.AWAIT_GARMENT))
+    assert Event.APPROVE not in board.allowed() and board.snapshot()["question"] is None
+    board.ask("lay the garment flat")
+    question = board.snapshot()["question"]
+    assert "lay the garment flat" in question["text"] and board.answers(question["number"])
+    assert Event.APPROVE in board.allowed() and Event.PAUSE not in board.allowed()
+    board.ask(None)
+    assert board.snapshot()["question"] is None and Event.APPROVE not in board.allowed()
+    board.ask("lay it again")
+    assert not board.answers(question["number"]), "an answer belongs to its question"

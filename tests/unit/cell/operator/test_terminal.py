@@ -1,0 +1,119 @@
+"""The operator's letters and the progress lines."""
+
+import io
+import os
+import re
+from contextlib import suppress
+
+from cell.context import Context, Result
+from cell.executive import Step
+from cell.operator.commands import OPERATOR_EVENTS, CommandQueue
+from cell.operator.keys import KEYS, TerminalOperator
+from cell.progress.lines import ProgressLines
+from cell.states import Effect, Event, State
+from robots.errors import Failure, FailureKind
+
+
+def typed(text: str) -> tuple[CommandQueue, str]:
+    commands, answers = CommandQueue(), io.StringIO()
+    operator = TerminalOperator(commands, io.StringIO(text), answers)
+    operator.start()
+    operator.join(5)
+    return commands, answers.getvalue()
+
+
+def test_letters_and_words_become_commands_in_order() -> None:
+    commands, _ = typed("a\n RETRY \n")
+    assert commands.take({Event.APPROVE}) is Event.APPROVE
+    assert commands.take({Event.RETRY}) is Event.RETRY
+
+
+def test_every_key_is_an_operators_command() -> None:
+    assert set(KEYS.values()) == OPERATOR_EVENTS
+
+
+def test_what_is_no_command_is_told_and_ignored() -> None:
+    commands, answers = typed("\nfold it\n")
+    assert "'fold it' is no command" in answers
+    assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # only the end of the input
+
+
+def test_a_terminal_that_is_gone_ends_the_run() -> None:
+    commands, _ = typed("")
+    assert commands.take({Event.ABORT}) is Event.ABORT
+
+
+STEP = Step(State.GRASPING, Event.DONE, State.LIFTING, Effect.LIFT)
+
+
+def test_progress_tells_state_and_time() -> None:
+    stream = io.StringIO()
+    ProgressLines(stream).entered(12.34, STEP)
+    assert stream.getvalue() == "    12.3 s  lifting\n"
+
+
+def test_progress_tells_what_is_awaited() -> None:
+    stream = io.StringIO()
+    waiting = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
+    ProgressLines(stream).entered(1.0, waiting)
+    assert "approve the fold (a)" in stream.getvalue()
+
+
+def test_progress_tells_a_failure_once() -> None:
+    stream = io.StringIO()
+    lines = ProgressLines(stream)
+    context = Context().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))
+    lines.performed(2.0, STEP, Result(Event.FAILED, context))
+    lines.performed(3.0, STEP, Result(Event.DONE, context))  # the old failure is still known, but over
+    assert stream.getvalue().count("missed_grasp: nothing between the pads (regrasp)") == 1
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_bar_of_long_computing_makes_room_for_the_next_line() -> None:
+    screen = Screen()
+    lines = ProgressLines(screen)
+    lines.computing(3, 60, "simulations at most")
+    lines.entered(2.0, STEP)
+    assert re.fullmatch(
+        r"\r\[.+\] 3/60  simulations at most.*\x1b\[K\r\x1b\[K     2.0 s  lifting\n", screen.getvalue()
+    )
+
+
+def test_without_a_stream_nothing_is_said() -> None:
+    lines = ProgressLines(None)
+    lines.computing(3, 60, "simulations at most")
+    lines.entered(2.0, STEP)
+
+
+def test_progress_survives_a_reader_that_is_gone() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as stream:
+        lines = ProgressLines(stream)
+        lines.entered(0.0, STEP)
+        lines.entered(1.0, STEP)
+        with suppress(BrokenPipeError):
+            stream.close()
+
+
+def test_the_next_runs_operator_follows_at_the_same_terminal() -> None:
+    """Runs of a campaign share a terminal: a line goes to the run that is under way."""
+    ours, theirs = os.pipe()
+    first, second = CommandQueue(), CommandQueue()
+    with os.fdopen(ours) as source, os.fdopen(theirs, "w") as keyboard:
+        TerminalOperator(first, source, io.StringIO()).start()
+        print("a", file=keyboard, flush=True)
+        assert first.wait({Event.APPROVE}, 10.0) is Event.APPROVE
+        last = TerminalOperator(second, source, io.StringIO())
+        last.start()
+        print("r", file=keyboard, flush=True)
+        assert second.wait({Event.RETRY}, 10.0) is Event.RETRY and first.take(OPERATOR_EVENTS) is None
+        keyboard.close()
+        assert second.wait({Event.ABORT}, 10.0) is Event.ABORT and first.take(OPERATOR_EVENTS) is None
+        third = CommandQueue()
+        TerminalOperator(third, source, io.StringIO()).start()
+        assert third.wait({Event.ABORT}, 10.0) is Event.ABORT, "nobody is left to answer"
