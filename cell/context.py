@@ -23,7 +23,15 @@ from skills.motion.fold import FoldMotion
 from skills.motion.posture import Posture
 from skills.perception.inspect import Inspection
 from skills.perception.perceive import Perception
-from skills.vocabulary import CameraCalibration, FoldStep, Grasp, GraspTrajectory, PredictedShape, ToolPath
+from skills.vocabulary import (
+    CameraCalibration,
+    FoldStep,
+    GarmentState,
+    Grasp,
+    GraspTrajectory,
+    PredictedShape,
+    ToolPath,
+)
 
 __all__ = ["Context", "Result", "StepNote"]
 
@@ -77,6 +85,8 @@ class Context:
     overlay: NDArray[np.uint8] | None = None
     """The picture with what was recognised drawn over it."""
     perception: Perception | None = None
+    flat: GarmentState | None = None
+    """The garment as it lay flat, where it would lie so now: what the rest of the plan is made from."""
     garment: Garment | None = None
     """The garment as its file describes it: named on the command line, or recognised."""
     steps: tuple[FoldStep, ...] = ()

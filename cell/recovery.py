@@ -27,6 +27,7 @@ class Adjustment(StrEnum):
     OPTIMISE = "optimise"  # do not take the library's trajectory
     PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
     OTHER_SEARCH = "other_search"  # another draw of the motion planner
+    OTHER_VARIANT = "other_variant"  # the plan's next way to make the fold, which begins anew
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,11 @@ _GRASP_AGAIN = (
     Recovery(Event.LOOK_AGAIN),
 )
 _MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
-_OTHER_WAY = (Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH), Recovery(Event.GRASP_AGAIN, A.INWARD))
+_OTHER_WAY = (
+    Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH),
+    Recovery(Event.GRASP_AGAIN, A.INWARD),
+    Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT),
+)
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
 _GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, least_overlap=0.85),)
 
@@ -91,11 +96,17 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
 
 
 def choose_recovery(
-    kind: FailureKind, attempt: int, attended: bool, last_fold: bool = False, overlap: float = 1.0
+    kind: FailureKind,
+    attempt: int,
+    attended: bool,
+    last_fold: bool = False,
+    overlap: float = 1.0,
+    several_ways: bool = True,
 ) -> Recovery:
     """What to do after the `attempt`-th failure (from 1) of this kind in this step.
 
-    overlap: of the observed with the predicted shape, where an inspection failed.
+    overlap: of the observed with the predicted shape, where an inspection failed. several_ways: whether the plan
+    has more than one for this step; where it has not, the tries end before the other one's.
 
     What stands in no row (a stop, a hardware fault, a garment that is not the one expected) is never
     retried by itself.
@@ -103,6 +114,8 @@ def choose_recovery(
     tries = RECOVERIES.get(kind, ())
     if tries and (attempt <= len(tries) or tries[-1].event is Event.CARRY_ON):
         recovery = tries[min(attempt, len(tries)) - 1]
-        if overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
+        tried = {t.adjust for t in tries[:attempt]}
+        possible = several_ways or Adjustment.OTHER_VARIANT not in tried
+        if possible and overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
             return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

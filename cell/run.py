@@ -32,6 +32,7 @@ from cell.operator.attendant import PersonAttendant
 from cell.operator.commands import CommandQueue
 from cell.operator.keys import TerminalOperator, check_terminal, in_foreground
 from cell.process.interrupts import Interrupts
+from cell.progress.audience import Audience, say
 from cell.progress.compiling import compiling_told
 from cell.progress.lines import ProgressLines
 from cell.recorder import Recorder
@@ -49,7 +50,6 @@ from robots.errors import CellError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 
 if TYPE_CHECKING:
-    from cell.console.board import Board
     from cell.console.supervision import Supervision
     from cell.reports.report import TrueFrame
 
@@ -155,39 +155,26 @@ def _perform(
     commands = supervision.commands if supervision else CommandQueue()
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
+    audience = Audience(lines, supervision.board if supervision else None, request.quiet, request.terminal)
     observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines, *bystanders)
-    watching: list[ProgressLines | Board] = [lines]
     if supervision:
-        observers, watching = (*observers, supervision.board), [lines, supervision.board]
-
-    def note(text: str) -> None:
-        for watcher in watching:
-            watcher.note(text)
-
-    def ask(what: str | None) -> None:
-        if what is not None:
-            told = f"{what}, then approve" + (" (a, Enter)" if request.terminal else "")
-            _say(told) if request.quiet else lines.note(told)
-        if supervision:
-            supervision.board.ask(what)
-
-    def computing(done: int, total: int, remark: str) -> None:
-        for watcher in watching:
-            watcher.computing(done, total, remark)
+        observers = (*observers, supervision.board)
 
     try:
         with (
             compiling_told(lines.note),
-            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, ask)) as ports,
+            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, audience.ask)) as ports,
             ThreadPoolExecutor(1, "skill") as workers,
             interrupts.stop(ports, asked=request.approve or not ports.simulated),
-            supervision.page(recorder, ports.stop, _say) if supervision else nullcontext(),
+            supervision.page(recorder, ports.stop, say) if supervision else nullcontext(),
         ):
             used = (prelude(ports, commands) if prelude is not None else None) or ports
             if isinstance(ports.attendant, PersonAttendant):
                 ports.attendant.clock = used.clock
             heard = stenographer.between(used, commands)
-            cell = assemble(request, robot, heard.ports, recorder, heard.commands, workers, note, computing)
+            cell = assemble(
+                request, robot, heard.ports, recorder, heard.commands, workers, audience.note, audience.computing
+            )
             cell = replace(cell, watched_stop=used.stop)
             witness = _witness(request, ports, recorder)
             asked = request.approve or not ports.simulated
@@ -230,10 +217,6 @@ def _opened(request: FoldRequest, interrupted: Interrupted | None, person: Perso
         yield ports
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def _supervision(request: FoldRequest, run: RunJournal, listener: socket | None) -> Supervision | None:
     if listener is None:
         return None
@@ -254,7 +237,7 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
     path, table = run.directory / "run.rrd", request.settings.table
     recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
     if recorder.live_url:
-        _say(f"live view: rerun --connect {recorder.live_url}")
+        say(f"live view: rerun --connect {recorder.live_url}")
     return recorder
 
 
@@ -284,5 +267,5 @@ def _score(witness: Any) -> dict[str, Any] | None:
     try:
         return witness.score() if witness else None
     except CellError as e:
-        _say(f"not scored: {e.what}")
+        say(f"not scored: {e.what}")
         return None

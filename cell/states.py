@@ -71,6 +71,7 @@ class Event(StrEnum):
     LOOK_AFTER = "look_after"
     # recoveries (recovery.py)
     LOOK_AGAIN = "look_again"
+    PLAN_AGAIN = "plan_again"
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
     CARRY_ON = "carry_on"
@@ -204,6 +205,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.RECOVERING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
     Row(S.RECOVERING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
     Row(S.RECOVERING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.RECOVERING, E.PLAN_AGAIN, S.PLANNING, Do.PLAN_FOLDS),
     Row(S.RECOVERING, E.OPTIMISE_AGAIN, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
     Row(S.RECOVERING, E.GRASP_AGAIN, S.PLANNING_MOTION, Do.PLAN_MOTION),
     Row(S.RECOVERING, E.CARRY_ON, S.INSPECTING, Do.NEXT_STEP),

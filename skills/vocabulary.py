@@ -184,7 +184,8 @@ class FoldStep:
 
     index counts from 0. line: the fold line. earlier: the lines of the steps before, in order: the
     target shape is the flat outline folded by `earlier` and then by `line`. grasps and targets: one per
-    arm used; targets[side] is (3,): where the tool centre point releases, z above the stack.
+    arm used; targets[side] is (3,): where the tool centre point releases, z above the stack. variant: which of the
+    plan's ways this is, by name.
     """
 
     name: str
@@ -193,6 +194,7 @@ class FoldStep:
     earlier: tuple[FoldLine, ...]
     grasps: Mapping[Side, Grasp]
     targets: Mapping[Side, Array]
+    variant: str = ""
 
     @property
     def lines(self) -> tuple[FoldLine, ...]:

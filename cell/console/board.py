@@ -148,7 +148,8 @@ class Board:
         if self._state is State.ASKING:
             failure = context.failure
             return f"{failure.what}. {failure.hint}" if failure else "What now?"
-        name = context.step.name.replace("_", " ") if context.steps else "the fold"
+        words = (context.step.name, context.step.variant) if context.steps else ("the fold",)
+        name = ", ".join(word.replace("_", " ") for word in words if word)
         count = f"Fold {context.index + 1} of {len(context.steps)}: {name}."
         if self._state is State.AWAITING_PRESSING:
             high = f"{1e3 * context.inspection.height_m:.0f} mm high" if context.inspection else "high"

@@ -30,7 +30,7 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     else:
         last_fold = bool(context.steps) and context.index == len(context.steps) - 1
         overlap = float(context.failure.values.get("iou_aligned", 1.0))
-        recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap)
+        recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
     if recovery.event is Event.CARRY_ON and not context.carried:  # a fold that nobody made is not good enough
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     dwell = max(recovery.dwell_s, bounds.dwell)
@@ -47,17 +47,31 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
         return Result(recovery.event, context, record)
     event: Event = recovery.event
-    if event is Event.LOOK_AGAIN or (event is Event.GRASP_AGAIN and (context.carried or context.held)):
+    on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (context.carried or context.held)
+    if event is Event.LOOK_AGAIN or on_cloth:
         event = _where_to_look(cell, context)  # what was held was let go wherever it was
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
     )
-    adjustments = context.adjustments
-    if recovery.adjust is not Adjustment.NONE:
-        adjustments = (*adjustments, recovery.adjust)
     recoveries = (*context.recoveries, (context.index, note))
-    return Result(event, replace(context, adjustments=adjustments, recoveries=recoveries, held={}), record)
+    context = replace(_adjusted(context, recovery.adjust), recoveries=recoveries, held={})
+    return Result(event, context, record)
+
+
+def _several_ways(context: Context) -> bool:
+    """Whether the plan knows more than one way for the fold at hand."""
+    return context.garment is not None and len(context.garment.plan[context.index].variants) > 1
+
+
+def _adjusted(context: Context, adjust: Adjustment) -> Context:
+    """The next try changed by `adjust`, too. Made in another way a fold is a new one: nothing of it was tried."""
+    if adjust is Adjustment.NONE:
+        return context
+    if adjust is not Adjustment.OTHER_VARIANT:
+        return replace(context, adjustments=(*context.adjustments, adjust))
+    ways = tuple(a for a in context.adjustments if a is Adjustment.OTHER_VARIANT)
+    return replace(context, adjustments=(*ways, adjust), avoided=())
 
 
 def _where_to_look(cell: Workcell, context: Context) -> Event:

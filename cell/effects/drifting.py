@@ -22,9 +22,14 @@ def moved_along(context: Context, seen: Inspection | None) -> Context:
     def move(xy: Array) -> Array:
         return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, seen.drift_about))
 
+    flat = context.flat
+    if flat is not None:
+        keypoints = {name: move(p) for name, p in flat.keypoints.items()}
+        flat = replace(flat, contour=move(flat.contour), keypoints=keypoints)
     vertices = frozen(np.column_stack([move(context.vertices[:, :2]), context.vertices[:, 2]]))
     return replace(
         context,
+        flat=flat,
         steps=translate_plan(context.steps, seen.drift, seen.drift_rad, seen.drift_about),
         mesh=replace(context.mesh, rest=move(context.mesh.rest)),
         vertices=vertices,

@@ -40,23 +40,38 @@ _ARC = np.linspace(0.0, 1.0, 40)
 
 
 def plan_steps(cell: Workcell, context: Context) -> Result:
-    """The fold steps, and the predictor's own mesh of what was seen. After the first fold the plan stands."""
-    if context.index > 0:
+    """The fold steps, and the predictor's own mesh of what was seen. After the first fold what was made stands; so
+    does the rest of the plan, unless the fold at hand is to be made in another way."""
+    first = context.index == 0
+    if not (first or context.count(Adjustment.OTHER_VARIANT)):
         return Result(Event.DONE, context)
     assert context.perception is not None
-    garment = named_garment(cell, context)
-    state = context.perception.state
-    planned = plan_folds(state, garment)
+    garment = named_garment(cell, context) if first else context.known_garment
+    flat = context.perception.state if first else context.flat
+    assert flat is not None
+    planned = plan_folds(flat, garment, _ways(context, garment))
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
-    steps = planned.unwrap()
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
-    context = replace(
-        context, steps=steps, mesh=mesh, vertices=mesh.lay_flat(garment.material.thickness), garment=garment,
-        trajectory=None,
-    )  # fmt: skip
-    return Result(Event.DONE, context, {"steps": [s.name for s in steps], "vertices": len(mesh.rest)})
+    steps = (*context.steps[: context.index], *planned.unwrap()[context.index :])
+    context = replace(context, steps=steps, flat=flat, garment=garment, trajectory=None)
+    if first:
+        mesh = mesh_from_contour(flat.contour, garment.mesh_edge_m, garment.layers)
+        context = replace(context, mesh=mesh, vertices=mesh.lay_flat(garment.material.thickness))
+    assert context.mesh is not None
+    record = {
+        "steps": [s.name for s in steps],
+        "ways": [s.variant for s in steps],
+        "vertices": len(context.mesh.rest),
+    }
+    return Result(Event.DONE, context, record)
+
+
+def _ways(context: Context, garment: Garment) -> dict[str, str]:
+    """How the folds so far were made, and the one at hand shall be: step name -> name of the plan's way."""
+    step = garment.plan[context.index]
+    chosen = step.variants[context.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
+    return {**{s.name: s.variant for s in context.steps[: context.index]}, step.name: chosen.name}
 
 
 def choose_trajectory(cell: Workcell, context: Context) -> Result:

@@ -70,7 +70,7 @@ def entry_of(
         trajectory,
         step,
         category=garment.category,
-        variant=garment.plan[step.index].variants[0].name,
+        variant=step.variant,
         garment=garment.name,
         material=garment.material,
         size_m=garment.size_m,

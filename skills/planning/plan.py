@@ -193,7 +193,7 @@ def _fold_step(
         # tension may take the hand just past the edge: it is the mirror image that lands on cloth
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
-    return FoldStep(step.name, index, line, earlier, grasps, targets)
+    return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
 
 
 def _footprint(point: Array, heading: float) -> Array:

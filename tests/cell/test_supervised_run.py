@@ -58,7 +58,7 @@ class Operator(threading.Thread):
 def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
-    monkeypatch.setattr("cell.run._say", lambda text: addresses.put(text.split()[-1]) if pages in text else None)
+    monkeypatch.setattr("cell.run.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None)
     operator = Operator(addresses)
     operator.start()
     request = fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True, record=True)

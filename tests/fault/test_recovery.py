@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.garments.garment_file import load_garment
 from cell.journal import Journal
 from cell.operator.commands import CommandQueue
 from cell.recovery import Adjustment
@@ -24,6 +25,7 @@ from cell.states import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports, Side
+from skills.motion.fold import plan_fold_motion
 from skills.trajectory.optimise import optimise_fold
 from skills.vocabulary import Outcome
 from tests.runs import PLAIN, Onlooker, decided_again, fold_request
@@ -192,6 +194,27 @@ def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
     assert result.failure["kind"] == "skill_crashed"
     assert onlooker.performed[-2] == (Effect.MAKE_SAFE, Event.DONE) and parked(onlooker)
     assert any("Traceback" in str(e.payload) for e in told(request))
+
+
+@pytest.mark.parametrize("which", ["half", "quarter"])
+def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str
+) -> None:
+    first = {step.name: step.variants[0].name for step in load_garment("small_towel").plan}
+
+    def blocked(robot: Any, checker: Any, table: Any, step: Any, *rest: Any, **options: Any) -> Any:
+        if step.name == which and step.variant == first[which]:
+            return Outcome(failure=Failure(FailureKind.UNREACHABLE, "something stands there", "move it"))
+        return plan_fold_motion(robot, checker, table, step, *rest, **options)
+
+    monkeypatch.setattr("cell.effects.planning.plan_fold_motion", blocked)
+    onlooker, request = Onlooker(), fold_request(tmp_path, {}, witness=True)
+    result = onlooker.fold(request)
+    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.GRASP_AGAIN, Event.GRASP_AGAIN, Event.PLAN_AGAIN]
+    ways = {step.name: step.variant for step in onlooker.results[-1].context.steps}
+    assert {name for name, way in ways.items() if way != first[name]} == {which}
+    assert (result.result, result.exit_code) == ("folded", 0)
+    assert result.score is not None and result.score["passed"], result.score
 
 
 # gripping

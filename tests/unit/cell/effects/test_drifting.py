@@ -10,7 +10,9 @@ import pytest
 
 from cell.context import Context
 from cell.effects.drifting import moved_along
+from cell.garments.garment_file import load_garment
 from skills.cloth.mesh import ClothMesh
+from skills.planning.plan import plan_folds
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Side
 
 
@@ -42,3 +44,28 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
     np.testing.assert_allclose(there.line.point, moved(line.point), atol=1e-12)
     np.testing.assert_allclose(there.line.direction, R @ line.direction, atol=1e-12)
     np.testing.assert_allclose(there.targets[Side.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
+
+
+def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
+    """From the flat garment that moved along, as the plan that moved along says it."""
+    towel = load_garment("medium_towel")
+    flat = towel.flat_state(*towel.poses.middle)
+    steps = plan_folds(flat, towel).unwrap()
+    nothing = np.zeros((0, 2))
+    mesh = ClothMesh(
+        nothing,
+        np.zeros(0, np.int32),
+        np.zeros((0, 3), np.int32),
+        np.zeros(0, np.int32),
+        np.zeros((0, 2), np.int32),
+    )
+    context = Context(flat=flat, steps=steps, mesh=mesh, vertices=np.zeros((0, 3)))
+    seen: Any = SimpleNamespace(drift=np.array([0.02, -0.01]), drift_rad=0.05, drift_about=np.array([0.6, 0.1]))
+    after = moved_along(context, seen)
+    assert after.flat is not None
+    for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
+        assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
+        for side, grasp in anew.grasps.items():
+            np.testing.assert_allclose(grasp.point, moved.grasps[side].point, atol=1e-12)
+            np.testing.assert_allclose(anew.targets[side], moved.targets[side], atol=1e-12)
+            assert np.cos(grasp.heading - moved.grasps[side].heading) == pytest.approx(1.0)

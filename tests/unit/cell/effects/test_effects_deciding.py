@@ -14,9 +14,11 @@ from cell.config import CellSettings, load_settings
 from cell.context import Context
 from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
 from cell.execution.sent import Sent
+from cell.garments.garment_file import load_garment
 from cell.recovery import RECOVERIES, Adjustment
 from cell.states import Event
 from robots.errors import Failure, FailureKind
+from robots.ports import Side
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -69,7 +71,7 @@ def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
 @pytest.mark.parametrize("kind", list(RECOVERIES))
 def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
     accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
-    context, tried = replace(SEEN, carried=accepted), []
+    context, tried = replace(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
     while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
         context = result.context
@@ -78,7 +80,34 @@ def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
         tried.append((result.event, Adjustment(str(result.record["change"]))))
         assert len(tried) < 10
     assert tried == [(r.event, r.adjust) for r in RECOVERIES[kind]]
-    assert list(context.adjustments) == [a for _, a in tried if a is not Adjustment.NONE]
+    changes = [a for _, a in tried if a is not Adjustment.NONE]
+    if Adjustment.OTHER_VARIANT in changes:  # a fold that begins anew
+        changes = changes[changes.index(Adjustment.OTHER_VARIANT) :]
+    assert list(context.adjustments) == changes
+
+
+@pytest.mark.parametrize("kind", [K.UNREACHABLE, K.IN_COLLISION])
+@pytest.mark.parametrize(("garment", "index", "ways"), [("pants", 0, 2), ("pants", 1, 1), ("t_shirt", 0, 1)])
+def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
+    kind: FailureKind, garment: str, index: int, ways: int
+) -> None:
+    context = replace(SEEN, garment=load_garment(garment), index=index, avoided=({},))
+    events = []
+    while True:
+        result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
+        context, events = result.context, [*events, result.event]
+        if result.event is Event.GIVE_UP:
+            break
+        assert (context.avoided == ()) == (result.event is Event.PLAN_AGAIN), "another way has other postures"
+    assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
+
+
+def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
+    """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
+    held: Any = {Side.LEFT: None}
+    context = replace(SEEN, garment=load_garment("pants"), held=held)
+    result = choose_next(fake_workcell(FakeCell()), failed(K.UNREACHABLE, 3, context))
+    assert result.event is Event.LOOK_AGAIN and result.context.count(Adjustment.OTHER_VARIANT) == 1
 
 
 def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:

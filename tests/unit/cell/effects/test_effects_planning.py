@@ -12,8 +12,9 @@ import pytest
 
 from cell.config import load_settings
 from cell.context import Context, Result
-from cell.effects.planning import _draws, choose_trajectory
+from cell.effects.planning import _draws, choose_trajectory, plan_steps
 from cell.garments.garment_file import load_garment
+from cell.library.library_file import entry_of
 from cell.recovery import Adjustment
 from cell.states import Event
 from robots.errors import FailureKind, StorageError
@@ -25,7 +26,7 @@ from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK
 from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.library import Library, entry_from
-from skills.vocabulary import GraspTrajectory
+from skills.vocabulary import GarmentState, GraspTrajectory
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -51,6 +52,13 @@ def library(height: float = LIBRARY_HEIGHT) -> Library:
             edge_length=0.02, method="default", dissimilarity_initial=0.01, max_tool_speed=0.35, version="0",
         ),
     ))  # fmt: skip
+
+
+class Perceived:
+    """Takes the place of a perception."""
+
+    def __init__(self, state: GarmentState) -> None:
+        self.state, self.garment = state, "medium_towel"
 
 
 class Cloth:
@@ -232,3 +240,56 @@ def test_another_search_draws_other_numbers_and_the_same_ones_in_every_run() -> 
     assert len({tuple(x) for x in (first, second, third)}) == 3
     np.testing.assert_array_equal(_draws(workcell, 2).random(4), third)
     np.testing.assert_array_equal(first, workcell.rng().random(4), "the first one is as ever")
+
+
+# in another way
+
+
+def perceived() -> Any:
+    return Perceived(STATE)
+
+
+def planned(context: Context) -> Context:
+    result = plan_steps(fake_workcell(FakeCell(), expected=TOWEL), context)
+    assert result.event is Event.DONE
+    assert result.record.get("ways", [s.variant for s in result.context.steps]) == [
+        s.variant for s in result.context.steps
+    ]
+    return result.context
+
+
+def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
+    first = planned(Context(perception=perceived()))
+    other = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,)))
+    assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
+    assert [s.variant for s in other.steps] == ["right_onto_left", "far_onto_near"]
+    for side in Side:  # what was taken hold of on one side of the line is on the other, at the same distance
+        before, now = (s.line.signed_distance(s.grasps[side].point) for s in (first.steps[0], other.steps[0]))
+        assert before > 0.1 and now == pytest.approx(before)
+        away = first.steps[0].line.signed_distance(other.steps[0].grasps[side].point)
+        assert away == pytest.approx(-before)
+    assert other.vertices is not None and len(other.vertices) == len(first.vertices)  # type: ignore[arg-type]
+    again = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
+    assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
+
+
+def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> None:
+    first = planned(Context(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
+    believed = replace(first, index=1, adjustments=(), vertices=first.vertices + 0.001)  # type: ignore[operator]
+    same = planned(believed)
+    assert same.steps is believed.steps, "the plan stands"
+    other = planned(replace(believed, adjustments=(Adjustment.OTHER_VARIANT,)))
+    assert [s.variant for s in other.steps] == ["right_onto_left", "near_onto_far"]
+    assert other.steps[0] is first.steps[0] and other.vertices is believed.vertices and other.mesh is first.mesh
+    np.testing.assert_array_equal(other.steps[1].earlier[0].point, first.steps[0].line.point)
+    np.testing.assert_array_equal(other.steps[1].earlier[0].direction, first.steps[0].line.direction)
+    for side in Side:
+        away = first.steps[1].line.signed_distance(other.steps[1].grasps[side].point)
+        assert away < -0.05 < 0.05 < first.steps[1].line.signed_distance(first.steps[1].grasps[side].point)
+
+
+def test_a_kept_trajectory_is_of_the_way_in_which_the_fold_was_made() -> None:
+    turned = plan_folds(STATE, TOWEL, {"half": "right_onto_left"}).unwrap()[0]
+    controls = {s: two_parameter_controls(f.start, f.end, 0.6, 0.0) for s, f in frames_of(turned, 0.002).items()}
+    entry = entry_of(TOWEL, turned, GraspTrajectory(controls, 2.0, "optimised", 5.0, 0.004, 25), "default", 0.01)
+    assert entry.variant == "right_onto_left"
