@@ -208,13 +208,16 @@ def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
     monkeypatch.setattr("cell.effects.planning.plan_fold_motion", blocked)
-    onlooker, request = Onlooker(), fold_request(tmp_path, {}, witness=True)
+    onlooker, request = Onlooker(), fold_request(tmp_path, {}, witness=True, record=which == "quarter")
     result = onlooker.fold(request)
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.GRASP_AGAIN, Event.GRASP_AGAIN, Event.PLAN_AGAIN]
     ways = {step.name: step.variant for step in onlooker.results[-1].context.steps}
     assert {name for name, way in ways.items() if way != first[name]} == {which}
     assert (result.result, result.exit_code) == ("folded", 0)
     assert result.score is not None and result.score["passed"], result.score
+    if request.record:
+        again = decided_again(request.logs)
+        assert again.same and again.broken_off is None, "the other way is chosen again"
 
 
 # gripping
