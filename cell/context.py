@@ -185,3 +185,5 @@ class Result:
     event: Event
     context: Context
     record: Mapping[str, object] = field(default_factory=dict)
+    within: tuple[tuple[float, str], ...] = ()
+    """What the runner was told of on the way, in the ledger by then: (cell time [s], name)."""

@@ -52,6 +52,7 @@ class Remarks:
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
         where = step.target.value.replace("_", " ")
+        self.list += [Remark(when, "command", what, f"on the way, while {where}") for when, what in result.within]
         if result.event in FAILING and failure is not None:
             kind = failure.kind.value.replace("_", " ")
             hint = f" ({failure.hint})" if failure.hint else ""
@@ -62,3 +63,5 @@ class Remarks:
             self.list.append(Remark(t, "recovery", title, "" if text == "none" else f"change: {text}"))
         elif "command" in result.record:
             self.list.append(Remark(t, "command", str(result.record["command"]), f"while {where}"))
+        elif result.event is Event.PAUSE:
+            self.list.append(Remark(t, "command", "pause", f"before {where}"))

@@ -79,6 +79,7 @@ class Runner:
         self._state = State.IDLE
         self._context = Context()
         self._times: dict[str, float] = {}
+        self._noted: tuple[tuple[float, str], ...] = ()
 
     def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
         """From START, or whatever event comes first, to a declared end. Returns however it ended."""
@@ -139,7 +140,9 @@ class Runner:
 
     def _note(self, name: str, values: Mapping[str, float]) -> None:
         """Something that happened within an effect."""
-        self._journal.event(self._cell.ports.clock.now(), self._state.value, name, values)
+        now = self._cell.ports.clock.now()
+        self._journal.event(now, self._state.value, name, values)
+        self._noted = (*self._noted, (now, name))
 
     def _note_entry(self, t: float, step: Step) -> None:
         self._state = step.target
@@ -154,7 +157,7 @@ class Runner:
         pending = self._interruption(step)
         if pending:
             return Result(pending, self._with_cause(pending, context), {"interrupted": True})
-        clock = self._cell.ports.clock
+        clock, self._noted = self._cell.ports.clock, ()
         payload = {"step": context.index, "attempt": len(context.adjustments)}
         intent = None
         if step.effect not in _QUIET:
@@ -167,7 +170,7 @@ class Runner:
             result = Result(Event.FAILED, context.with_failure(halted or e.failure()))
         except Exception as e:  # a bug or a broken file: the machine must know, the ledger must keep it
             result = Result(Event.CRASH, context.with_failure(_crash(e)))
-        result = self._divert(step, result)
+        result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
             self._put_down(result.context)  # before the result: what is believed is never older than the ledger
         if intent is not None:

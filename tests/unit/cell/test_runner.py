@@ -16,6 +16,7 @@ from cell.effects.deciding import ask_approval, ask_operator, choose_next, pause
 from cell.effects.inspecting import next_step
 from cell.executive import Step
 from cell.journal import Journal, RunJournal
+from cell.observers import Remarks
 from cell.runner import EffectFunction, RunEnd, Runner
 from cell.states import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
@@ -461,7 +462,12 @@ def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_resul
         return Result(Event.DONE, context)
 
     rig.special[Effect.FOLD] = fold
+    remarks = Remarks()
+    rig.observers = (remarks,)
     rig.run()
+    assert [(r.kind, r.title, r.text) for r in remarks.list] == [
+        ("command", "paused", "on the way, while folding")
+    ], "those who look on are told, too"
     entries = list(rig.journal.entries(rig.ledger.id))
     k = next(k for k, e in enumerate(entries) if e.name == "paused")
     assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25
