@@ -94,7 +94,8 @@ class FaultBoard:
 
     def __init__(self) -> None:
         self._waiting: list[Fault] = []
-        self._lasting: list[tuple[Fault, float]] = []
+        self._lasting: list[tuple[Fault, float, Side | None]] = []
+        """Each with its end [s], and the side that met its conditions."""
         self.happened: list[tuple[float, Fault]] = []
 
     @property
@@ -125,7 +126,7 @@ class FaultBoard:
                 and (kind is not FaultKind.DROPPED_CORNER or lifted >= fault.extent)
             ):
                 self._waiting.remove(fault)
-                self._lasting.append((fault, now + fault.lasts))
+                self._lasting.append((fault, now + fault.lasts, side))
                 self.happened.append((now, fault))
                 return fault
         return None
@@ -134,6 +135,5 @@ class FaultBoard:
         """Whether a fault of this kind is under way (starting it if it is due)."""
         self.take(kind, now, fold, side)
         return any(
-            fault.kind is kind and now < end and (fault.side is None or fault.side is side)
-            for fault, end in self._lasting
+            fault.kind is kind and now < end and (met is None or met is side) for fault, end, met in self._lasting
         )

@@ -44,6 +44,16 @@ def test_lasts_as_long_as_it_says() -> None:
     assert lasting == [False, True, True, False]
 
 
+def test_without_a_side_it_happens_to_the_first_hand_that_meets_the_conditions_alone() -> None:
+    board = FaultBoard()
+    board.add(Fault(FaultKind.GRIPPER_STUCK, at=2.0, duration=3.0))
+    seen = [
+        (t, side) for t in (1.0, 2.5, 4.0, 6.0) for side in Side
+        if board.lasting(FaultKind.GRIPPER_STUCK, t, 0, side)
+    ]  # fmt: skip
+    assert seen == [(2.5, Side.LEFT), (4.0, Side.LEFT)]
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
