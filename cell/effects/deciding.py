@@ -17,21 +17,20 @@ __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 
 
 def choose_next(cell: Workcell, context: Context) -> Result:
-    """The recovery for the failure at hand: the table's, within the bounds of the settings."""
+    """The recovery for the failure at hand: the table's, where it is a try within the bounds of the settings."""
     assert context.failure is not None
     kind = context.failure.kind
     attempt = context.attempts[(context.index, kind.value)]
     bounds = cell.settings.recovery
-    if (
+    last_fold = bool(context.steps) and context.index == len(context.steps) - 1
+    overlap = float(context.failure.values.get("iou_aligned", 1.0))
+    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
+    used_up = (
         context.recoveries_in_step >= bounds.attempts_per_step
         or len(context.recoveries) >= bounds.attempts_per_run
-    ):
-        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
-    else:
-        last_fold = bool(context.steps) and context.index == len(context.steps) - 1
-        overlap = float(context.failure.values.get("iou_aligned", 1.0))
-        recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
-    if recovery.event is Event.CARRY_ON and not context.carried:  # a fold that nobody made is not good enough
+    )
+    # a fold that nobody made is not good enough, however many tries are left; one that was made is
+    if not context.carried if recovery.event is Event.CARRY_ON else used_up:
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:

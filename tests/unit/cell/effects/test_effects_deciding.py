@@ -132,6 +132,16 @@ def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
     assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
 
 
+@pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
+def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Path, bounds: dict[str, int]) -> None:
+    """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
+    two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))
+    tried = replace(SEEN, carried=True, recoveries=two)
+    assert choose_next(workcell, failed(K.DRIFT, context=tried)).event is Event.CARRY_ON
+    assert choose_next(workcell, failed(K.NO_CONTACT, context=tried)).event is Event.GIVE_UP
+
+
 @pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
 def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event: Event) -> None:
     for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
