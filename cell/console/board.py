@@ -123,6 +123,7 @@ class Board:
                 "version": self.version,
                 "state": self._state.value,
                 "allowed": [event.value for event in ORDER if event in may],
+                "labels": {"retry": "Try again"} if self._state is State.ASKING else {},
                 "question": {"number": self._question, "text": self._asked()} if self._asking() else None,
                 "steps": self._steps(),
                 "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
@@ -147,7 +148,8 @@ class Board:
             return f"Please {self._wanted}. Then approve."
         if self._state is State.ASKING:
             failure = context.failure
-            return f"{failure.what}. {failure.hint}" if failure else "What now?"
+            laid = "to try again, first lay the garment as it was before this fold" if context.steps else ""
+            return _sentences(failure.what, failure.hint, laid) if failure else "What now?"
         words = (context.step.name, context.step.variant) if context.steps else ("the fold",)
         name = ", ".join(word.replace("_", " ") for word in words if word)
         count = f"Fold {context.index + 1} of {len(context.steps)}: {name}."
@@ -169,3 +171,9 @@ class Board:
             {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.index}
             for k, step in enumerate(context.steps)
         ]
+
+
+def _sentences(*parts: str) -> str:
+    """Parts of which some may be empty, one sentence each, the first as it begins."""
+    first, *more = [part for part in parts if part]
+    return " ".join(f"{part}." for part in (first, *(part[0].upper() + part[1:] for part in more)))

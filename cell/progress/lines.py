@@ -15,7 +15,8 @@ __all__ = ["ProgressLines"]
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r) or end the run (q)",
     State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it so (s) or end the run (q)",
-    State.ASKING: "try again (r), skip this fold (s) or end the run (q)",
+    State.ASKING: "with the garment as it was before this fold try again (r), leave this fold out (s)"
+    " or end the run (q)",
     State.PAUSED: "resume (c) or end the run (q)",
 }
 

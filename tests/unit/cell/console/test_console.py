@@ -7,7 +7,9 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -163,6 +165,21 @@ def test_pressing_is_asked_about_and_answered(address: str, board: Board, comman
         assert "refused" in say(link, say="pause"), "it stands still"
         assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
         assert commands.take(ALL) is Event.SKIP
+
+
+def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Board) -> None:
+    """It is no mere look: the fold is made again, of a garment that was laid back."""
+    planned: Any = (SimpleNamespace(name="half"), SimpleNamespace(name="quarter"))
+    for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
+        context = replace(Context(), steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
+        step = Step(State.CLEARING, Event.DONE, State.RECOVERING, Effect.CHOOSE_RECOVERY)
+        board.performed(2.0, step, Result(Event.ASK, context))
+        enter(board, State.ASKING)
+        shown = board.snapshot()
+        assert shown["question"]["text"] == f"it slipped. Look.{told}"
+        assert shown["labels"] == {"retry": "Try again"}
+    enter(board, State.AWAITING_APPROVAL)
+    assert board.snapshot()["labels"] == {}, "where a look is all that it is"
 
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
