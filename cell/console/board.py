@@ -95,7 +95,8 @@ class Board:
     def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
         """How the run ended, and the folder that it leaves."""
         with self._lock:
-            resumable = state in {State.STOPPED, State.FAULT} and has_belief(folder)
+            unfinished = state in {State.STOPPED, State.FAULT} and not self._context.through
+            resumable = unfinished and has_belief(folder)
             self._end = {
                 "result": state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",

@@ -73,7 +73,8 @@ def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     first = states.index("approaching")
     assert "awaiting_approval" in states[:first] and states.index("folding") > first
     assert operator.boards[-1]["end"]["result"] == "not_folded"
-    assert [r["title"] for r in operator.boards[-1]["remarks"]] == ["approve", "aborted while awaiting approval"]
+    remarks = [remark["title"] for remark in operator.boards[-1]["remarks"]]
+    assert remarks == ["approve", "paused", "resumed", "aborted while awaiting approval"]
     again = decided_again(request.logs)
     assert again.same and again.broken_off is None, "with approval, pause, resume and abort where they were said"
     assert again.wall_time_s < 0.5 * result.wall_time_s, "it waited for a person"

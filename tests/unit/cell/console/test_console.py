@@ -235,6 +235,10 @@ def test_after_a_stop_the_page_says_how_to_go_on(board: Board, tmp_path: Path) -
     (tmp_path / "run-1" / "belief" / "context").write_bytes(b"believed")
     board.finish(State.STOPPED, failure, tmp_path / "run-1")
     assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", "where the run is"
+    step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
+    board.performed(2.0, step, Result(Event.GIVE_UP, Context(through=True)))
+    board.finish(State.FAULT, failure, tmp_path / "run-1")
+    assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
 
 
 def test_a_port_that_is_taken_is_told(address: str) -> None:
