@@ -17,6 +17,7 @@ from cell.equipment.workcell import Workcell
 from cell.execution.streaming import stopped
 from cell.executive import Executive, Step
 from cell.journal import RunJournal
+from cell.observers import FAILING
 from cell.operator.commands import ABORTED, ANSWERS, CommandQueue
 from cell.states import TERMINAL, Effect, Event, State
 from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
@@ -28,6 +29,8 @@ EffectFunction = Callable[[Workcell, Context], Result]
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
 """Effects that touch neither the cell nor the clock: an event in the ledger is enough."""
 
+_FAILING = FAILING | {Event.GIVE_UP}
+"""Events of which the failure at hand is the reason. With others it is one that was met, and mended, before."""
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
 """Only what is said after they were shown answers them: a key pressed twice does not approve the next fold."""
@@ -175,7 +178,7 @@ class Runner:
             self._put_down(result.context)  # before the result: what is believed is never older than the ledger
         if intent is not None:
             record = {"event": result.event.value, **result.record}
-            if result.event not in {Event.DONE} and result.context.failure:
+            if result.event in _FAILING and result.context.failure:
                 f = result.context.failure
                 record |= {"kind": f.kind.value, "what": f.what, "hint": f.hint, "values": dict(f.values)}
             self._journal.result(intent, clock.now(), record)

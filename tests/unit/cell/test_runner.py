@@ -162,6 +162,23 @@ def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
     assert failed.payload["values"] == {"n": 0}
 
 
+def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(rig: Rig) -> None:
+    """What the operator says, and a plan that waits for approval, would stand in the ledger as failed."""
+    approving(rig)
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.special[Effect.RETREAT] = failing(K.HARDWARE_FAULT)
+    approve = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, approve, approve, approve)
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
+    assert rig.run().state is State.FOLDED
+    results = [(e.name, e.payload["event"], e.payload.get("kind")) for e in rig.entries("result")]
+    assert {("plan_motion", "approval_needed", None), ("ask_operator", "retry", None)} <= set(results)
+    assert [told for told in results if told[2]] == [
+        ("grasp", "failed", "missed_grasp"),
+        ("retreat", "failed", "hardware_fault"),
+    ]
+
+
 def test_observers_are_told_of_every_step(rig: Rig) -> None:
     class Listener:
         def __init__(self) -> None:
