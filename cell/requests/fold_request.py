@@ -44,7 +44,8 @@ class FoldRequest:
 @dataclass(frozen=True)
 class FoldResult:
     """How a run ended: the fields of `fold --json`. state: the machine's last; signal: what interrupted it.
-    world: what the simulated garment's cloth was, None on hardware."""
+    world: what the simulated garment's cloth was, None on hardware. robot_time_s: without waiting for an operator;
+    stage_times_s: cell time spent in each state, with it."""
 
     garment: str
     seed: int

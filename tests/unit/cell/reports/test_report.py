@@ -291,3 +291,10 @@ def test_the_overlap_after_alignment_is_called_so(run: RunRecord) -> None:
     step = replace(run.steps[0], aligned_iou=0.987, observed_iou=0.912)
     text = Page(render(replace(run, steps=(step,)))).text
     assert "IoU, aligned 0.987" in text and "IoU, observed 0.912" in text and "IoU, predicted" not in text
+
+
+def test_times_of_stages_in_which_an_operator_is_waited_for_are_not_called_the_robots(run: RunRecord) -> None:
+    """They are the cell's: an answer that took ten minutes is none of the robot time above."""
+    text = Page(render(replace(run, robot_time_s=18.6, stage_times_s={"asking": 582.2}))).text
+    assert text.count("Robot time") == 1 and "Cell time" in text and "9 min 42 s" in text
+    assert "waiting for an operator counts" in text
