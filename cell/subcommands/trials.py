@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """0 when every run came to an end, 3 when one was a fault or was not performed; folding badly is a figure, not
     an error. `trials.json` is written after each run: an interrupted campaign keeps what it has."""
     settings = load_settings(options.cell)
-    garments = list(list_garments()) if options.garments == "all" else options.garments.split(",")
+    garments = list(list_garments()) if options.garments == "all" else _named(options.garments)
     for name in garments:
         load_garment(name, settings.surface)
     logs = prepare_logs(logs_directory(options.logs))
@@ -63,6 +63,11 @@ def run(options: argparse.Namespace) -> int:
     else:
         _print(tabulate(trials), sum(not t.performed for t in trials), campaign)
     return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
+
+
+def _named(garments: str) -> list[str]:
+    """What stands between commas, each once: the same seeds over again would be no more evidence."""
+    return list(dict.fromkeys(name.strip() for name in garments.split(",")))
 
 
 def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, Any]:

@@ -711,6 +711,14 @@ def test_trials_make_the_table(
     assert json.loads((Path(answer["directory"]) / "trials.json").read_text())["garments"] == answer["garments"]
 
 
+def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same seeds over again are no more evidence: the interval would be too narrow."""
+    monkeypatch.setattr("cell.subcommands.trials.worker_pool", ThreadPoolExecutor)
+    assert main(["trials", "--garments", "medium_towel, small_towel,medium_towel", "--n", "2"]) == 0
+    runs = sorted((r.garment, r.seed) for r in fake.requests)
+    assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
+
+
 def test_runs_of_a_campaign_know_the_users_library_and_nothing_of_each_other(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
