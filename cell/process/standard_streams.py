@@ -9,6 +9,7 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from typing import Any, TextIO, TypeVar, cast
 
 __all__ = ["LastingStream", "lasting_streams"]
@@ -63,8 +64,9 @@ class LastingStream:
 
 @contextmanager
 def lasting_streams() -> Iterator[LastingStream]:
-    """Within it sys.stdout, which is given, and sys.stderr last. Numbers 0 to 2 that are closed lead nowhere: a
-    file that is opened later would get one of them, and what C libraries print with it, in a child too."""
+    """Within it sys.stdout, which is given, and sys.stderr last, and hold any letters: as escapes, where they have
+    no code for them. Numbers 0 to 2 that are closed lead nowhere: a file that is opened later would get one of
+    them, and what C libraries print with it, in a child too."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -72,6 +74,9 @@ def lasting_streams() -> Iterator[LastingStream]:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the lowest number that is free
     before = sys.stdout, sys.stderr
     kept = [LastingStream(stream or open(os.devnull, "w", encoding="utf-8")) for stream in before]  # noqa: SIM115
+    for stream in before:
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     sys.stdout, sys.stderr = cast(TextIO, kept[0]), cast(TextIO, kept[1])
     try:
         yield kept[0]

@@ -11,10 +11,10 @@ __all__ = ["print_json", "print_table", "progress_stream"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """One object on one line, the last of standard output."""
+    """One object on one line, the last of standard output; in ASCII, which every stream can hold."""
     from cell.journal import to_json
 
-    print(json.dumps(to_json(value), allow_nan=False, ensure_ascii=False), flush=True)
+    print(json.dumps(to_json(value), allow_nan=False), flush=True)
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:

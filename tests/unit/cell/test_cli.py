@@ -546,6 +546,24 @@ with lasting_streams():
     assert subprocess.run(command).returncode == 0
 
 
+def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -> None:
+    """A name with an umlaut in a terminal of another code page was called a bug, and the result was lost."""
+    script = "import sys; from cell.cli import main; sys.exit(main(sys.argv[1:]))"
+    folder = tmp_path / "Wäsche"
+    folder.mkdir()
+    with Journal.open(folder / "ledger.db") as journal:
+        journal.begin_run(garment="./Größe.yaml", seed=1, driver="sim").end("not_folded")
+    for how in ([], ["--json"]):
+        command = [sys.executable, "-c", script, "runs", "--logs", str(folder), *how]
+        ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+        told = subprocess.run(command, env=ascii_only, capture_output=True, text=True)
+        assert (told.returncode, told.stderr) == (0, "")
+        if how:
+            assert json.loads(told.stdout)["logs"] == str(folder)
+        else:
+            assert r"./Gr\xf6\xdfe.yaml" in told.stdout
+
+
 @pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
 def test_a_run_keeps_its_exit_code_whoever_reads(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
