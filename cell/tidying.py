@@ -10,14 +10,16 @@ from pathlib import Path
 from cell.files.frame_store import FRAMES
 from cell.files.paths import LEDGER
 from cell.journal import Journal, RunRecord
+from cell.replaying.surroundings import BEGAN_WITH
 from cell.resuming.keeper import WORLD
-from cell.resuming.resumable import BELIEF, resumable
+from cell.resuming.resumable import BELIEF, has_belief, resumable
 from robots.errors import StorageError
 
 __all__ = ["Heavy", "heavy_runs", "lighten"]
 
-HEAVY = ("run.rrd", "run.transcript", FRAMES, BELIEF, WORLD)
-"""Of a run's folder: recording, transcript, pictures, and what it would have been gone on with from. What remains
+HEAVY = ("run.rrd", "run.transcript", FRAMES, BELIEF, BEGAN_WITH, WORLD)
+"""Of a run's folder: recording, transcript, pictures, what it would have been gone on with from, and what it had
+itself gone on from, which the transcript needs. What remains
 (report, result, settings, and the ledger) tells what became of it."""
 
 
@@ -62,7 +64,8 @@ def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[RunRecord, bool]]:
             with Journal.open(ledger, readonly=True) as journal:
                 for record in journal.runs():
                     going = record.status == "running"
-                    yield record, going or (not unfinished and resumable(journal, record.id))
+                    hopeful = not unfinished and has_belief(record.directory)
+                    yield record, going or (hopeful and resumable(journal, record.id))
 
 
 def _size(path: Path) -> int:

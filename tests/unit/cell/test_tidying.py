@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,7 +32,7 @@ class Logs:
         run = journal.begin_run(garment="towel", seed=1, driver="sim", wall_clock=lambda: self.clock)
         for name in ("run.rrd", "run.transcript", "world.npz", *LIGHT):
             (run.directory / name).write_bytes(b"x" * 1000)
-        for name in ("frames", "belief"):
+        for name in ("frames", "belief", "began_with"):
             (run.directory / name).mkdir()
             (run.directory / name / ("context" if name == "belief" else "0.png")).write_bytes(b"x" * 500)
         if result == "cut off":
@@ -72,11 +73,25 @@ def test_what_goes_on_or_can_be_gone_on_with_stays(logs: Logs) -> None:
 def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
     run = logs.run("folded")
     (heavy,) = heavy_runs(logs.folder, 0)
-    assert heavy.bytes == 4000
+    assert heavy.bytes == 4500
     lighten(heavy)
     assert sorted(p.name for p in run.directory.iterdir()) == sorted(LIGHT)
     assert not any((run.directory / name).exists() for name in HEAVY)
     assert chosen(logs, 0) == []
+
+
+def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
+    logs: Logs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the whole ledger each time: hundreds of runs that are done would take minutes."""
+    asked: list[str] = []
+    monkeypatch.setattr("cell.tidying.resumable", lambda journal, name: bool(asked.append(name)))
+    cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")
+    shutil.rmtree(folded.directory / "belief")
+    for name in HEAVY:
+        path = tidied.directory / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert chosen(logs, 0) == [cut_off.id, folded.id] and asked == [cut_off.id]
 
 
 def test_what_cannot_be_removed_is_told(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +116,7 @@ def test_nothing_goes_unless_it_is_said(logs: Logs, capsys: pytest.CaptureFixtur
     assert run.id in told and "--yes" in told and (run.directory / "run.rrd").is_file()
     assert main([*command, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert figures["bytes"] == 4000 and not figures["removed"] and (run.directory / "run.rrd").is_file()
+    assert figures["bytes"] == 4500 and not figures["removed"] and (run.directory / "run.rrd").is_file()
     assert main([*command, "--yes"]) == 0
     assert "freed" in capsys.readouterr().out and not (run.directory / "run.rrd").is_file()
 
