@@ -36,9 +36,9 @@ def heavy_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[Heavy, 
     """All runs in the folder and in its campaigns that have recordings, oldest first, but the newest `keep`, those
     under way, and, unless `unfinished`, those that can be gone on with. Raises StorageError, or ConfigurationError
     for a bad ledger."""
-    runs = sorted(_runs(logs, unfinished), key=lambda pair: pair[0].started)
+    runs = sorted(_runs(logs, unfinished), key=lambda run: run[0])
     found = []
-    for record, needed in runs[: max(0, len(runs) - keep)]:
+    for _, record, needed in runs[: max(0, len(runs) - keep)]:
         paths = tuple(path for path in (record.directory / name for name in HEAVY) if path.exists())
         if paths and not needed:
             found.append(Heavy(record, paths, sum(_size(path) for path in paths)))
@@ -57,15 +57,18 @@ def lighten(heavy: Heavy) -> None:
         ) from e
 
 
-def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[RunRecord, bool]]:
-    """Every run, and whether its recordings are needed."""
+def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool]]:
+    """Every run, with when it began [s since 1970] and whether its recordings are needed. In a ledger each began
+    after those before it, whatever the clock said."""
     for ledger in [logs / LEDGER, *sorted(logs.glob(f"*/{LEDGER}")), *sorted(logs.glob(f"*/*/{LEDGER}"))]:
         if ledger.is_file():
             with Journal.open(ledger, readonly=True) as journal:
+                began = 0.0
                 for record in journal.runs():
                     going = record.status == "running"
                     hopeful = not unfinished and has_belief(record.directory)
-                    yield record, going or (hopeful and resumable(journal, record.id))
+                    began = max(began, record.started)
+                    yield began, record, going or (hopeful and resumable(journal, record.id))
 
 
 def _size(path: Path) -> int:

@@ -63,6 +63,15 @@ def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
     assert chosen(logs, 3) == chosen(logs, 99) == []
 
 
+def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
+    """Within a ledger its order is the truth; times are for runs of different ones."""
+    logs.clock = 5000.0
+    first, second = logs.run("folded"), logs.run("folded")
+    logs.clock = 1000.0
+    logs.run("folded")
+    assert chosen(logs, 1) == [first.id, second.id]
+
+
 def test_what_goes_on_or_can_be_gone_on_with_stays(logs: Logs) -> None:
     going, cut_off, refused, folded = map(logs.run, (None, "cut off", "not_folded", "folded"))
     assert chosen(logs, 0) == [folded.id]
