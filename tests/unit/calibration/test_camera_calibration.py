@@ -121,6 +121,29 @@ def test_views_that_give_no_camera_are_refused(shown, word: str) -> None:
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and word in refused.what and refused.hint
 
 
+def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[BoardView]:
+    """Boards that all face one way, at different places or at one."""
+    rng = np.random.default_rng(seed)
+    turned = pose(rng)
+    about = rng.uniform(0, 2 * np.pi)
+    turned[:3, :3] = cv2.Rodrigues(lean * np.array([np.cos(about), np.sin(about), 0.0]))[0]
+    out = []
+    for _ in range(count):
+        T = turned.copy()
+        T[:3, 3] = pose(rng)[:3, 3] if moved else T[:3, 3]
+        out.append(projected(T, 0.1, rng))
+    return out
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("lean", "moved"), [(0.2, True), (0.4, True), (0.7, True), (0.5, False)])
+def test_boards_that_all_face_one_way_give_no_camera(lean: float, moved: bool, seed: int) -> None:
+    refused = fit_intrinsics(parallel(20, lean, seed, moved)).failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "alike" in refused.what
+    # every focal length fits them: what is claimed to be known of it must not be small
+    assert max(refused.values["sigma_px"]) > 30.0
+
+
 def sight(picture: np.ndarray) -> Outcome:
     frame = CameraFrame(0.0, 1, picture, np.ones((480, 640), np.float32), K)
     return Outcome(Sight(frame, np.zeros(14)))
