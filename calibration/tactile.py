@@ -219,13 +219,16 @@ def _noticed(
 
 
 def _drift(x: Array, rate: float, horizon: float) -> float:
-    """Largest change of any column of x (n, k) within the horizon, of means over a tenth of a second, their own
-    noise left out."""
+    """Largest change of any column of x (n, k) between two moments no further apart than the horizon, of means
+    over a tenth of a second, the range of their own noise left out (of m normal values 2 sqrt(2 ln m) deviations).
+    """
     n = max(1, round(0.1 * rate))
     means = x[: len(x) // n * n].reshape(-1, n, x.shape[1]).mean(axis=1)
     steps = min(len(means) - 1, round(horizon * rate / n))
-    largest = float(np.abs(means[steps:] - means[:-steps]).max())
-    noise = float(np.diff(means, axis=0).std()) * np.sqrt(2.0 * np.log(max(2, len(means))))
+    within = np.lib.stride_tricks.sliding_window_view(means, steps + 1, axis=0)
+    largest = float((within.max(axis=-1) - within.min(axis=-1)).max())
+    deviation = float(np.diff(means, axis=0).std()) / np.sqrt(2.0)
+    noise = 2.0 * deviation * np.sqrt(2.0 * np.log(max(2, len(means))))
     return float(np.sqrt(max(0.0, largest**2 - noise**2)))
 
 

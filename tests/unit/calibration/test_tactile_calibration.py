@@ -45,6 +45,25 @@ def test_noise_is_found_beside_a_drift() -> None:
         assert f.pad_drift == pytest.approx(12 * 15 * slope, abs=0.06) and f.tip_drift < 0.03
 
 
+@pytest.mark.parametrize("period", [60.0, 20.0, 15.0, 7.5, 5.0])
+def test_a_drift_that_comes_back_within_the_horizon_is_one(period: float) -> None:
+    """A swing of amplitude A changes by 2 A sin(pi t / period) in a time t, at most, and by 2 A from half a period
+    on: a zero may be taken at its worst moment, and used at its worst."""
+    swing = 0.25
+    heard = [
+        TactileReading(r.stamp, r.side, r.cells + swing / 12 * np.sin(2 * np.pi * r.stamp / period), r.tip)
+        for r in readings()
+    ]
+    drift = 2 * swing * np.sin(np.pi * min(15.0 / period, 0.5))
+    assert finger_figures(Side.LEFT, heard).unwrap().pad_drift == pytest.approx(drift, abs=0.06)
+
+
+def test_noise_alone_is_no_drift() -> None:
+    for seed in range(10):
+        f = finger_figures(Side.LEFT, readings(seed)).unwrap()
+        assert f.pad_drift < 0.02 and f.tip_drift < 0.02
+
+
 @pytest.mark.parametrize("gain", [0.0, 0.05, 30.0])
 def test_a_dead_or_raving_cell_is_named(gain: float) -> None:
     heard = readings()
