@@ -1,8 +1,9 @@
 """The table's height, touched off: both hands press the table at several points, a plane through the contacts.
 
-A press is slow and its readings are fitted by a spring on a stop, force = k (z0 - z) below z0: the height of
-first contact z0 depends neither on a threshold nor on how late it was noticed. What remains is the arms' own
-error, which differs from arm to arm: with more than three points both arms touch.
+A press is slow and its readings are fitted by a spring on a stop, force = k (z0 - z) below z0, over what the tips
+read above it: the height of first contact z0 depends neither on a threshold nor on how late it was noticed. A
+press that is no straight spring (something soft lies there, the tips' zero jumped) is none. What remains is the
+arms' own error, which differs from arm to arm: with more than three points both arms touch.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ LAYOUT = (
 )
 MOST_POINTS = len(LAYOUT)
 FEWEST = 3
+SOFTEST = -50.0
+"""Slope of force against height from which on nothing was pressed [N/m]."""
 MARGIN = 0.05
 """Of a touched point from the table's edge [m]: half a closed hand's breadth, and what the table stands off."""
 
@@ -52,6 +55,8 @@ class TableSettings:
     least_force: float = 0.25
     """Of the readings that the spring is fitted to: over the tips' noise."""
     fewest_readings: int = 6
+    straight: float = 0.00025
+    """How far the contact by the first half of a press may lie from that by all of it."""
     residual: float = 0.006
     """Of one point from the plane: more is no table top."""
     tilt: float = float(np.deg2rad(1.0))
@@ -139,20 +144,50 @@ def on_table(table: Table, x: float, y: float) -> bool:
 
 
 def contact_height(touched: Touched, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
-    """Height of first contact [m] and stiffness [N/m] of a press: the line through its loaded readings."""
+    """Height of first contact [m] and stiffness [N/m] of a press: the line through its loaded readings, over what
+    the tips read in the air. Fails with LOW_CONFIDENCE where there is no such line."""
     settings = settings or TableSettings()
-    loaded = touched.force >= settings.least_force
+    force = touched.force - _in_the_air(touched, settings)
+    loaded = force >= settings.least_force
     if loaded.any():  # from the last reading that was not loaded: a lone kick before it is noise
         free = np.flatnonzero(~loaded)
         loaded[: free[-1] + 1 if len(free) else 0] = False
     if np.count_nonzero(loaded) < settings.fewest_readings:
         return Outcome(failure=_soft(touched, int(np.count_nonzero(loaded))))
-    z, force = touched.height[loaded], touched.force[loaded]
-    # Force against height: the force's noise is what is fitted, the joints are read far more finely.
-    slope, offset = np.polyfit(z - z.mean(), force, 1)
-    if slope >= -50.0:
+    z, force = touched.height[loaded], force[loaded]
+    contact, slope, _ = _spring(z, force)
+    if slope > SOFTEST:
         return Outcome(failure=_soft(touched, len(z)))
-    return Outcome((float(z.mean() - offset / slope), float(-slope)))
+    begun = slice(0, max(len(z) // 2, settings.fewest_readings))
+    first, first_slope, sigma = _spring(z[begun], force[begun])
+    if first_slope > SOFTEST or abs(first - contact) > settings.straight + 2.0 * sigma:
+        return Outcome(failure=_bent(touched, first_slope, slope))
+    return Outcome((contact, -slope))
+
+
+def _in_the_air(touched: Touched, settings: TableSettings) -> float:
+    """What the tips read before they touch [N]: their zero is from before the touch that found the table, which
+    may have shifted it. 0 for a press that begins in contact."""
+    n = max(len(touched.force) // 4, settings.fewest_readings)
+    z, force = touched.height[:n], touched.force[:n]
+    if len(z) < settings.fewest_readings or _spring(z, force)[1] <= SOFTEST:
+        return 0.0
+    return float(np.median(force))
+
+
+def _spring(z: Array, force: Array) -> tuple[float, float, float]:
+    """The line through readings (n,), force against height, since it is the force's noise that is fitted and the
+    joints are read far more finely: where it is 0 [m], its slope [N/m], and that place's deviation [m]."""
+    off = z - z.mean()
+    spread = float(off @ off)
+    slope = float(off @ force) / spread if spread > 0.0 else 0.0
+    if slope == 0.0:
+        return np.nan, 0.0, np.inf
+    contact = float(z.mean() - force.mean() / slope)
+    misses = force - slope * (z - contact)
+    variance = float(misses @ misses) / max(len(z) - 2, 1)
+    sigma = np.sqrt(variance * (1.0 / len(z) + (contact - z.mean()) ** 2 / spread)) / abs(slope)
+    return contact, slope, float(sigma)
 
 
 def fit_plane(
@@ -208,6 +243,16 @@ def _too_few(found: int, wanted: int, why: Failure | None) -> Failure:
         f"only {found} of {wanted} points could be touched" + (f": {why.what}" if why else ""),
         "clear the table's surroundings, or ask for fewer points with --points",
         {"points": found},
+    )
+
+
+def _bent(touched: Touched, first: float, all_: float) -> Failure:
+    return Failure(
+        FailureKind.LOW_CONFIDENCE,
+        f"the {touched.side} hand's press at ({touched.x:.2f}, {touched.y:.2f}) is not that of a spring:"
+        f" {-first:.0f} N/m at first, {-all_:.0f} N/m in the mean",
+        "take soft things off the table; check the fingertips' cells",
+        {"first_stiffness_n_m": -first, "stiffness_n_m": -all_},
     )
 
 

@@ -40,6 +40,49 @@ def test_a_kick_before_the_contact_is_not_the_contact() -> None:
     assert contact_height(felt).unwrap()[0] == pytest.approx(-0.1, abs=1e-9)
 
 
+def felt_as(felt: Touched, force: np.ndarray) -> Touched:
+    return Touched(felt.side, felt.x, felt.y, felt.height, force)
+
+
+@pytest.mark.parametrize("offset", [-0.5, 0.2, 0.3, 0.5])
+def test_what_the_tips_read_in_the_air_is_no_press(offset: float) -> None:
+    """Rubber that was pressed once reads something when it hangs free again."""
+    felt = press(-0.1, 0.03)
+    z, k = contact_height(felt_as(felt, felt.force + offset)).unwrap()
+    assert z == pytest.approx(-0.1, abs=5e-5) and k == pytest.approx(STIFFNESS, rel=0.02)
+
+
+def test_a_press_that_begins_in_contact_is_fitted_all_the_same() -> None:
+    felt = press(-0.1)
+    on = felt.height < -0.1003
+    begun = Touched(felt.side, felt.x, felt.y, felt.height[on], felt.force[on])
+    assert contact_height(begun).unwrap() == pytest.approx((-0.1, STIFFNESS), rel=1e-6)
+
+
+@pytest.mark.parametrize("softness", [300.0, 500.0, 700.0])
+def test_a_cloth_on_the_table_is_no_table(softness: float) -> None:
+    """A layer of 2 mm that gives way under the tips, and the table below it."""
+    felt = press(-0.1, 0.03)
+    soft = softness * np.clip(-0.098 - felt.height, 0.0, 0.002)
+    refused = contact_height(felt_as(felt, felt.force + soft)).failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "spring" in refused.what and refused.hint
+
+
+@pytest.mark.parametrize("at", [20, 40, 60])
+def test_tips_whose_zero_jumps_on_the_way_give_no_contact(at: int) -> None:
+    felt = press(-0.1, 0.03)
+    jumped = felt.force + np.where(np.arange(len(felt.force)) >= at, 0.5, 0.0)
+    refused = contact_height(felt_as(felt, jumped)).failure
+    assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
+
+
+def test_tips_that_stiffen_are_a_spring_to_a_third_of_a_millimetre() -> None:
+    felt = press(-0.1, 0.03)
+    depth = np.maximum(0.0, -0.1 - felt.height)
+    stiffening = STIFFNESS * depth * (1.0 + depth / depth.max()) / 2.0
+    assert contact_height(felt_as(felt, stiffening)).unwrap()[0] == pytest.approx(-0.1, abs=3.5e-4)
+
+
 @pytest.mark.parametrize("force", [0.0, 0.1])
 def test_a_press_without_a_load_is_refused(force: float) -> None:
     felt = press(-0.1)
