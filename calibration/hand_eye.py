@@ -94,7 +94,7 @@ class HandEyeCalibration:
     """T_base_camera (4, 4); T_tool_board (4, 4) by hand. rms: reprojection error [px]. position, angle: how far
     the board stood in each view from where arm and camera together have it, root of mean squares [m], [rad].
     position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose, its worst axis: from the
-    corners, the joints' zeros, and how well the intrinsics and the board's print are known.
+    corners, the joints' zeros, how well the intrinsics and the board's print are known, how well the views agree.
     joint_offsets: (7,) by hand, that the fit took from the joints' readings [rad]."""
 
     T_base_camera: Array
@@ -312,6 +312,16 @@ class _Problem:
             columns.append(gain[:, : len(change)] @ change)
         return np.column_stack(columns)
 
+    def _drawn_by_views(self, x: Array, J: Array, inverse: Array) -> Array:
+        """(size, views) how far each view draws the unknowns along. All corners of a view err together, by a joint
+        that was read wrongly or a board that slipped in the hand: the views, not the corners, are the independent
+        looks (Liang and Zeger, Biometrika 73(1), 1986)."""
+        misses = self.residuals(x)
+        ends = np.cumsum([2 * len(v.view.index) for v in self._views])
+        parts = (slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True))
+        drawn = np.column_stack([inverse @ (J[part].T @ misses[part]) for part in parts])
+        return np.asarray(drawn * np.sqrt(len(ends) / (len(ends) - 1.0)))
+
     def judged(self, x: Array, J: Array, seen: Sequence[Array]) -> Outcome[HandEyeCalibration]:
         s = self._settings
         rms = float(np.sqrt((self._misses(x) ** 2).sum(axis=1).mean()))
@@ -320,17 +330,19 @@ class _Problem:
             hint = "calibrate the camera's intrinsics first (calibrate camera); see that the board is held fast"
             return _doubt(what, hint, {"rms_px": rms})
         X, Y, offsets = self._parts(x)
-        # What the model leaves out widens the figure: by how much more the corners miss than they should.
-        inverse = np.linalg.pinv(J.T @ J)
+        # What the model leaves out widens the figure: by how much more the corners miss than they should, and by
+        # what single views draw the fit along.
+        inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
         taken = self._drawn_along(x, inverse @ J.T)
-        variance = inverse * max(1.0, (rms / s.corner_sigma) ** 2 / 2) + taken @ taken.T
+        drawn = self._drawn_by_views(x, J, inverse)
+        variance = inverse * max(1.0, (rms / s.corner_sigma) ** 2 / 2) + taken @ taken.T + drawn @ drawn.T
         position, angle = (
             float(np.sqrt(np.linalg.eigvalsh(variance[c, c])[-1])) for c in (slice(0, 3), slice(3, 6))
         )
         if position > s.position_sigma or angle > s.angle_sigma:
             what = f"the poses leave the camera open by {1e3 * position:.1f} mm, {np.rad2deg(angle):.2f} degrees"
             values: dict[str, object] = {"position_sigma_m": position, "angle_sigma_rad": angle}
-            return _doubt(what, "take more views, the board leaning each time another way", values)
+            return _doubt(what, "take more views, the board held fast and leaning each time another way", values)
         off = []
         for v, T_camera_board in zip(self._views, seen, strict=True):
             T = tool_pose(self._robot.chains[v.side], v.q - offsets[v.side]) @ Y[v.side]

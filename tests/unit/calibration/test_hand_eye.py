@@ -137,6 +137,35 @@ def test_a_lens_that_is_known_badly_shows_in_the_standard_deviation(robot: Robot
     assert 0.5 < mm < 2.5 * 1e3 * found.position_sigma
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("wrong", [0.01, 0.02, 0.05])
+def test_a_joint_that_was_read_wrongly_once_shows_in_the_standard_deviation(
+    robot: RobotModel, wrong: float, seed: int
+) -> None:
+    cell = Cell(robot, seed)
+    views = cell.views(12)
+    q = views[4].q.copy()
+    q[1] += wrong
+    views[4] = replace(views[4], q=q)
+    c = fit_hand_eye(robot, INTRINSICS, views).unwrap()
+    mm, degrees = off(cell.X, c.T_base_camera)
+    assert mm < 1.5e3 * c.position_sigma and degrees < 1.5 * np.rad2deg(c.angle_sigma)
+
+
+def test_a_board_that_slips_in_the_hand_shows_in_the_standard_deviation(robot: RobotModel) -> None:
+    for seed in range(3):
+        cell = Cell(robot, seed)
+        views = cell.views(6, (Side.LEFT,))
+        slipped = np.eye(4)
+        slipped[2, 3] = 0.005
+        cell.Y = {side: Y @ slipped for side, Y in cell.Y.items()}
+        views += cell.views(12, (Side.LEFT,))[6:]
+        outcome = fit_hand_eye(robot, INTRINSICS, views, HandEyeSettings(position_sigma=0.1, angle_sigma=0.1))
+        c = outcome.unwrap()
+        mm, degrees = off(cell.X, c.T_base_camera)
+        assert mm < 1.2e3 * c.position_sigma and degrees < 1.2 * np.rad2deg(c.angle_sigma)
+
+
 def test_two_hands_tell_more_than_one(robot: RobotModel) -> None:
     one = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
     two = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8)).unwrap() for s in range(3)]
