@@ -12,6 +12,9 @@ from robots.ports import Array, frozen
 
 __all__ = ["GarmentOutline", "Template", "polygon_area", "symmetries"]
 
+_ALIKE = 0.9
+"""Second moments whose ratio is above this do not tell an outline's axes."""
+
 
 class GarmentOutline(Protocol):
     """Any garment that perception can look for; `skills.garments` has the full one.
@@ -76,14 +79,26 @@ def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
 
     turns = (("rotated_90", np.pi / 2), ("rotated_180", np.pi))
     names = [name for name, angle in turns if coincides(outline @ _rotation(angle).T)]
-    # A mirror axis of a silhouette is an axis of its second moments, or those are equal in all directions
-    # (then eighths of a turn are tried, which a square needs).
-    _, axes = np.linalg.eigh(np.cov(outline.T))
-    tilt = 2.0 * float(np.arctan2(axes[1, 1], axes[0, 1]))
     mirrored = outline * np.array([1.0, -1.0])
-    if any(coincides(mirrored @ _rotation(tilt + k * np.pi / 4).T) for k in range(8)):
+    corners = np.asarray(polygon, dtype=float) - _centroid(polygon)
+    if any(coincides(mirrored @ _rotation(2.0 * axis).T) for axis in _mirror_axes(outline, corners)):
         names.append("mirrored")
     return tuple(names)
+
+
+def _mirror_axes(outline: Array, corners: Array) -> list[float]:
+    """Directions [rad] through the centroid that can be mirror axes of an outline (n, 2) with corners (k, 2).
+
+    They are axes of its second moments. Where these are alike in all directions, as a square's, every direction
+    is one of those: then an axis still goes through a corner or through an edge's middle.
+    """
+    moments, axes = np.linalg.eigh(np.cov(outline.T))
+    long = float(np.arctan2(axes[1, 1], axes[0, 1]))
+    found = [long, long + 0.5 * np.pi]
+    if moments[0] > _ALIKE * moments[1]:
+        ends = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
+        found += np.arctan2(ends[:, 1], ends[:, 0]).tolist()
+    return found
 
 
 def _rotation(angle: float) -> Array:

@@ -166,6 +166,25 @@ def test_symmetries_of_silhouettes():
     assert symmetries(np.array([[0, 0], [3, 0], [1.0, 1.2]])) == ()
 
 
+SQUARE = np.array([[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]])
+
+
+@pytest.mark.parametrize(
+    ("polygon", "names"),
+    [
+        (SQUARE, ("rotated_90", "rotated_180", "mirrored")),
+        (SQUARE * (1.0, 1.5), ("rotated_180", "mirrored")),
+        (SQUARE + np.outer(SQUARE[:, 1], (0.4, 0.0)), ("rotated_180",)),
+        (shirt(), ("mirrored",)),
+        (shirt(left=0.6), ()),
+    ],
+    ids=["square", "towel", "leaning", "shirt", "shirt with one sleeve down"],
+)
+def test_a_silhouettes_symmetries_do_not_depend_on_how_it_is_turned(polygon, names):
+    for angle in np.deg2rad(np.arange(0, 180, 5)):
+        assert symmetries(place(polygon, 0.3, 0.1, angle)) == names
+
+
 @pytest.mark.parametrize(
     ("polygon", "names"),
     [(TOWEL[:2], ("a", "b")), (TOWEL, ("a", "b")), (np.zeros((4, 2)), TOWEL_NAMES)],
