@@ -148,6 +148,8 @@ def _expected_edge(
         return None
     xy = predicted.vertices[moved, :2]
     along, reach = (xy - step.line.point) @ step.line.direction, -step.line.signed_distance(xy)
+    if not reach.max() > 0.0:  # nothing is predicted to come over the line
+        return None
     far = reach > 0.6 * reach.max()
     low, high = along[far].min() + settings.rim, along[far].max() - settings.rim
     if high - low < 0.08:

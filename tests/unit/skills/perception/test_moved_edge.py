@@ -120,6 +120,17 @@ def test_when_nothing_rose_nothing_is_said():
     assert moved_edge(again, after, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2)) is None
 
 
+@pytest.mark.parametrize("short", [0.0, 0.05])
+def test_a_fold_that_is_predicted_to_fall_short_of_its_line_has_no_moved_edge(short):
+    """A fold of which nothing comes over the line is judged by its outline."""
+    flat = folded_mesh()
+    vertices = flat.vertices.copy()
+    vertices[:, 1] = np.where(flat.material[:, 1] > 0, np.maximum(flat.material[:, 1], short), flat.material[:, 1])
+    never = replace(flat, vertices=vertices)
+    before, after = heights(lambda t: 0.0 * t)
+    assert moved_edge(after, before, never, STEP, VIEW, np.eye(2), np.zeros(2)) is None
+
+
 def test_inspection_names_the_sag_that_no_silhouette_shows():
     """Pictures: two layers, the upper one's edge some centimetres behind in its middle."""
     whole = place([[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]], 0.6, 0.0, 0.0)
