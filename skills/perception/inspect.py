@@ -19,6 +19,7 @@ from skills.perception.perceive import (
     camera_fault,
     height_above,
     smooth_height,
+    table_unseen,
     touches_border,
 )
 from skills.perception.predicted_view import draw_shape, move_view, outline_of
@@ -68,6 +69,8 @@ def inspect(
     if fault is not None:
         return Outcome(failure=fault)
     view = TableView(calibration, table, settings.perception.pixel)
+    if (unseen := table_unseen(view, settings.perception)) is not None:
+        return Outcome(failure=unseen)
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
     height = height_above(seen, empty)

@@ -29,7 +29,10 @@ from skills.vocabulary import (
     Table,
 )
 
-__all__ = ["Perception", "PerceptionSettings", "camera_fault", "garment_height", "perceive", "touches_border"]
+__all__ = [
+    "Perception", "PerceptionSettings", "camera_fault", "garment_height", "perceive", "table_unseen",
+    "touches_border",
+]  # fmt: skip
 
 
 _SUREST = 0.97
@@ -137,6 +140,8 @@ def perceive(
     if fault is not None:
         return Outcome(failure=fault, notes=stages.notes)
     view = TableView(calibration, table, settings.pixel)
+    if (unseen := table_unseen(view, settings)) is not None:
+        return Outcome(failure=unseen, notes=stages.notes)
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
     picture = _Picture(view, seen, empty, height_above(seen, empty))
@@ -259,6 +264,19 @@ def camera_fault(
             {"sequence": frame.sequence, "stamp_s": frame.stamp},
         )
     return None
+
+
+def table_unseen(view: TableView, settings: PerceptionSettings | None = None) -> Failure | None:
+    """Why nothing on the table can be seen: a camera that hangs so shows less of it than a garment."""
+    settings = settings or PerceptionSettings()
+    if np.count_nonzero(view.valid) >= settings.segmentation.smallest_area:
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT,
+        "by its calibration the camera does not look at the table",
+        "calibrate where it hangs (calibrate hand-eye), or correct the table's place in cell.yaml",
+        {"seen_m2": float(np.count_nonzero(view.valid)) * view.pixel**2},
+    )
 
 
 def _same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:

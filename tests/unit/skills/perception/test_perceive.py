@@ -7,7 +7,7 @@ from robots.errors import FailureKind
 from robots.ports import CameraFrame
 from skills.perception.classify import Match
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
-from skills.perception.perceive import perceive
+from skills.perception.perceive import PerceptionSettings, perceive
 from skills.perception.template import Template, polygon_area
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
 
@@ -132,6 +132,17 @@ def test_camera_faults(towel_picture, calibration, towels, how):
     assert outcome.failure.hint
     outcome = perceive(picture, calibration, TABLE, broken(bare, how), towels)
     assert failure(outcome) is FailureKind.CAMERA_FAULT
+
+
+@pytest.mark.parametrize("method", ["reference", "plain", "grabcut", "watershed"])
+@pytest.mark.parametrize("target", [(-2.0, 0.1, 0.9), (0.6, 0.01, 3.0)], ids=["away", "up"])
+def test_a_camera_that_does_not_look_at_the_table_sees_no_empty_one(towel_picture, towels, method, target):
+    _, _, frame, reference = towel_picture(0)
+    elsewhere = camera(target=target)
+    for bare in (reference, None):
+        seen = perceive(frame, elsewhere, TABLE, bare, towels, settings=PerceptionSettings(method=method))
+        assert seen.failure is not None and seen.failure.kind is FailureKind.CAMERA_FAULT
+        assert "does not look at the table" in seen.failure.what and seen.failure.hint
 
 
 def test_a_frozen_camera_is_told_from_a_still_scene(towel_picture, calibration, towels):
