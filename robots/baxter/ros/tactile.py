@@ -21,6 +21,8 @@ class RosTactile:
 
     def __init__(self, node: Node, clock: RosClock, side: Side, rows: int) -> None:
         self.side, self._rows = side, rows
+        self._shape: tuple[int, ...] | None = None
+        """Of the pads, as they were first heard."""
         self.hearing = Hearing(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
@@ -29,7 +31,8 @@ class RosTactile:
         return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unheard))
 
     def _read(self, message: Any, stamp: float) -> TactileReading | None:
-        """A message that lacks something, or whose figures are no numbers, is none."""
+        """A message that lacks something, whose figures are no numbers, or of other pads than the first is none:
+        what is compared with a zero has its cells."""
         channels = {c.name: np.asarray(c.values, dtype=np.float64) for c in message.sensors}
         try:
             pads = np.stack([channels["pad_0"], channels["pad_1"]]).reshape(2, self._rows, -1)
@@ -37,5 +40,8 @@ class RosTactile:
         except (KeyError, ValueError):
             return None
         if pads.size == 0 or not (np.isfinite(pads).all() and np.isfinite(tips).all()):
+            return None
+        self._shape = self._shape or pads.shape
+        if pads.shape != self._shape:
             return None
         return TactileReading(stamp, self.side, frozen(pads), frozen(tips))

@@ -104,6 +104,8 @@ MALFORMED = {
     "a cell is no number": {"pad_0": [*[1.0] * 11, np.nan]},
     "a cell is infinite": {"pad_1": [np.inf, *[1.0] * 11]},
     "a tip is no number": {"tips": [1.0, np.nan]},
+    "a column fewer": {"pad_0": [1.0] * 8, "pad_1": [1.0] * 8},
+    "one column of three": {"pad_0": [1.0] * 4, "pad_1": [1.0] * 4},
 }
 
 
