@@ -1,20 +1,29 @@
 """The pads' zero: what the cells and tips read with nothing on them.
 
 Pressure cells drift with temperature, so a zero is taken right before each use: in the air before a descent,
-and it says how noisy the cells are today.
+and it says how noisy the cells are today. A reading that leaps out of the others is left out: a single one of 3 N
+in one cell would make all cells pass for so noisy that cloth of 3 N on a finger goes unnoticed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skills.grasping.reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Outcome, frozen
 
 __all__ = ["Zero", "ZeroState", "start_zero", "zero"]
+
+LEAP = 20.0
+"""Standard deviations from its median at which a cell's reading leaps: cells differ in noise by up to 5."""
+NORMAL_DEVIATION = 1.4826
+"""Standard deviation of normal values over the median of their distances from the median."""
+LEAST_NOISE = 0.002
+"""That a cell is taken to have at least [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +52,8 @@ class ZeroState:
     stamp: float = -np.inf
     cells: tuple[Array, ...] = ()
     tips: tuple[Array, ...] = ()
+    left_out: int = 0
+    """Readings that leapt, so far."""
 
 
 def start_zero(settings: GraspSettings) -> ZeroState:
@@ -50,15 +61,35 @@ def start_zero(settings: GraspSettings) -> ZeroState:
 
 
 def zero(reading: HandReading, state: ZeroState) -> ZeroState | Outcome[Zero]:
-    """Gather readings of open, unloaded pads. Fails as `fault` says."""
+    """Gather readings of open, unloaded pads, in place of those that leap further ones, as many again at most.
+    Fails as `fault` says."""
     bad = fault(reading, state.settings)
     if bad:
         return Outcome(failure=bad)
     if reading.tactile.stamp <= state.stamp:
         return state
     cells, tips = (*state.cells, reading.tactile.cells), (*state.tips, reading.tactile.tip)
-    if len(cells) < state.settings.zero_readings:
-        return ZeroState(state.settings, reading.tactile.stamp, cells, tips)
+    wanted = state.settings.zero_readings
+    if len(cells) < wanted:
+        return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
     stack = np.array(cells)
+    calm = ~(_leaps(stack) | _leaps(np.array(tips)))
+    left_out = state.left_out + int(np.count_nonzero(~calm))
+    if not calm.all() and left_out <= wanted:
+        kept = np.flatnonzero(calm)
+        return ZeroState(
+            state.settings,
+            reading.tactile.stamp,
+            tuple(cells[i] for i in kept),
+            tuple(tips[i] for i in kept),
+            left_out,
+        )
     noise = float(np.sqrt(stack.var(axis=0, ddof=1).mean()))
     return Outcome(Zero(reading.tactile.stamp, frozen(stack.mean(axis=0)), frozen(np.mean(tips, axis=0)), noise))
+
+
+def _leaps(readings: Array) -> NDArray[np.bool_]:
+    """(n,) whether any figure of a reading (n, ...) [N] is far from its median, by their common noise."""
+    off = np.abs(readings - np.median(readings, axis=0)).reshape(len(readings), -1)
+    noise = max(NORMAL_DEVIATION * float(np.median(off)), LEAST_NOISE)
+    return np.asarray((off > LEAP * noise).any(axis=1))
