@@ -73,6 +73,7 @@ class PerceptionSettings:
     border: float = 0.006
     lowest_confidence: float = 0.6
     dark_level: float = 6.0
+    white_level: float = 254.0
     depth_holes: float = 0.5
 
 
@@ -236,7 +237,7 @@ def camera_fault(
     previous: CameraFrame | None = None,
     settings: PerceptionSettings | None = None,
 ) -> Failure | None:
-    """Why a picture cannot be used: wrong size, black, without depth, or the same as `previous`."""
+    """Why a picture cannot be used: wrong size, black, white, without depth, or the same as `previous`."""
     settings = settings or PerceptionSettings()
     want = (calibration.intrinsics.height, calibration.intrinsics.width)
     hint = "check the camera's cable, exposure and driver, then look again"
@@ -251,6 +252,8 @@ def camera_fault(
     level = float(frame.rgb[::4, ::4].mean())
     if level < settings.dark_level:
         return Failure(FailureKind.CAMERA_FAULT, "the picture is black", hint, {"mean_level": level})
+    if level > settings.white_level:
+        return Failure(FailureKind.CAMERA_FAULT, "the picture is white", hint, {"mean_level": level})
     holes = float(np.mean(~np.isfinite(frame.depth)))
     if holes > settings.depth_holes:
         return Failure(

@@ -119,12 +119,14 @@ def test_the_next_best_is_taken_where_only_it_fits_in_size(calibration, towels, 
 def broken(frame, how):
     if how == "black":
         return replace(frame, rgb=np.zeros_like(frame.rgb))
+    if how == "overexposed":
+        return replace(frame, rgb=np.minimum(frame.rgb.astype(int) * 3, 255).astype(np.uint8))
     if how == "no depth":
         return replace(frame, depth=np.full_like(frame.depth, np.nan))
     return CameraFrame(frame.stamp, frame.sequence, frame.rgb[::2, ::2], frame.depth[::2, ::2], frame.intrinsics)
 
 
-@pytest.mark.parametrize("how", ["black", "no depth", "half the resolution"])
+@pytest.mark.parametrize("how", ["black", "overexposed", "no depth", "half the resolution"])
 def test_camera_faults(towel_picture, calibration, towels, how):
     _, _, picture, bare = towel_picture(0)
     outcome = perceive(broken(picture, how), calibration, TABLE, bare, towels)
