@@ -18,13 +18,16 @@ from skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["RectifiedView", "TableView"]
 
+BELOW = 0.10
+"""Nothing is seen so far below the table's top [m]: a calibration errs by a few centimetres at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class RectifiedView:
     """One picture in table coordinates.
 
-    rgb: (H, W, 3) uint8; height: (H, W) float32 above the table [m], NaN where the sensor saw nothing;
-    valid: (H, W) bool, where the camera sees the table at all.
+    rgb: (H, W, 3) uint8; height: (H, W) float32 above the table [m], NaN where the sensor saw nothing, or what
+    cannot be: far below the table; valid: (H, W) bool, where the camera sees the table at all.
     """
 
     rgb: NDArray[np.uint8]
@@ -116,7 +119,9 @@ class TableView:
         across = T[2, 0] * (np.arange(columns) - k.cx) / k.fx
         down = T[2, 1] * (np.arange(rows) - k.cy) / k.fy
         slope = (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
-        return frame.depth * slope + np.float32(T[2, 3])
+        height = frame.depth * slope + np.float32(T[2, 3])
+        # a shiny table mirrors what is above it; some drivers give their farthest range for nothing
+        return np.where(height > -BELOW, height, np.float32(np.nan))
 
     def _inside(self) -> NDArray[np.bool_]:
         """Where the camera's picture covers the view, one camera pixel inside its border."""

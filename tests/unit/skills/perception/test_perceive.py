@@ -147,6 +147,22 @@ def test_a_camera_that_does_not_look_at_the_table_sees_no_empty_one(towel_pictur
         assert "does not look at the table" in seen.failure.what and seen.failure.hint
 
 
+@pytest.mark.parametrize("far", [2.5, 10.0, 65.535])
+def test_a_mirror_image_in_the_empty_table_gives_the_garment_no_height(towel_picture, calibration, towels, far):
+    """What a shiny table mirrors is measured as far below it."""
+    _, truth, frame, reference = towel_picture(3)
+    depth = reference.depth.copy()
+    depth[200:260, 280:360] = far
+    depth[np.isnan(depth)] = far
+    seen = perceive(frame, calibration, TABLE, replace(reference, depth=depth), towels).unwrap()
+    assert seen.top == pytest.approx(_top(frame, calibration, towels, reference), abs=2e-4)
+    assert all(np.linalg.norm(seen.state.keypoints[n] - p) < 0.01 for n, p in zip(TOWEL_NAMES, truth, strict=True))
+
+
+def _top(frame, calibration, towels, reference):
+    return perceive(frame, calibration, TABLE, reference, towels).unwrap().top
+
+
 def test_a_frozen_camera_is_told_from_a_still_scene(towel_picture, calibration, towels):
     scene, _, picture, bare = towel_picture(0)
     stale = replace(picture, stamp=picture.stamp + 1.0, sequence=picture.sequence + 1)

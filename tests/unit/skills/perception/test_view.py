@@ -55,6 +55,18 @@ def test_depth_of_a_raised_plane_becomes_its_height():
     assert 0 < np.count_nonzero(VIEW.valid & ~np.isfinite(height)) < 1000
 
 
+@pytest.mark.parametrize(("up", "seen"), [(-0.03, True), (0.3, True), (-0.11, False), (-9.0, False)])
+def test_what_cannot_be_is_not_measured(up, seen):
+    """A mirror image in a shiny table, a driver's farthest range: nothing lies far below the table's top."""
+    c = camera()
+    k, T = c.intrinsics, c.T_table_camera
+    u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
+    slope = T[2, 0] * (u - k.cx) / k.fx + T[2, 1] * (v - k.cy) / k.fy + T[2, 2]
+    depth = ((up - T[2, 3]) / slope).astype(np.float32)
+    frame = CameraFrame(0.0, 0, np.zeros((k.height, k.width, 3), np.uint8), depth, k)
+    assert np.isfinite(VIEW.rectify(frame).height[VIEW.valid]).all() == seen
+
+
 def test_a_square_on_the_table_is_a_square_in_the_view():
     """Drawn at eight times the camera's resolution and averaged, it comes back 100 x 100 pixels of 2 mm."""
     c = camera()
