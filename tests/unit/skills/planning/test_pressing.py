@@ -101,6 +101,45 @@ def test_wherever_the_crease_stands_high_a_dab_is_near(cloth: list[tuple[float, 
     assert np.array_equal(x, np.sort(x)) and (np.diff(x) > 0.02).all()
 
 
+@pytest.mark.parametrize("length", [0.03, 0.05, 0.08, 0.1, 0.3, 0.49])
+def test_a_crease_is_pressed_as_seldom_as_leaves_no_gap_of_more_than_45_mm(length: float) -> None:
+    dabs = crease_dabs(ridge(0.4, 0.4 + length), np.full(80, 0.02), LINE, level, everywhere)
+    assert len(dabs) == int(np.ceil(length / 0.045)) + 1
+
+
+@pytest.mark.parametrize("beside", [0.005, 0.048, 0.055])
+@pytest.mark.parametrize("slope", [-0.1, 0.1])
+def test_what_is_highest_on_the_crease_beside_a_dab_is_known_with_it(beside: float, slope: float) -> None:
+    """Of the whole width of its bulge, but not of what lies elsewhere on the cloth."""
+    places = np.vstack([ridge(0.45, 0.75, beside), [[0.6, -0.3], [0.6, -0.19]]])
+    above = np.r_[0.050 + slope * (places[:80, 0] - 0.6), 0.2, 0.2]
+    dabs = crease_dabs(places, above, LINE, level, everywhere)
+    assert len(dabs) == 8
+    for dab in dabs:
+        near = np.abs(places[:80, 0] - dab.point[0]) < 0.0225
+        assert dab.high == above[:80][near].max()
+
+
+def test_a_dab_between_the_high_places_of_a_long_crease_has_nothing_high_under_it() -> None:
+    """The places are further from one another than a dab is wide, and so are the dabs."""
+    dabs = crease_dabs(
+        np.array([[0.1, -0.22], [0.595, -0.22], [1.1, -0.22]]), np.full(3, 0.02), LINE, level, everywhere
+    )
+    near = [min(abs(dab.point[0] - x) for x in (0.1, 0.595, 1.1)) < 0.0225 for dab in dabs]
+    assert [dab.high for dab in dabs] == [0.02 if there else 0.0 for there in near] and not all(near)
+
+
+def test_no_finger_comes_down_on_an_edge_between_the_line_and_the_room_behind_it() -> None:
+    """An upper layer ends 48 mm from the line, under the inner finger, from x = 0.6 on."""
+
+    def clear(place: Array) -> bool:
+        return not (place[0] > 0.6 and abs(place[1] + 0.248) < 0.005)
+
+    dabs = crease_dabs(ridge(0.45, 0.75), np.full(80, 0.02), LINE, level, clear)
+    assert dabs and max(dab.point[0] for dab in dabs) <= 0.6
+    assert all(clear(tip) for dab in dabs for tip in fingers(dab))
+
+
 def test_tips_go_down_to_the_thicker_of_the_two_stacks() -> None:
     """A finger may have fewer layers under it: the hand stays above both."""
     dabs = crease_dabs(
@@ -128,6 +167,31 @@ def test_hands_move_aside_above_all_cloth_and_straight_down(ys: tuple[float, ...
     assert np.allclose(np.unique(np.round(pressed, 6)), sorted(ys)), "every dab is made"
 
 
+@pytest.mark.parametrize("ys", [(-0.2,), (-0.25, -0.2, -0.1), (0.3, -0.3)])
+@pytest.mark.parametrize("highest", [0.02, HIGHEST, 0.12])
+def test_hands_go_from_rest_to_rest_with_least_jerk(ys: tuple[float, ...], highest: float) -> None:
+    """Flash and Hogan: of a way l in the time T, u = t / T, l (10 u^3 - 15 u^4 + 6 u^5) is made; its largest speed
+    is 15 l / 8 T, its largest jerk 60 l / T^3. Neither is beyond what the arms are given."""
+    dabs = dabs_at(*ys)
+    for path in press_paths(LINE, dabs, highest).values():
+        assert np.diff(path.t).max() < 0.021, "about every 20 ms"
+        own = [dab for dab in dabs if np.isin(dab.point[1], path.position[:, 1])]
+        over = [[*dab.point, highest + CLEARANCE] for dab in own]
+        low = [[*dab.point, dab.bottom] for dab in own]
+        stops = [[*own[0].point, highest + START]]
+        stops += [place for up, down in zip(over, low, strict=True) for place in (up, down, down, up)]
+        begun = 0.0
+        for here, there in zip(np.array(stops)[:-1], np.array(stops)[1:], strict=True):
+            way = float(np.linalg.norm(there - here))
+            span = max(1.875 * way / 0.3, np.cbrt(60.0 * way / 24.0), 0.25)
+            leg = (path.t > begun + 1e-9) & (path.t <= begun + span + 1e-9)
+            u = (path.t[leg] - begun) / span
+            share = 10 * u**3 - 15 * u**4 + 6 * u**5
+            np.testing.assert_allclose(path.position[leg], here + share[:, None] * (there - here), atol=1e-9)
+            begun += span
+        assert path.t[-1] == pytest.approx(begun) and path.t[0] == 0.0
+
+
 def at_the_bottom(path: ToolPath) -> list[float]:
     """y of the places where the tips are down."""
     low = path.position[:, 2] < 0.0121
@@ -145,6 +209,26 @@ def test_a_wide_fold_is_shared_by_hands_that_go_the_same_way() -> None:
 def test_a_narrow_one_is_made_by_the_hand_of_its_side() -> None:
     assert set(press_paths(LINE, dabs_at(-0.3, -0.1), HIGHEST)) == {Side.RIGHT}
     assert set(press_paths(LINE, dabs_at(0.3, 0.1), HIGHEST)) == {Side.LEFT}
+
+
+def test_the_hand_of_the_side_where_most_of_it_lies_presses() -> None:
+    assert set(press_paths(LINE, dabs_at(-0.2, -0.1, 0.05), HIGHEST)) == {Side.RIGHT}
+    assert set(press_paths(LINE, dabs_at(0.2, 0.1, -0.05), HIGHEST)) == {Side.LEFT}
+
+
+@pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 135.0])
+def test_which_way_a_line_is_written_is_nothing_to_the_hand_that_presses_along_it(angle: float) -> None:
+    direction = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
+    dabs = tuple(Dab(np.array([0.6, 0.1]) + s * direction, 0.012, 0.02) for s in (0.0, 0.1, 0.05))
+    ways = [
+        press_paths(FoldLine(np.array([0.6, 0.1]), sign * direction), dabs, HIGHEST)[Side.LEFT].position
+        for sign in (1.0, -1.0)
+    ]
+    if angle == 0.0:  # along the table's x axis neither way is more to the left
+        assert {tuple(way[0]) for way in ways} == {tuple(way[-1] + [0, 0, START - CLEARANCE]) for way in ways}
+    else:
+        np.testing.assert_array_equal(*ways)
+        assert ways[0][-1, 1] > ways[0][0, 1]
 
 
 def test_fingers_lie_across_the_crease() -> None:
