@@ -35,13 +35,17 @@ def zero_of(hand: SensedHand) -> Zero:
 
 
 def start(
-    seed: int, scale: float, force: float = 12.0, thickness: float = THICKNESS
+    seed: int,
+    scale: float,
+    force: float = 12.0,
+    thickness: float = THICKNESS,
+    settings: GraspSettings = SETTINGS,
 ) -> tuple[SensedHand, SlipWatch]:
     hand = SensedHand(seed, scale)
     pads = zero_of(hand)
-    hand.pads, hand.opening = np.array([force, 1.03 * force]), thickness
+    hand.pads, hand.opening = np.array([force, 1.03 * force]), settings.empty_opening + thickness
     count = LayerCount((0.0, 1.0), 1.0, 0.1)
-    return hand, start_slip_watch(SETTINGS, pads, Held(hand.now, force, thickness, count))
+    return hand, start_slip_watch(settings, pads, Held(hand.now, force, hand.opening, count))
 
 
 def fold(
@@ -162,6 +166,63 @@ def test_slow_drift_is_not_taken_for_a_slip() -> None:
             hand.offset = -0.03 * min(t, 3.0)  # of each cell: 0.36 N/s on a pad, for 3 s
 
         assert fold(hand, watch, settle)[0] is None
+
+
+def test_a_grip_that_has_grown_is_judged_by_what_it_has_grown_to() -> None:
+    """The cloth draws itself tight: from 4 N to 12 N in 8 s. Half a second at 5 N is then a loss."""
+    for seed in range(10):
+        hand, watch = start(seed, 1.0, 4.0)
+
+        def tighten(hand: SensedHand, t: float) -> None:
+            hand.pads = np.ones(2) * (4.0 + min(t, 8.0) if t < 12.0 else 5.0)
+
+        failure, t = fold(hand, watch, tighten, 12.5)
+        assert failure is not None and 12.0 < t < 12.1
+
+
+def test_a_grip_that_was_half_lost_does_not_become_the_usual_one() -> None:
+    """Cloth that slid to 65 % of its hold rests there for 10 s and slides on, to 45 %: that is under a half."""
+    for seed in range(10):
+        hand, watch = start(seed, 1.0)
+
+        def slide(hand: SensedHand, t: float) -> None:
+            hand.pads = 12.0 * np.ones(2) * (1.0 if t < 1.0 else 0.65 if t < 11.0 else 0.45)
+
+        failure, t = fold(hand, watch, slide, 12.0)
+        assert failure is not None and 11.0 < t < 11.1
+
+
+@pytest.mark.parametrize(("kind", "by"), [("open", "grip"), ("closed", "opening")])
+@pytest.mark.parametrize("empty", [0.0, 0.004, -0.001])
+def test_the_signal_that_tells_a_loss_is_named_wherever_empty_pads_come_to_rest(
+    kind: str, by: str, empty: float
+) -> None:
+    """Pads whose zero is not calibrated read `empty` with nothing between them."""
+    settings = replace(SETTINGS, empty_opening=empty)
+    for seed in range(10):
+        hand, watch = start(seed, 1.0, settings=settings)
+        event = lost(0.4, seed, kind)
+
+        def there(hand: SensedHand, t: float, event: Event = event) -> None:
+            event(hand, t)
+            hand.opening += empty
+
+        failure, t = fold(hand, watch, there, 1.0)
+        assert failure is not None and 0.4 < t < 0.5
+        assert failure.values["by"] == by
+        assert failure.values["opening_baseline_m"] == pytest.approx(THICKNESS, rel=0.25)
+
+
+def test_an_opening_like_that_of_empty_pads_says_nothing_about_the_cloth() -> None:
+    """Pads that read 2 mm less than empty ones would be lost to an opening at once, and for ever."""
+    for thickness in (0.0, -0.002):
+        hand, watch = start(0, 1.0, thickness=thickness)
+
+        def still(hand: SensedHand, t: float, thickness: float = thickness) -> None:
+            hand.opening = thickness
+
+        assert fold(hand, watch, still, 1.0)[0] is None
+        assert fold(hand, watch, lost(0.0, 0, "open", thickness=thickness), 0.2)[0] is not None
 
 
 def test_one_bad_reading_is_no_slip() -> None:
