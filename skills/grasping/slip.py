@@ -4,7 +4,9 @@ Two signals are watched: the weaker pad's force, and the opening (pads that lost
 another and feel force again). Each has a baseline from its first readings, which then follows slow drift but
 never far down, so that a slow slip is not taken for drift. A signal is judged by the mean of its last n
 readings; n is the smallest that tells holding from losing by `slip_sigmas` at today's noise, and a signal
-that would need too many to be told in time is left out.
+that would need too many to be told in time is left out. A gripper says its opening less often than the cells are
+read (Baxter's at 20 Hz): each of its words counts once, and a loss that only the opening tells is known as many
+words later.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ class Channel:
     """One watched signal: how low it may fall, and the readings that it is judged by.
 
     readings: n of the mean, 0 while the baseline is gathered, None when the noise is too large to judge it.
+    stamp: when its newest reading was taken note of [s].
     """
 
     fraction: float
@@ -38,6 +41,7 @@ class Channel:
     noise: float = 0.0
     readings: int | None = 0
     recent: tuple[float, ...] = ()
+    stamp: float = -np.inf
 
     @property
     def mean(self) -> float:
@@ -52,11 +56,14 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class SlipWatch:
+    """stamp, gripper_stamp: of the newest tactile reading and of the newest gripper state [s]."""
+
     settings: GraspSettings
     zero: Zero
     grip: Channel
     opening: Channel
     stamp: float = -np.inf
+    gripper_stamp: float = -np.inf
 
 
 def start_slip_watch(settings: GraspSettings, zero: Zero, held: Held) -> SlipWatch:
@@ -76,22 +83,23 @@ def watch_slip(reading: HandReading, state: SlipWatch) -> SlipWatch | Outcome[Sl
         return Outcome(failure=bad)
     if reading.tactile.stamp <= state.stamp:
         return state
-    s = state.settings
-    dt = 0.0 if state.stamp == -np.inf else reading.tactile.stamp - state.stamp
-    grip = _follow(state.grip, float(state.zero.pads(reading).min()), dt, s)
-    opening = _follow(state.opening, reading.gripper.opening - s.empty_opening, dt, s)
+    s, now = state.settings, reading.tactile.stamp
+    grip, opening = _follow(state.grip, float(state.zero.pads(reading).min()), now, s), state.opening
+    if reading.gripper.stamp > state.gripper_stamp:  # the same word again is no further evidence
+        opening = _follow(opening, reading.gripper.opening - s.empty_opening, now, s)
     if grip.lost or opening.lost:
         return Outcome(failure=_slipped(reading, grip, opening))
-    return replace(state, grip=grip, opening=opening, stamp=reading.tactile.stamp)
+    return replace(state, grip=grip, opening=opening, stamp=now, gripper_stamp=reading.gripper.stamp)
 
 
-def _follow(channel: Channel, value: float, dt: float, s: GraspSettings) -> Channel:
+def _follow(channel: Channel, value: float, now: float, s: GraspSettings) -> Channel:
     recent = (*channel.recent, value)
     if channel.readings == 0:
-        return _gather(replace(channel, recent=recent), s)
+        return _gather(replace(channel, recent=recent, stamp=now), s)
     if channel.readings is None:
         return channel
-    channel = replace(channel, recent=recent[-channel.readings :])
+    dt = now - channel.stamp
+    channel = replace(channel, recent=recent[-channel.readings :], stamp=now)
     if channel.mean < 0.5 * (1.0 + channel.fraction) * channel.baseline:
         return channel  # perhaps on its way down: no time to adapt
     rate = 1.0 - float(np.exp(-dt / s.slip_drift_time))

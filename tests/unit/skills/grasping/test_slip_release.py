@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from robots.errors import FailureKind
 from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.release import Released, ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
-from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
+from skills.grasping.slip import NORMAL_DIFFERENCE, SlipWatch, start_slip_watch, watch_slip
 from skills.grasping.stuck import Clear, check_stuck, start_stuck_check
 from skills.grasping.zero import Zero, start_zero, zero
 from skills.vocabulary import Failure, Outcome
@@ -49,14 +50,19 @@ def start(
 
 
 def fold(
-    hand: SensedHand, watch: SlipWatch, event: Event, seconds: float = FOLD_S
+    hand: SensedHand, watch: SlipWatch, event: Event, seconds: float = FOLD_S, gripper_hz: float = 100.0
 ) -> tuple[Failure | None, float]:
-    """Watch through a fold; the failure if any, and when it came [s into the fold]."""
+    """Watch through a fold; the failure if any, and when it came [s into the fold]. gripper_hz: how often the
+    gripper says where its pads are."""
     begun = hand.now
     state: SlipWatch | Outcome[SlipWatch] = watch
+    gripper = hand.read().gripper
     for _ in range(round(100 * seconds)):
         event(hand, hand.now - begun)
-        state = watch_slip(hand.read(), state)
+        reading = hand.read()
+        if reading.stamp - gripper.stamp > 1.0 / gripper_hz - 1e-6:
+            gripper = reading.gripper
+        state = watch_slip(replace(reading, gripper=gripper), state)
         if isinstance(state, Outcome):
             return state.failure, hand.now - begun
     return None, seconds
@@ -225,6 +231,39 @@ def test_an_opening_like_that_of_empty_pads_says_nothing_about_the_cloth() -> No
         assert fold(hand, watch, lost(0.0, 0, "open", thickness=thickness), 0.2)[0] is not None
 
 
+BAXTER_HZ = 20.0
+"""Its electric grippers say so often where their pads are."""
+
+
+@pytest.mark.parametrize("thickness", [0.0008, 0.0010, 0.0015, 0.0025])
+def test_no_alarm_from_a_gripper_that_says_the_same_until_its_next_word(thickness: float) -> None:
+    """At twice the usual noise: five looks at one word are one word."""
+    for seed in range(40):
+        hand, watch = start(seed, 2.0, thickness=thickness)
+        assert fold(hand, watch, tugged(seed, thickness=thickness), gripper_hz=BAXTER_HZ)[0] is None
+
+
+def test_one_wrong_word_of_a_slow_gripper_is_no_slip() -> None:
+    for at in (0.15, 0.7, 2.0):  # while the baseline is gathered, and after it
+        hand, watch = start(0, 1.0)
+
+        def wrong(hand: SensedHand, t: float, at: float = at) -> None:
+            hand.opening = 0.0 if at <= t < at + 0.05 else THICKNESS
+
+        assert fold(hand, watch, wrong, 3.0, BAXTER_HZ)[0] is None
+
+
+@pytest.mark.parametrize(("scale", "words"), [(1.0, 3), (2.0, 4)])
+def test_a_loss_that_only_a_slow_gripper_tells_is_known_by_its_next_words(scale: float, words: int) -> None:
+    """The pads close on one another and press again: 25 ms after that their opening is nothing."""
+    for seed in range(N // 4):
+        when = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0))
+        hand, watch = start(seed, scale)
+        failure, t = fold(hand, watch, lost(when, seed, "closed"), when + 1.0, BAXTER_HZ)
+        assert failure is not None and failure.values["by"] == "opening"
+        assert 0.0 < t - when < 0.025 + words / BAXTER_HZ + 0.01
+
+
 def test_one_bad_reading_is_no_slip() -> None:
     for at in (5, 11, 12, 40):  # while the baseline is gathered, on its last reading, after it
         hand, state = start(at, 1.0)
@@ -251,6 +290,11 @@ def test_silent_sensors_end_the_watch() -> None:
     end = watch_slip(replace(reading, stamp=reading.stamp + 0.11), watch)
     assert isinstance(end, Outcome) and end.failure is not None
     assert end.failure.kind is FailureKind.STALE_STATE
+
+
+def test_a_difference_of_two_normal_readings_tells_their_deviation() -> None:
+    """Of readings of deviation 1 the difference has deviation sqrt 2; its median size is the third quartile."""
+    assert pytest.approx(norm.ppf(0.75) * np.sqrt(2.0), rel=1e-3) == NORMAL_DIFFERENCE
 
 
 def test_a_signal_that_drowns_in_noise_is_left_out_and_the_other_serves() -> None:
