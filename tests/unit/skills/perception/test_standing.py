@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -55,13 +56,38 @@ def test_a_bump_is_found_where_it_stands(place: tuple[float, float], up: float) 
     assert np.linalg.norm(places - place, axis=1).max() < 0.035, "its foot is blurred"
 
 
-def test_what_was_not_seen_or_lies_at_the_rim_does_not_count() -> None:
+@pytest.mark.parametrize("width", [1, 2])
+def test_what_lies_at_the_rim_does_not_count(width: int) -> None:
+    """The table's depth, or a hand's, and the cloth's are mixed there."""
     height, mask = seen([(0.60, 0.0, 0.03)])
-    first = np.nonzero(mask)[0].min()
-    height[first : first + 2] = 0.2  # the table's depth and the cloth's are mixed there
-    height[height == height[mask].max()] = np.nan
-    height[height > 0.02] = np.nan
+    within = cv2.erode(mask.astype(np.uint8), np.ones((2 * width + 1, 2 * width + 1), np.uint8)) > 0
+    alone = len(found(height, mask)[0])
+    height[mask & ~within] = 0.05
+    places = found(height, mask)[0]
+    assert alone > 0 and np.linalg.norm(places - (0.60, 0.0), axis=1).max() < 0.035
+    height[within] = 4 * THICKNESS
     assert len(found(height, mask)[0]) == 0
+
+
+def test_what_was_not_seen_does_not_count() -> None:
+    """Every other pixel of a bump is dark: of the mean over its neighbours nothing is told there."""
+    height, mask = seen([(0.60, 0.0, 0.03)])
+    whole = found(height, mask)[0]
+    height[::2, ::2] = height[1::2, 1::2] = np.nan
+    half = found(height, mask)[0]
+    assert len(half) == pytest.approx(0.5 * len(whole), rel=0.1)
+    assert len(found(np.full_like(height, np.nan), mask)[0]) == 0
+
+
+@pytest.mark.parametrize("hole", [5, 11, 31])
+def test_a_hole_in_the_depth_says_nothing_about_the_edges(hole: int) -> None:
+    """Cloth is there, as the mask says: it is taken to be as high as elsewhere, in the hole and around it."""
+    height, mask = seen([])
+    row, column = np.round(VIEW.to_pixel(np.array([0.60, 0.05]))).astype(int)[::-1]
+    height[row - hole // 2 : row + hole // 2 + 1, column - hole // 2 : column + hole // 2 + 1] = np.nan
+    inside = looked_at(height, mask).inside
+    assert inside(np.array([0.60, 0.0])) and inside(np.array([0.60, 0.05]))
+    assert not inside(np.array([0.60, 0.25 - EDGE + 0.005]))
 
 
 def test_only_what_is_more_than_the_plans_layers_counts() -> None:
@@ -71,14 +97,55 @@ def test_only_what_is_more_than_the_plans_layers_counts() -> None:
     assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
 
 
+def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
+    """Cloth that lies where the plan has none is a matter of the outline: nobody knows how many layers it has."""
+    height, mask = seen([])
+    flat = sheet(4)
+    half = PredictedShape(flat.vertices * (1.0, 0.5, 1.0), flat.triangles, flat.material)
+    assert len(standing(height, mask, VIEW, half, THICKNESS, 0.007).places) == 0
+
+
 def test_what_is_clear_of_the_edges_lies_well_inside_them() -> None:
     inside = looked_at(*seen([])).inside
     near = 0.25 - EDGE
     for place, clear in (
         ((0.60, 0.0), True), ((0.60, near - 0.003), True), ((0.60, near + 0.005), False), ((0.44, 0.0), False),
-        ((9.0, 9.0), False),
+        ((9.0, 9.0), False), ((0.60, 9.0), False), ((0.60, -9.0), False), ((9.0, 0.0), False),
+        ((-9.0, 0.0), False),
     ):  # fmt: skip
         assert inside(np.array(place)) is clear
+
+
+@pytest.mark.parametrize("width", [0.6, 1.2])
+def test_nothing_lies_inside_the_edges_of_a_garment_beyond_the_view(width: float) -> None:
+    """Cloth covers all that the view shows: what is beside it is at no place of it."""
+    height = np.full(VIEW.shape, 4 * THICKNESS, np.float32)
+    inside = looked_at(height, np.ones(VIEW.shape, bool)).inside
+    (near, far), (right, left) = TABLE.x, TABLE.y
+    middle = np.array([0.5 * (near + far), 0.5 * (right + left)])
+    assert inside(middle)
+    for beyond in ((near - width, middle[1]), (far + width, middle[1]), (middle[0], right - width),
+                   (middle[0], left + width)):  # fmt: skip
+        assert inside(np.array(beyond)) is False
+
+
+def test_one_place_that_stands_high_does_not_move_the_edges_of_the_rest() -> None:
+    inside = looked_at(*seen([(0.55, 0.0, 0.15)])).inside
+    assert inside(np.array([HIGH[0] - EDGE - 0.006, 0.1]))
+    assert not inside(np.array([HIGH[0] - EDGE + 0.006, 0.1]))
+
+
+def test_where_cloth_stands_higher_than_usual_its_edge_is_where_it_is_and_not_where_it_appears() -> None:
+    """The far tenth of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
+    height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    for low, up in ((LOW[0], 4 * THICKNESS), (0.69, 0.040)):
+        there = VIEW.to_table(np.dstack([columns, rows]), up)
+        part = np.all((there > [low, LOW[1]]) & (there < HIGH), axis=2)
+        height[part], mask[part] = up, True
+    inside = looked_at(height, mask).inside
+    assert inside(np.array([HIGH[0] - EDGE - 0.006, 0.0]))
+    assert not inside(np.array([HIGH[0] - EDGE + 0.004, 0.0]))
 
 
 def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
