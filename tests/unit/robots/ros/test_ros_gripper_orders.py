@@ -343,6 +343,37 @@ def test_it_moves_from_the_command_on_whenever_one_looks(monkeypatch: pytest.Mon
     assert bench.port.state().moving
 
 
+def test_a_hand_of_which_nothing_was_heard_is_not_calibrated() -> None:
+    wire = Wire()
+    port = RosGripper(wire, wire, Side.LEFT)  # type: ignore[arg-type]
+    with pytest.raises(DriverError, match="not calibrated"):
+        port.command(0.01, 6.0)
+    state = port.state()
+    assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated and wire.count == 0
+
+
+def test_a_stop_that_comes_while_a_command_is_looked_at_is_what_it_fails_by() -> None:
+    """What it waited for has become void by the stop: to say that the hand is not calibrated would mislead."""
+    bench = Bench()
+    looks = iter([False, True])
+    port = RosGripper(bench.wire, bench.wire, Side.LEFT, lambda: next(looks))  # type: ignore[arg-type]
+    with pytest.raises(DriverError) as caught:
+        port.command(0.01, 6.0)
+    assert caught.value.kind is FailureKind.STOPPED
+
+
+def test_a_calibration_under_way_goes_on_though_another_word_is_echoed_meanwhile() -> None:
+    """The robot echoes whoever spoke last: it is not told again for that, and has its 10 s."""
+    bench = Bench()
+    bench.calibrate()
+    bench.states(2)
+    bench.hand.busy = round(6.0 / STATE_S)
+    bench.hand.echo, told = ("somebody_else", 7), bench.wire.count
+    bench.states(round(3.0 / STATE_S))
+    bench.port.command(0.01, 6.0)
+    assert bench.wire.count == told and bench.hand.busy > 0
+
+
 def test_a_silent_hand_grows_old_whatever_it_is_told() -> None:
     bench = Bench(calibrated=True)
     stamp = bench.port.state().stamp
