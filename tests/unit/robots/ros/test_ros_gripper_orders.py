@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from wire import Wire
 
 from robots.baxter.ros.electric_gripper import FULL_FORCE, FULL_OPENING
 from robots.baxter.ros.gripper import RosGripper
@@ -24,33 +24,6 @@ pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not install
 STATE_S = 0.05
 LONG = 40
 """States in which all that was ordered has been done."""
-
-
-class Wire:
-    """A node whose topics are function calls, and its clock. Only the newest order is on its way, as with rospy's
-    queue of one. time [s]."""
-
-    def __init__(self) -> None:
-        self.told: deque[Any] = deque(maxlen=1)
-        self.count = 0
-        self.heard: Callable[[Any], None] = lambda message: None
-        self.time = 0.0
-
-    def publisher(self, topic: str, kind: Any) -> Wire:
-        return self
-
-    def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
-        self.heard = heard
-
-    def tell(self, message: Any) -> None:
-        self.told.append(message)
-        self.count += 1
-
-    def now(self) -> float:
-        return self.time
-
-    def sleep_until(self, t: float) -> None:
-        raise AssertionError("a gripper waits for nobody")
 
 
 @dataclass
