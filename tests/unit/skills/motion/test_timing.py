@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,8 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from robots.baxter.model import load_model
 from robots.errors import InternalError
+from robots.ports import ArmTrajectory
 from skills.motion.route import rounded
 from skills.motion.timing import (
+    STOP_TIME,
     TICK,
     ClockWarp,
     free_motion,
@@ -159,6 +163,75 @@ def test_a_wish_beyond_the_limits_is_slowed_only_where_they_bind():
     assert motion.duration < 1.6 * time_path(path, LIMITS).duration
 
 
+def smooth_wish(peak_share, gap=0.8):
+    """Least jerk over so long that the fastest joint peaks at a share of its velocity limit: 15/8 of the mean."""
+    duration = float((1.875 * gap / LIMITS.velocity).max() / peak_share)
+    t = np.linspace(0.0, duration, 200)
+    u = t / duration
+    return t, np.outer(10 * u**3 - 15 * u**4 + 6 * u**5, np.full(14, gap))
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05, 1.3, 1.5])
+def test_a_wish_is_kept_up_to_the_limit_and_slowed_beyond_it(share):
+    t, path = smooth_wish(share, gap=1.5)
+    motion = time_law(path, t, LIMITS)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert (motion.duration == pytest.approx(t[-1])) == (share < 1.0)
+
+
+def test_a_wish_that_begins_at_rest_with_full_acceleration_is_softened():
+    """A cosine begins and ends at rest, but its acceleration begins and ends with a step."""
+    t = np.linspace(0.0, 2.5, 200)
+    path = np.outer(0.5 - 0.5 * np.cos(np.pi * t / 2.5), np.full(14, 0.8))
+    assert (0.8 * np.pi**2 / 12.5 > LIMITS.jerk * TICK).any()
+    motion = time_law(path, t, LIMITS)
+    assert (np.abs(motion.qdd[[0, -1]]) <= LIMITS.jerk * TICK).all()
+    assert peaks(motion, LIMITS).worst <= TOLERANCE and 2.5 < motion.duration < 3.2
+
+
+def test_a_wish_that_is_too_fast_in_one_place_is_slowed_there():
+    """Slowly, with a burst at three times the velocity limit: stretched evenly it would take 24 s instead of 8."""
+    t = np.linspace(0.0, 8.0, 400)
+    burst = 0.5 * (1.0 + np.tanh((t - 4.0) / 0.1))
+    s = 0.2 * (t - np.sin(2 * np.pi * t / 8.0) * 8.0 / (2 * np.pi)) / 8.0 + burst * 0.6
+    path = np.outer(s - s[0], LIMITS.velocity)
+    motion = time_law(path, t, LIMITS)
+    assert np.gradient(s, t).max() > 2.9
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert motion.duration < 1.6 * 8.0
+
+
+@pytest.mark.parametrize("kind", ["free", "path", "wish", "softened", "stop"])
+def test_accelerations_and_velocities_are_the_derivatives_of_what_is_before_them(kind):
+    """Both are told to the arms. Between samples 10 ms apart the jerk's limit bounds what a difference misses."""
+    rng = np.random.default_rng(11)
+    path = wavy(rng, size=0.5)
+    if kind == "free":
+        motion = free_motion(path[0], path[-1], LIMITS)
+    elif kind == "path":
+        motion = time_path(path, LIMITS)
+    elif kind == "stop":
+        whole = time_path(path, LIMITS)
+        motion = stop_profile(whole, 0.4 * whole.duration, MODEL.protective)
+    else:
+        t, wish = smooth_wish(0.6 if kind == "wish" else 1.4)
+        motion = time_law(wish, t, LIMITS)
+    jerk = (MODEL.protective if kind == "stop" else LIMITS).jerk
+    h = float(np.diff(motion.t).max())
+    mean_speed = (motion.qd[1:] + motion.qd[:-1]) / 2
+    assert (np.abs(np.diff(motion.q, axis=0) / np.diff(motion.t)[:, None] - mean_speed) <= jerk * h**2 / 6).all()
+    mean_change = (motion.qdd[1:] + motion.qdd[:-1]) / 2
+    assert (np.abs(np.diff(motion.qd, axis=0) / np.diff(motion.t)[:, None] - mean_change) <= jerk * h).all()
+    assert np.abs(motion.qdd).max() > 0.1
+
+
+def test_lengths_without_a_cap_cap_nothing():
+    path = wavy(np.random.default_rng(5), size=0.3)
+    free = time_path(path, LIMITS)
+    for some in ({"lengths": np.linspace(0, 5.0, 60)[:, None]}, {"speed": 0.01}):
+        assert time_path(path, LIMITS, **some).duration == free.duration
+
+
 def test_joined_motions_have_to_meet():
     rng = np.random.default_rng(7)
     a, b, c = (random_configuration(rng) for _ in range(3))
@@ -192,14 +265,73 @@ def test_a_stop_stays_on_the_path_and_ends_at_rest(share):
     assert max(np.abs(fine - q).max(axis=1).min() for q in stop.q[::5]) < 2e-3
 
 
+@pytest.mark.parametrize("t", [-1.0, 1e3])
+def test_a_stop_before_the_beginning_or_after_the_end_stays_on_the_path(t):
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    stop = stop_profile(motion, t, MODEL.protective)
+    if t > 0:
+        assert np.array_equal(stop.q, np.tile(motion.q[-1], (len(stop.q), 1))) and not stop.qd.any()
+    else:
+        assert np.array_equal(stop.q[0], motion.q[0]) and not stop.qd[-1].any()
+
+
+@pytest.mark.parametrize("rate", [0.4, 1.0])
+def test_a_clock_that_goes_evenly_only_stretches_time(rate):
+    """Of a cubic in time, which two samples and their velocities make up: q, q' and q" in closed form."""
+    a, b, c = (np.random.default_rng(k).normal(size=14) for k in range(3))
+    t = np.array([0.0, 0.3, 0.5, 1.0])[:, None]
+    cubic = ArmTrajectory(t[:, 0], a * t**3 + b * t**2 + c * t, 3 * a * t**2 + 2 * b * t + c, 6 * a * t + 2 * b)
+    motion = warped(cubic, ClockWarp(0.1, 0.6, rate, rate=rate))
+    tau = 0.1 + rate * motion.t[:, None]
+    np.testing.assert_allclose(motion.q, a * tau**3 + b * tau**2 + c * tau, atol=1e-12)
+    np.testing.assert_allclose(motion.qd, rate * (3 * a * tau**2 + 2 * b * tau + c), atol=1e-12)
+    np.testing.assert_allclose(motion.qdd, rate**2 * (6 * a * tau + 2 * b), atol=1e-10)
+
+
+def test_what_cannot_be_kept_lengthens_a_stop_four_times_and_a_start_sixteen_times_at_most():
+    """A stop has to end, a start can wait: limits of a hundredth are beyond both."""
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    tight = replace(LIMITS, velocity=0.01 * LIMITS.velocity, acceleration=0.01 * LIMITS.acceleration)
+    middle = 0.5 * motion.duration
+    for share in (1.0, 0.5):
+        stop = stop_profile(motion, middle, tight, share * STOP_TIME)
+        assert stop.duration == pytest.approx(4.0 * share * STOP_TIME) and not stop.qd[-1].any()
+    for goal, factor in ((0.0, 4.0), (1.0, 16.0), (0.5, 16.0)):
+        warp = warp_clock(motion, ClockWarp(middle, STOP_TIME, goal, rate=0.9), tight)
+        assert warp.duration == pytest.approx(factor * STOP_TIME)
+
+
+def test_a_stop_takes_no_longer_than_it_is_given_where_the_limits_allow_it():
+    motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
+    slow = ArmTrajectory(10.0 * motion.t, motion.q, 0.1 * motion.qd, 0.01 * motion.qdd)
+    for duration in (0.3, STOP_TIME):
+        assert stop_profile(slow, 0.5 * slow.duration, MODEL.protective, duration).duration == duration
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_jerk_counts_in_either_direction(sign, backwards):
+    """q = j t^3 / 6 on one joint, from rest: all that it takes of its limits is known in closed form."""
+    j, t = 3.0, np.linspace(0.0, 0.5, 51)
+    q, qd, qdd = (np.zeros((51, 14)) for _ in range(3))
+    q[:, 2], qd[:, 2], qdd[:, 2] = sign * j * t**3 / 6, sign * j * t**2 / 2, sign * j * t
+    if backwards:
+        q, qd, qdd = q[::-1], -qd[::-1], qdd[::-1]
+    share = peaks(ArmTrajectory(t, q, qd, qdd), LIMITS)
+    assert share.velocity == pytest.approx(j * 0.125 / LIMITS.velocity[2])
+    assert share.acceleration == pytest.approx(j * 0.5 / LIMITS.acceleration[2])
+    assert share.jerk == pytest.approx(j / LIMITS.jerk[2])
+    assert share.worst == max(share.velocity, share.acceleration, share.jerk)
+    slower = ArmTrajectory(share.stretch * t, q, qd / share.stretch, qdd / share.stretch**2)
+    assert peaks(slower, LIMITS).worst == pytest.approx(1.0), "just within"
+
+
 def test_peaks_measure_what_the_samples_do():
     """Against a motion whose derivatives are known: q = sin(w t) / 10 on one joint."""
     w, t = 4.0, np.linspace(0, 2, 201)
     zero = np.zeros((201, 14))
     q, qd, qdd = zero.copy(), zero.copy(), zero.copy()
     q[:, 0], qd[:, 0], qdd[:, 0] = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w * w * np.sin(w * t)
-    from robots.ports import ArmTrajectory
-
     share = peaks(ArmTrajectory(t, q, qd, qdd), LIMITS)
     assert share.velocity == pytest.approx(0.1 * w / LIMITS.velocity[0], rel=1e-3)
     assert share.acceleration == pytest.approx(0.1 * w**2 / LIMITS.acceleration[0], rel=1e-3)
