@@ -199,6 +199,9 @@ def test_a_wish_that_is_too_fast_in_one_place_is_slowed_there():
     assert np.gradient(s, t).max() > 2.9
     assert peaks(motion, LIMITS).worst <= TOLERANCE
     assert motion.duration < 1.6 * 8.0
+    slow = (motion.q[:, 0] < path[t < 3.0, 0].max()) | (motion.q[:, 0] > path[t > 5.0, 0].min())
+    wished = np.interp(motion.q[slow, 0], path[:, 0], np.gradient(path[:, 0], t))
+    assert (motion.qd[slow, 0] < 1.02 * wished + 0.01).all(), "and nowhere is it faster than wished"
 
 
 @pytest.mark.parametrize("kind", ["free", "path", "wish", "softened", "stop"])
@@ -324,6 +327,17 @@ def test_a_jerk_counts_in_either_direction(sign, backwards):
     assert share.worst == max(share.velocity, share.acceleration, share.jerk)
     slower = ArmTrajectory(share.stretch * t, q, qd / share.stretch, qdd / share.stretch**2)
     assert peaks(slower, LIMITS).worst == pytest.approx(1.0), "just within"
+
+
+def test_the_largest_velocity_between_two_samples_is_known():
+    """From rest to rest in one interval T: 3/2 of the mean speed half way, 6 d / T^2 at its ends, 12 d / T^3."""
+    d, T = 0.3, 2.0
+    q = np.zeros((2, 14))
+    q[1, 5] = -d
+    share = peaks(ArmTrajectory(np.array([0.0, T]), q, np.zeros((2, 14)), np.zeros((2, 14))), LIMITS)
+    assert share.velocity == pytest.approx(1.5 * d / T / LIMITS.velocity[5])
+    assert share.acceleration == pytest.approx(6 * d / T**2 / LIMITS.acceleration[5])
+    assert share.jerk == pytest.approx(12 * d / T**3 / LIMITS.jerk[5])
 
 
 def test_peaks_measure_what_the_samples_do():
