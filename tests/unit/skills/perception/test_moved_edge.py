@@ -113,6 +113,155 @@ def test_no_rounding_decides_about_a_corner(behind):
     assert beyond == {behind > 19}
 
 
+def folded(reach=0.3, width=0.4, layer=LAYER):
+    """The prediction of a fold whose moved part reaches so far beyond the line, on a towel so wide."""
+    x, y = np.meshgrid(
+        np.linspace(0.6 - width / 2, 0.6 + width / 2, 17), np.linspace(-0.3, reach, 41), indexing="ij"
+    )
+    material = np.stack([x.ravel(), y.ravel()], axis=1)
+    up = material[:, 1] > 0
+    vertices = np.column_stack([material[:, 0], -np.abs(material[:, 1]), np.where(up, 1.5, 0.5) * layer])
+    return PredictedShape(vertices, np.zeros((0, 3), np.int32), material)
+
+
+def turned(degrees, x=0.0, y=0.0):
+    """R, t of a motion about the middle of the towel."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    R = np.array([[c, -s], [s, c]])
+    return R, np.array([0.6 + x, y]) - R @ np.array([0.6, 0.0])
+
+
+STILL = turned(0.0)
+
+
+def towel(lag=0.0, reach=0.3, width=0.4, layer=LAYER, crease=0.0, motion=STILL, before=STILL):
+    """(after, before) of a smooth towel: heights where each motion laid it. crease: how high the fold stands up,
+    over 40 mm [m]. lag: of the moved edge, a function of 0..1 along it or one for all."""
+    rng = np.random.default_rng(0)
+    there = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
+
+    def lying(R, t):
+        xy = (there - t) @ R
+        along = (xy[..., 0] - 0.6) / width + 0.5
+        return np.clip(along, 0, 1), (along > 0) & (along < 1), xy[..., 1]
+
+    t, on, y = lying(*motion)
+    far = reach - (lag(t) if callable(lag) else lag)
+    after = layer * (on & (y < 0) & (y > -0.3)) + layer * (on & (y < 0) & (y > -far))
+    after = after + crease * (on & (y < 0) & (y > -0.04))
+    _, on, y = lying(*before)
+    flat = layer * (on & (y > -0.3) & (y < reach))
+    return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (after, flat)]
+
+
+def looked_at(after, before, step=STEP, motion=STILL, **shape):
+    return moved_edge(after, before, folded(**shape), step, VIEW, *motion)
+
+
+@pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
+def test_an_edge_that_lies_too_far_out_or_too_far_in_is_found_there(lag):
+    """To the 2 mm in which places are told."""
+    seen = looked_at(*towel(lag))
+    assert np.abs(seen.lag - lag).max() < 0.0045
+    assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005
+
+
+def test_an_edge_that_lies_further_in_than_one_looks_is_at_least_so_far_in():
+    seen = looked_at(*towel(lambda t: 0.2 * (t > 0.78)))
+    assert np.abs(seen.lag[:7]).max() < 0.0045 and (seen.lag[7:] > 0.115).all()
+    assert seen.corner > 0.1
+
+
+@pytest.mark.parametrize("motion", [turned(0.0, 0.02, -0.015), turned(5.0), turned(-4.0, -0.01, 0.02)])
+def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
+    """The picture before shows the cloth where it lay then."""
+    seen = looked_at(*towel(lambda t: 0.04 * t, motion=motion), motion=motion)
+    assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
+    assert seen.rise == pytest.approx(LAYER, abs=0.0004)
+
+
+@pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
+def test_whichever_way_a_fold_goes_its_edge_is_found(degrees):
+    """Line, prediction and cloth are turned together: towards the camera it is the same as away from it."""
+    R, t = turned(degrees)
+    after, before = towel(lambda u: 0.04 * u, motion=(R, t), before=(R, t))
+    flat = folded()
+    vertices = np.column_stack([flat.vertices[:, :2] @ R.T + t, flat.vertices[:, 2]])
+    shape = PredictedShape(vertices, flat.triangles, flat.material @ R.T + t)
+    step = replace(STEP, line=FoldLine(R @ LINE.point + t, R @ LINE.direction))
+    seen = moved_edge(after, before, shape, step, VIEW, np.eye(2), np.zeros(2))
+    assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
+
+
+@pytest.mark.parametrize("crease", [0.0, 0.012, 0.025])
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_the_crease_of_the_fold_itself_is_not_taken_for_layers(crease, lag):
+    """A moved part of 11 cm, of which 4 are the bulge of its crease."""
+    seen = looked_at(*towel(lag, reach=0.11, crease=crease), reach=0.11)
+    assert np.abs(seen.lag - lag).max() < 0.006 and seen.rise == pytest.approx(LAYER, abs=0.0005)
+
+
+def test_a_layer_thinner_than_a_millimetre_is_not_seen():
+    assert looked_at(*towel(layer=0.0007), layer=0.0007) is None
+    assert looked_at(*towel(layer=0.0014), layer=0.0014) is not None
+
+
+def test_a_short_edge_is_not_judged():
+    """Less than 8 cm between its rims of 1 cm, or a flap of a few vertices."""
+    assert looked_at(*towel(width=0.09), width=0.09) is None
+    assert looked_at(*towel(width=0.11), width=0.11) is not None
+    flat = folded()
+    few = PredictedShape(
+        flat.vertices, flat.triangles, np.where(flat.material > 0.29, 0.29, flat.material) - (0, 0.29)
+    )
+    assert moved_edge(*towel(), few, STEP, VIEW, np.eye(2), np.zeros(2)) is None
+
+
+T = (np.arange(9) + 0.5) / 9
+
+
+@pytest.mark.parametrize("sag", [-0.03, 0.0, 0.012, 0.05])
+@pytest.mark.parametrize("unseen", [(), (0,), (8,), (0, 4, 8), (1, 2, 5, 6)])
+def test_a_sag_is_the_half_sine_over_the_line_between_the_ends(sag, unseen):
+    """Whatever the ends lie behind, and whichever strips are not seen: up to four."""
+    lag = 0.02 - 0.03 * T + sag * np.sin(np.pi * T)
+    lag[list(unseen)] = np.nan
+    assert MovedEdge(lag, LAYER).sag == pytest.approx(sag, abs=1e-9)
+
+
+def test_of_fewer_than_five_strips_no_sag_is_told():
+    lag = np.zeros(9)
+    lag[[0, 2, 4, 6, 8]] = np.nan
+    edge = MovedEdge(lag, LAYER)
+    assert np.isnan(edge.sag) and not edge.wholly_seen
+
+
+@pytest.mark.parametrize("strip", range(1, 8))
+@pytest.mark.parametrize("wrong", [-0.024, 0.1])
+def test_one_strip_that_lies_is_no_sag(strip, wrong):
+    """Least squares would take a fifth of it for one."""
+    lag = 0.02 * np.sin(np.pi * T)
+    lag[strip] = wrong
+    assert MovedEdge(lag, LAYER).sag == pytest.approx(0.02, abs=0.009)
+
+
+def test_a_corner_is_told_by_the_worse_end_that_is_seen():
+    """The second strip counts where the first one is not seen; an end of which no third is seen says nothing."""
+    nan = np.nan
+    for lag, corner, whole in (
+        ([0.05, 0.04, 0, 0, 0, 0, 0, 0.02, 0.03], 0.04, True),
+        ([0.02, 0.03, 0, 0, 0, 0, 0, 0.05, 0.04], 0.04, True),
+        ([nan, 0.04, 0.03, 0, 0, 0, 0, 0, 0], 0.03, True),
+        ([nan, nan, 0.03, 0, 0, 0, 0, 0, 0], 0.03, True),
+        ([nan, nan, nan, 0, 0, 0, 0, 0.02, 0.03], 0.02, False),
+        ([0.02, 0.03, 0, 0, 0, 0, nan, nan, nan], 0.02, False),
+        ([0.05, 0.0, 0, 0, 0, 0, 0, 0, 0], 0.0, True),
+    ):  # fmt: skip
+        edge = MovedEdge(np.array(lag, dtype=float), LAYER)
+        assert edge.corner == pytest.approx(corner) and edge.wholly_seen is whole
+    assert np.isnan(MovedEdge(np.array([nan] * 3 + [0.0] * 3 + [nan] * 3), LAYER).corner)
+
+
 def test_when_nothing_rose_nothing_is_said():
     """The picture before shows the fold already: there is no telling where its edge lies."""
     _, after = heights(lambda t: 0.04 * np.sin(np.pi * t))
