@@ -1,0 +1,158 @@
+"""What can be acted on, and the closed forms that readings are judged by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import GripperState, Side, TactileReading
+from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.lift import check_lift, start_lift_check
+from skills.grasping.reading import HandReading, fault
+from skills.grasping.release import ReleaseState, release, start_release
+from skills.grasping.settings import GraspSettings
+from skills.grasping.stuck import check_stuck, residual_bound, start_stuck_check
+from skills.grasping.zero import Zero
+from skills.vocabulary import Outcome
+
+S = GraspSettings()
+ZERO = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+
+
+def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening: float = 0.0025) -> HandReading:
+    cells = np.stack([np.full((4, 3), pad / 12.0) for pad in pads])
+    return HandReading(
+        now,
+        TactileReading(now, Side.LEFT, cells, np.array([0.1, 0.2])),
+        GripperState(now, Side.LEFT, opening, 12.0, False, True),
+        0.05,
+        np.ones(7),
+    )
+
+
+def test_a_whole_and_fresh_reading_can_be_acted_on() -> None:
+    assert fault(reading(), S) is None
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "limit"), [("tactile", "tactile cells", 0.10), ("gripper", "gripper", 0.50)]
+)
+def test_each_sensor_has_an_age_of_its_own(part: str, name: str, limit: float) -> None:
+    for age, old in ((0.98 * limit, False), (1.02 * limit, True), (np.nan, True), (np.inf, True)):
+        given = reading()
+        stale = replace(given, **{part: replace(getattr(given, part), stamp=given.stamp - age)})
+        found = fault(stale, S)
+        assert (found is not None) is old
+        if found is not None:
+            assert found.kind is FailureKind.STALE_STATE and name in found.what
+            assert found.values["limit_s"] == limit
+            assert found.values["age_s"] == pytest.approx(age, nan_ok=True)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("part", ["height", "opening", "force", "cells", "tip", "effort"])
+def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
+    given = reading()
+    cells, effort = given.tactile.cells.copy(), given.effort.copy()
+    cells[1, 2, 0] = effort[6] = wrong
+    changes: dict[str, dict[str, Any]] = {
+        "height": {"height": wrong},
+        "opening": {"gripper": replace(given.gripper, opening=wrong)},
+        "force": {"gripper": replace(given.gripper, force=wrong)},
+        "cells": {"tactile": replace(given.tactile, cells=cells)},
+        "tip": {"tactile": replace(given.tactile, tip=np.array([0.0, wrong]))},
+        "effort": {"effort": effort},
+    }
+    found = fault(replace(given, **changes[part]), S)
+    assert found is not None and found.kind is FailureKind.HARDWARE_FAULT
+
+
+def test_a_gripper_that_was_open_before_it_was_told_to_open_has_not_opened_yet() -> None:
+    """What it said before the order is no answer to it."""
+    before = reading(opening=0.030)
+    state: ReleaseState | Outcome = start_release(S, 0.030, before)
+    for k in range(5):
+        assert isinstance(state, ReleaseState)
+        late = replace(reading(before.stamp + 0.01 * k), gripper=before.gripper)
+        _, state = release(late, state)
+    assert isinstance(state, ReleaseState)
+    _, state = release(reading(before.stamp + 0.06, opening=0.030), state)
+    assert isinstance(state, Outcome) and state.unwrap().seconds == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize(("short", "opened"), [(0.0019, True), (0.0021, False), (-0.005, True)])
+def test_pads_have_opened_when_they_are_as_wide_as_told_but_for_2_mm(short: float, opened: bool) -> None:
+    state = start_release(S, 0.030, reading())
+    _, after = release(reading(10.01, opening=0.030 - short), state)
+    assert isinstance(after, Outcome) is opened
+
+
+def test_pads_have_two_seconds_to_open() -> None:
+    state = start_release(S, 0.030, reading())
+    assert isinstance(release(reading(11.99), state)[1], ReleaseState)
+    _, late = release(reading(12.01), state)
+    assert isinstance(late, Outcome) and late.failure is not None
+    assert late.failure.kind is FailureKind.GRIPPER_FAULT
+
+
+def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
+    """Of a grasp that was confirmed with 10 N and 4 mm of cloth: the shares that are left after the lift."""
+    settings = replace(S, empty_opening=empty)
+    held = Held(9.0, 10.0, empty + 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
+    state = start_lift_check(settings, ZERO, held)
+    for k in range(100):
+        weak = 10.0 * force
+        after = check_lift(reading(10.0 + 0.01 * k, (weak, 2.0 * weak), empty + 0.004 * opening), state)
+        if isinstance(after, Outcome):
+            assert k + 1 == S.confirm_readings
+            return after
+        state = after
+    raise AssertionError("it never ends")
+
+
+@pytest.mark.parametrize("empty", [0.0, 0.003, -0.001])
+def test_force_and_opening_must_both_be_kept_over_a_lift(empty: float) -> None:
+    """Sixty percent of each, of the weaker pad's force and of what the cloth opens the pads."""
+    for force, opening, kept in (
+        (1.0, 1.0, True), (0.62, 0.62, True), (0.58, 1.0, False), (1.0, 0.58, False), (1.5, 0.0, False),
+        (1.4, 1.4, True),
+    ):  # fmt: skip
+        after = lifted(force, opening, empty)
+        assert after.ok is kept
+        if after.failure is not None:
+            assert after.failure.kind is FailureKind.MISSED_GRASP
+            assert after.failure.values["kept_force"] == pytest.approx(force)
+            assert after.failure.values["kept_opening"] == pytest.approx(opening)
+        else:
+            assert after.unwrap().grip == pytest.approx(10.0 * force)
+
+
+def test_what_noise_and_drift_explain_grows_for_half_a_period_and_no_further() -> None:
+    """White noise of two means, 20 and 12 readings, and a wander of sine: 2 sigma sin(pi t / T), over 12 cells."""
+    settings = replace(S, stuck_force=0.0)
+    white = np.sqrt(1.0 / 20 + 1.0 / 12)
+    for t in (0.0, 10.0, 30.0, 60.0, 90.0, 1e4):
+        wander = 2.0 * S.drift_ratio * np.sin(np.pi * min(t / S.drift_time, 0.5))
+        bound = S.stuck_sigmas * 0.01 * np.sqrt(12.0) * np.hypot(white, wander)
+        assert residual_bound(ZERO, t, settings) == pytest.approx(bound)
+    assert residual_bound(replace(ZERO, cell_noise=0.0), 60.0, S) == S.stuck_force
+
+
+@pytest.mark.parametrize("pad", [0, 1])
+@pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
+def test_cloth_on_either_pad_counts_from_the_bound_on(pad: int, share: float, stuck: bool) -> None:
+    state = start_stuck_check(S, ZERO)
+    weight = share * residual_bound(ZERO, 10.0 + 0.01 * (S.stuck_readings - 1), S)
+    for k in range(S.stuck_readings):
+        pads = (weight, -1.0) if pad == 0 else (-1.0, weight)
+        after = check_stuck(reading(10.0 + 0.01 * k, pads), state)
+        assert isinstance(after, Outcome) is (k == S.stuck_readings - 1)
+        if not isinstance(after, Outcome):
+            state = after
+    assert isinstance(after, Outcome) and after.ok is not stuck
+    if after.failure is not None:
+        assert after.failure.kind is FailureKind.STUCK_ON_FINGER and after.failure.values["pad"] == pad
