@@ -201,6 +201,16 @@ def test_the_crease_of_the_fold_itself_is_not_taken_for_layers(crease, lag):
     assert np.abs(seen.lag - lag).max() < 0.006 and seen.rise == pytest.approx(LAYER, abs=0.0005)
 
 
+@pytest.mark.parametrize("up", [0.006, 0.015, 0.04])
+def test_a_wrinkle_in_front_of_the_edge_is_not_the_edge(up):
+    """It has come with the fold, 10 mm wide, and is much higher than a layer: it is no more than that."""
+    after, before = towel(0.06)
+    y = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))[..., 1]
+    after[(after > 0.0) & (y > -0.29) & (y < -0.28)] += up
+    seen = looked_at(after, before)
+    assert np.abs(seen.lag - 0.06).max() < 0.006
+
+
 def test_a_layer_thinner_than_a_millimetre_is_not_seen():
     assert looked_at(*towel(layer=0.0007), layer=0.0007) is None
     assert looked_at(*towel(layer=0.0014), layer=0.0014) is not None
