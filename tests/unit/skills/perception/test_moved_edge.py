@@ -211,6 +211,13 @@ def test_a_wrinkle_in_front_of_the_edge_is_not_the_edge(up):
     assert np.abs(seen.lag - 0.06).max() < 0.006
 
 
+@pytest.mark.parametrize("layer", [0.0020, 0.0060, 0.0120])
+def test_an_edge_of_thick_cloth_is_found_as_well(layer):
+    """What stands as high as the rest of the stack is no loop of a crease, however high that is."""
+    seen = looked_at(*towel(0.03, layer=layer), layer=layer)
+    assert np.abs(seen.lag - 0.03).max() < 0.006 and seen.rise == pytest.approx(layer, abs=0.0005)
+
+
 def test_a_layer_thinner_than_a_millimetre_is_not_seen():
     assert looked_at(*towel(layer=0.0007), layer=0.0007) is None
     assert looked_at(*towel(layer=0.0014), layer=0.0014) is not None
