@@ -40,6 +40,13 @@ def test_the_motion_that_was_made_is_found(
     assert np.abs(SHIRT @ R.T + t - moved).max() < 0.0007
 
 
+@pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (-0.25, 0.3), (0.0, -0.4)])
+def test_however_far_it_was_moved_the_motion_is_found(x: float, y: float) -> None:
+    moved = turned(SHIRT, x, y, 5.0)
+    R, t = align(SHIRT, moved)
+    assert np.abs(SHIRT @ R.T + t - moved).max() < 0.0007
+
+
 @pytest.mark.parametrize("out", [0.03, 0.06])
 def test_a_corner_that_hangs_out_does_not_turn_the_rest(out: float) -> None:
     """Least squares would: what lies far off counts for nothing."""
@@ -69,11 +76,13 @@ def with_step(low: float, high: float, out: float) -> Array:
 
 @pytest.mark.parametrize("out", [-0.03, -0.012, 0.012, 0.03])
 @pytest.mark.parametrize("first", [0, 3, 5])
-@pytest.mark.parametrize("backwards", [False, True])
-def test_the_largest_deviation_is_told_with_its_sign_and_place(out: float, first: int, backwards: bool) -> None:
-    """Wherever the outline begins, also in the midst of it."""
+@pytest.mark.parametrize(("ours", "theirs"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_the_largest_deviation_is_told_with_its_sign_and_place(
+    out: float, first: int, ours: int, theirs: int
+) -> None:
+    """Wherever the outline begins, also in the midst of it, and whichever way round both run."""
     seen = np.roll(with_step(0.55, 0.65, out), first, axis=0)
-    deviation, place = edge_deviation(SQUARE, seen[::-1] if backwards else seen)
+    deviation, place = edge_deviation(SQUARE[::ours], seen[::theirs])
     assert deviation == pytest.approx(out, abs=0.003)
     assert 0.54 < place[0] < 0.66 and abs(place[1] - 0.2) < abs(out) + 0.004
 
