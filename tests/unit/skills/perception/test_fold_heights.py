@@ -116,9 +116,18 @@ def test_a_target_that_is_not_seen_says_nothing() -> None:
     """What is seen there is less than a quarter of a circle of 40 mm; the other target still counts."""
     near = np.linalg.norm(HERE - LEFT, axis=2)
     assert lacking(0.5, 0.1, hidden=near < 0.05) == pytest.approx(0.1, abs=1e-5)
+    assert lacking(0.5, 0.1, hidden=near < 0.037) == pytest.approx(0.1, abs=1e-5)
     assert lacking(0.5, 0.1, hidden=near < 0.03) == pytest.approx(0.5, abs=1e-5)
     assert np.isnan(lacking(0.5, 0.1, hidden=np.ones(VIEW.shape, bool)))
     assert np.isnan(lacking(0.5, 0.1, step=None)) and np.isnan(lacking(0.5, 0.1, step=replace(STEP, targets={})))
+
+
+def test_where_a_target_has_steps_its_mean_height_counts() -> None:
+    """Two layers on the one half of it, six on the other: half of each is there."""
+    moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
+    assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)
+    level = np.full_like(moved, 4 * LAYER)
+    assert missing_layer(level, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.0, abs=0.05)
 
 
 def test_layers_too_thin_to_be_seen_by_depth_are_not_missed() -> None:
