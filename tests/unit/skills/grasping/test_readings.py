@@ -131,6 +131,27 @@ def test_force_and_opening_must_both_be_kept_over_a_lift(empty: float) -> None:
             assert after.unwrap().grip == pytest.approx(10.0 * force)
 
 
+@pytest.mark.parametrize(("swing", "mean", "kept"), [(0.3, 0.65, True), (0.3, 0.55, False)])
+@pytest.mark.parametrize("of", ["force", "opening"])
+def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
+    of: str, swing: float, mean: float, kept: bool
+) -> None:
+    held = Held(9.0, 10.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
+    state: Any = start_lift_check(S, ZERO, held)
+    for k in range(S.confirm_readings):
+        share = mean + swing * (k % 3 - 1)
+        force, opening = (share, 1.0) if of == "force" else (1.0, share)
+        state = check_lift(reading(10.0 + 0.01 * k, (10.0 * force, 20.0), 0.004 * opening), state)
+    assert isinstance(state, Outcome) and state.ok is kept
+
+
+def test_a_reading_that_comes_again_is_no_further_one_of_a_hand_that_has_let_go() -> None:
+    state = check_stuck(reading(), start_stuck_check(S, ZERO))
+    for k in range(2 * S.stuck_readings):
+        state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)
+        assert not isinstance(state, Outcome)
+
+
 def test_what_noise_and_drift_explain_grows_for_half_a_period_and_no_further() -> None:
     """White noise of two means, 20 and 12 readings, and a wander of sine: 2 sigma sin(pi t / T), over 12 cells."""
     settings = replace(S, stuck_force=0.0)
