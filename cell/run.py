@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.console.board import Board
 from cell.context import Context
 from cell.effects import EFFECTS
 from cell.equipment.assembly import assemble, load_robot
@@ -152,13 +153,13 @@ def _perform(
     supervision = _supervision(request, run, listener)
     recorder = _recorder(request, run)
     stenographer = Stenographer(run.directory if request.record else None)
-    commands = supervision.commands if supervision else CommandQueue()
+    board = supervision.board if supervision else _board(request, run)
+    commands = supervision.commands if supervision else CommandQueue(board.heard)
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
-    audience = Audience(lines, supervision.board if supervision else None, request.quiet, request.terminal)
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, lines, *bystanders)
-    if supervision:
-        observers = (*observers, supervision.board)
+    audience = Audience(lines, board, request.quiet, request.terminal)
+    # the board before who reads it out: an answer may come at once
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, board, lines, *bystanders)
 
     try:
         with (
@@ -179,7 +180,8 @@ def _perform(
             witness = _witness(request, ports, recorder)
             asked = request.approve or not ports.simulated
             if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
-                TerminalOperator(commands, sys.stdin, sys.stderr, alone=not request.page).start()
+                alone = not request.page
+                TerminalOperator(commands, sys.stdin, sys.stderr, alone, board.allowed).start()
             keeper = _keeper(request, run, ports)
             context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
             if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
@@ -189,7 +191,7 @@ def _perform(
             stenographer.end()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
-                supervision.board.finish(end.state, failure, run.directory)
+                board.finish(end.state, failure, run.directory)
             score = _score(witness)
     finally:
         kept, unkept = recorder.close(), stenographer.close()
@@ -223,6 +225,10 @@ def _supervision(request: FoldRequest, run: RunJournal, listener: socket | None)
     from cell.console.supervision import Supervision
 
     return Supervision(request, run.id, listener)
+
+
+def _board(request: FoldRequest, run: RunJournal) -> Board:
+    return Board(run.id, request.garment, request.seed, is_simulated(request.driver))
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:

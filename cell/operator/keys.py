@@ -6,13 +6,13 @@ The stop is not among them: it is out of band (Ctrl-C, or the button).
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
 from threading import Lock, Thread
 from typing import ClassVar, TextIO
 from weakref import WeakKeyDictionary
 
-from cell.operator.commands import CommandQueue
+from cell.operator.commands import OPERATOR_EVENTS, CommandQueue
 from cell.states import Event
 from robots.errors import ConfigurationError
 
@@ -74,8 +74,16 @@ class TerminalOperator:
     somebody sits elsewhere (`alone` is false).
     """
 
-    def __init__(self, commands: CommandQueue, source: TextIO, answers: TextIO, alone: bool = True) -> None:
-        self._commands, self._alone = commands, alone
+    def __init__(
+        self,
+        commands: CommandQueue,
+        source: TextIO,
+        answers: TextIO,
+        alone: bool = True,
+        may: Callable[[], Set[Event]] = lambda: OPERATOR_EVENTS,
+    ) -> None:
+        """may: what can be said at this moment."""
+        self._commands, self._alone, self._may = commands, alone, may
         self._hints = alone or source.isatty()  # beside the page, to somebody who can type
         self._lines = _Lines.of(source)
         self._answers = answers
@@ -101,6 +109,9 @@ class TerminalOperator:
         event = KEYS.get(word) or next((e for e in KEYS.values() if e.value == word), None)
         if event is None:
             self._say(f"'{word}' is no command; there are: {HELP}")
+            return
+        if event not in self._may():
+            self._say(f"  {event.value}: that cannot be said now")
             return
         self._commands.put(event)
         self._say(f"  {event.value}: noted")

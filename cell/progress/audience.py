@@ -18,8 +18,8 @@ def say(text: str) -> None:
 
 @dataclass(frozen=True)
 class Audience:
-    """lines: of the terminal. board: of the page, where there is one. quiet: no lines are printed. typed: whether
-    answers may be typed."""
+    """lines: of the terminal. board: what the page shows, where there is one. quiet: no lines are printed. typed:
+    whether answers may be typed."""
 
     lines: ProgressLines
     board: Board | None
@@ -42,8 +42,8 @@ class Audience:
 
     def ask(self, what: str | None) -> None:
         """For something that the robot cannot do itself; None: it is not asked for any more."""
+        if self.board is not None:
+            self.board.ask(what)
         if what is not None:
             told = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
             say(told) if self.quiet else self.lines.note(told)
-        if self.board is not None:
-            self.board.ask(what)

@@ -169,7 +169,7 @@ def test_pressing_is_asked_about_and_answered(address: str, board: Board, comman
 
 def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Board) -> None:
     """It is no mere look: the fold is made again, of a garment that was laid back."""
-    planned: Any = (SimpleNamespace(name="half"), SimpleNamespace(name="quarter"))
+    planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
         context = replace(Context(), steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
         step = Step(State.CLEARING, Event.DONE, State.RECOVERING, Effect.CHOOSE_RECOVERY)

@@ -38,6 +38,20 @@ def test_what_is_no_command_is_told_and_ignored() -> None:
     assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # only the end of the input
 
 
+def test_what_cannot_be_said_now_is_not_noted() -> None:
+    """It would be void, and the operator believe that it was said: an answer before the question, a resume of
+    nothing."""
+    commands, answers = CommandQueue(), io.StringIO()
+    may = {Event.PAUSE, Event.ABORT}
+    operator = TerminalOperator(commands, io.StringIO(), answers, may=lambda: frozenset(may))
+    operator.take("s")
+    assert "skip: that cannot be said now" in answers.getvalue() and "noted" not in answers.getvalue()
+    assert commands.take(OPERATOR_EVENTS) is None
+    may.add(Event.SKIP)
+    operator.take("s")
+    assert "skip: noted" in answers.getvalue() and commands.take(OPERATOR_EVENTS) is Event.SKIP
+
+
 def test_a_terminal_that_is_gone_ends_the_run() -> None:
     commands, _ = typed("")
     assert commands.take({Event.ABORT}) is Event.ABORT
