@@ -10,6 +10,8 @@ from cell.hil.script import Script
 
 __all__ = ["junit_text"]
 
+NO_LETTERS = "\ufffe\uffff"
+
 
 def junit_text(performances: Sequence[Performance], left: Sequence[Script] = ()) -> bytes:
     """One test case a script, with what was not as expected and the run's folder. left: scripts that were not
@@ -22,20 +24,22 @@ def junit_text(performances: Sequence[Performance], left: Sequence[Script] = ())
     )  # fmt: skip
     for p in performances:
         case = ElementTree.SubElement(
-            suite, "testcase", classname="hil", name=p.script.name, time=f"{p.seconds:.1f}"
+            suite, "testcase", classname="hil", name=_plain(p.script.name), time=f"{p.seconds:.1f}"
         )
-        case.set("file", str(p.script.path))
+        case.set("file", _plain(str(p.script.path)))
         if not p.passed:
             ElementTree.SubElement(case, "failure", message=_plain(p.broken[0])).text = _plain("\n".join(p.broken))
         if p.result is not None:
             ElementTree.SubElement(case, "system-out").text = _plain(p.result.run_dir)
     for script in left:
-        case = ElementTree.SubElement(suite, "testcase", classname="hil", name=script.name)
+        case = ElementTree.SubElement(suite, "testcase", classname="hil", name=_plain(script.name))
         ElementTree.SubElement(case, "skipped", message="interrupted before it was performed")
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _plain(text: str) -> str:
-    """Without the control characters that XML cannot hold."""
-    return "".join(c for c in text if c >= " " or c in "\n\t")
+    """With a question mark in place of what XML cannot hold: control characters, halves of a character."""
+    return "".join(
+        c if c in "\n\t" or " " <= c < "\ud800" or "\ue000" <= c not in NO_LETTERS else "?" for c in text
+    )
