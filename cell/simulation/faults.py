@@ -41,6 +41,13 @@ _GRASP_KINDS = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER)
 _ARM_KINDS = (*_GRASP_KINDS, FaultKind.SUDDEN_DROP, FaultKind.GRIPPER_STUCK)
 _DEFAULT_SIZE = {FaultKind.DROPPED_CORNER: 0.06, FaultKind.SUDDEN_DROP: 0.03}
 _DEFAULT_DURATION = {FaultKind.SUDDEN_DROP: 0.4}
+_LASTING_KINDS = (
+    FaultKind.SUDDEN_DROP,
+    FaultKind.GRIPPER_STUCK,
+    FaultKind.CAMERA_FREEZE,
+    FaultKind.CAMERA_BLACK,
+    FaultKind.CAMERA_SILENT,
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +84,10 @@ class Fault:
             raise ConfigurationError(
                 f"fault {self.kind} does not count grasps", "leave `grasp` out; use `at` or `fold`"
             )
+        if self.size is not None and self.kind not in _DEFAULT_SIZE:
+            raise ConfigurationError(f"fault {self.kind} has no size", "leave the size out")
+        if self.duration is not None and self.kind not in _LASTING_KINDS:
+            raise ConfigurationError(f"fault {self.kind} happens at once", "leave the duration out")
 
     @property
     def extent(self) -> float:

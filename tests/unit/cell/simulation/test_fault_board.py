@@ -61,8 +61,11 @@ def test_without_a_side_it_happens_to_the_first_hand_that_meets_the_conditions_a
         {"kind": FaultKind.NO_GARMENT, "grasp": 1},
         {"kind": FaultKind.MISSED_GRASP, "grasp": 0},
         {"kind": FaultKind.SUDDEN_DROP, "at": -1.0},
+        {"kind": FaultKind.GRIPPER_STUCK, "size": 0.03},
+        {"kind": FaultKind.MISSED_GRASP, "duration": 2.0},
+        {"kind": FaultKind.NO_GARMENT, "duration": 2.0},
     ],
 )
-def test_refuses_conditions_that_can_never_hold(arguments: dict) -> None:
+def test_refuses_what_a_kind_of_fault_has_not_and_conditions_that_can_never_hold(arguments: dict) -> None:
     with pytest.raises(ConfigurationError):
         Fault(**arguments)
