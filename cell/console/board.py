@@ -40,7 +40,7 @@ class Board:
         self._lock = threading.Lock()
         self._remarks = Remarks()
         drawn = seed if simulated else None
-        self._about = {"run": run_id, "garment": garment, "seed": drawn, "simulated": simulated}
+        self._about = {"run": run_id, "garment": Path(garment).stem, "seed": drawn, "simulated": simulated}
         self._state = State.IDLE
         self._context = Context()
         self._question = 0

@@ -130,6 +130,12 @@ def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
         assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
 
 
+def test_a_garments_file_is_shown_by_its_name() -> None:
+    """Underscores are shown as blanks: of a path, that would be another one."""
+    shown = Board("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
+    assert shown["garment"] == "my_own_towel"
+
+
 def test_commands_go_into_the_queue_when_they_may_be_said(
     address: str, board: Board, commands: CommandQueue
 ) -> None:
