@@ -149,7 +149,7 @@ def test_every_state_that_tells_where_the_garment_is_has_a_reentry() -> None:
     assert set(REENTRIES) == set(WORKING) - tells_nothing
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.sampled_from(list(Event)), max_size=40))
 def test_any_sequence_of_events_stays_on_the_table(events: list[Event]) -> None:
     machine = Executive()

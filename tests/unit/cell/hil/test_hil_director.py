@@ -62,7 +62,7 @@ class Diary:
             self.done.append((self._due.pop(0), self._cell.now))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(0.0, 10.0), max_size=8), st.lists(st.floats(0.0, 10.0), min_size=1, max_size=8))
 def test_what_is_due_is_done_at_its_time_however_long_the_sleeps(due: list[float], sleeps: list[float]) -> None:
     cell = FakeCell()

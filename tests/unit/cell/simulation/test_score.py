@@ -249,7 +249,7 @@ def test_a_shrunk_fold_is_not_scaled_away() -> None:
 # --- invariances ---------------------------------------------------------------------------------------
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     x=st.floats(-0.045, 0.045),
     y=st.floats(-0.02, 0.02),
@@ -271,7 +271,7 @@ def test_a_rigid_motion_changes_only_the_drift(x: float, y: float, angle: float)
     assert result.drift_rad == pytest.approx(abs(angle), abs=still.drift_rad + 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(x=st.floats(-2.0, 2.0), y=st.floats(-2.0, 2.0), angle=st.floats(-math.pi, math.pi))
 def test_where_the_towel_was_laid_does_not_matter(x: float, y: float, angle: float) -> None:
     flat, triangles = towel(0.03)
@@ -348,7 +348,7 @@ def test_pixels_on_shared_edges_belong_to_one_triangle() -> None:
         assert count.max() == 1 and count.sum() == 64
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     offset=st.floats(-0.25, 0.25), angle=st.floats(-math.pi, math.pi), offset2=st.floats(-0.15, 0.15),
     angle2=st.floats(-math.pi, math.pi),

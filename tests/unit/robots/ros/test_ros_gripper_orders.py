@@ -161,7 +161,7 @@ deeds = st.one_of(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(calibrated=st.booleans(), deeds=st.lists(deeds, max_size=12))
 def test_whatever_is_ordered_the_last_of_it_is_done(calibrated: bool, deeds: list[tuple]) -> None:
     """However few states of the gripper lie between two orders."""

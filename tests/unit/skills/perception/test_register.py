@@ -52,7 +52,7 @@ def error(registration, names, truth):
     return max(np.linalg.norm(registration.keypoints[n] - p) for n, p in zip(names, truth, strict=True))
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.4, 1.4), st.floats(0.9, 1.1), st.floats(0.93, 1.07)
 )

@@ -25,7 +25,7 @@ poses = st.tuples(st.floats(0.5, 0.7), st.floats(-0.1, 0.1), st.floats(-0.3, 0.3
 
 @pytest.mark.parametrize("name", GARMENTS)
 @given(pose=poses)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_grasps_hold_cloth_and_land_where_the_fold_puts_them(name: str, pose: tuple[float, ...]) -> None:
     garment = GARMENTS[name]
     state = garment.flat_state(*pose)
@@ -111,7 +111,7 @@ def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
     st.floats(-0.4, 0.4),
     st.tuples(st.floats(0.3, 0.8), st.floats(-0.2, 0.2)),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_plan_that_drifts_is_the_plan_of_the_garment_that_drifted(
     offset: tuple[float, float], rotation: float, about: tuple[float, float]
 ) -> None:

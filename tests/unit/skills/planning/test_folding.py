@@ -39,7 +39,7 @@ QUARTER = line(0.0, 0.0, 0.0)  # left half (y > 0) moves
 
 
 @given(lines, st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.3, 0.3, (30, 2))
     folded, moved = folding._trace(folds, points)
@@ -51,14 +51,14 @@ def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], 
 
 
 @given(lines)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_area_is_kept(folds: list[FoldLine]) -> None:
     pieces = folding._pieces(folds, shapely.Polygon(RECT))
     assert sum(p.buffer(-folding.TOUCH).area for p in pieces.values()) == pytest.approx(0.24, rel=1e-3)
 
 
 @given(lines, st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_folding_again_changes_nothing_and_unfolding_brings_back(folds: list[FoldLine], seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.3, 0.3, (20, 2))
     once = fold_xy(folds[:1], points)
@@ -68,7 +68,7 @@ def test_folding_again_changes_nothing_and_unfolding_brings_back(folds: list[Fol
 
 
 @given(lines, st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_layers_at_one_place_are_all_different(folds: list[FoldLine], seed: int) -> None:
     """Unfold a place by trying every history of moves: its preimages are the layers there, each once."""
     rng = np.random.default_rng(seed)

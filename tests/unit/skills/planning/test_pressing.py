@@ -90,7 +90,7 @@ def test_a_stack_that_is_too_small_to_bear_it_is_not_pressed() -> None:
         assert bool(dabs) is pressed
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.4, 0.85), st.floats(-0.259, -0.2), st.floats(0.007, 0.05)), max_size=60))
 def test_wherever_the_crease_stands_high_a_dab_is_near(cloth: list[tuple[float, float, float]]) -> None:
     found = np.array(cloth).reshape(-1, 3)

@@ -27,7 +27,7 @@ def controls(seed: int, order: int = 3) -> np.ndarray:
 
 
 @given(seeds, st.integers(1, 6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_evaluate_is_scipys_bernstein_polynomial(seed: int, order: int) -> None:
     control, u = controls(seed, order), np.linspace(0, 1, 17)
     assert np.allclose(evaluate(control, u), BPoly(control[:, None, :], [0, 1])(u), atol=1e-13)
@@ -35,7 +35,7 @@ def test_evaluate_is_scipys_bernstein_polynomial(seed: int, order: int) -> None:
 
 
 @given(seeds, st.floats(0.05, 0.95))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_split_gives_the_same_curve_in_two(seed: int, at: float) -> None:
     control, u = controls(seed), np.linspace(0, 1, 9)
     left, right = split(control, at)
@@ -44,7 +44,7 @@ def test_split_gives_the_same_curve_in_two(seed: int, at: float) -> None:
 
 
 @given(seeds)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_length_is_the_integral_of_speed(seed: int) -> None:
     control = controls(seed)
     derivative = 3 * np.diff(control, axis=0)

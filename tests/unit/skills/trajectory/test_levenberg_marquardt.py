@@ -44,7 +44,7 @@ def test_it_finds_what_scipy_finds(problem, start, tolerance) -> None:  # type: 
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_linear_problem_is_solved_exactly(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, b = rng.normal(size=(8, 3)) + 2 * np.eye(8, 3), rng.normal(size=8)

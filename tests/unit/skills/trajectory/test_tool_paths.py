@@ -29,7 +29,7 @@ CONTROLS = {s: initial_controls(f.start, f.end) for s, f in frames_of(STEP, TOWE
 
 
 @given(st.floats(0.01, 2.0), st.floats(0.05, 1.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) -> None:
     law = SpeedLaw.fastest(length, cap)
     t = np.linspace(0, law.duration, 2001)
@@ -45,7 +45,7 @@ def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) 
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.3, 8.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_law_of_given_duration_takes_it(length: float, duration: float) -> None:
     law = SpeedLaw.lasting(length, duration)
     assert law.duration == pytest.approx(duration, rel=1e-9)

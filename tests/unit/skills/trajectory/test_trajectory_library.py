@@ -51,7 +51,7 @@ points = st.tuples(st.floats(0.3, 0.9), st.floats(-0.4, 0.4), st.floats(0, 0.01)
 
 
 @given(points, points, st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_normalising_is_undone_and_keeps_shape(start: np.ndarray, end: np.ndarray, seed: int) -> None:
     if np.linalg.norm((end - start)[:2]) < 0.05:
         return
