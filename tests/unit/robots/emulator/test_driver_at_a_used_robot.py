@@ -136,8 +136,15 @@ def test_the_arms_go_as_fast_as_they_are_told_and_hold_in_time(meet: Meet, cell:
         wait(lambda: all((limb.speed_ratio, limb.timeout) == (1.0, 0.2) for limb in limbs), "they are told")
         ports.arms.enable()
         assert program.robot.newest.enabled
-        q0, begin = ports.arms.state().q, ports.clock.now()
-        goal = q0
+        q0 = ports.arms.state().q
+
+        def held() -> bool:
+            """Told to stay where they are, until that is heard."""
+            ports.arms.command(q0, np.zeros(14))
+            return all(limb._newest is not None for limb in limbs)
+
+        wait(held, "set-points are heard")
+        begin, goal = ports.clock.now(), q0
         while (t := ports.clock.now() - begin) < 0.4:
             goal = q0 + SPEED * t * (np.arange(14) == 13)
             ports.arms.command(goal, np.zeros(14))
