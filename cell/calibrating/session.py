@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import Procedure
+from cell.calibrating.asking import Asking
 from cell.calibrating.performing import STATE, Performer
 from cell.config import CellSettings
 from cell.context import Context
@@ -140,14 +141,10 @@ def _with_cell(
     began: float,
     interrupts: Interrupts,
 ) -> CalibrationEnd[T]:
-    robot, commands = load_robot(request.settings), CommandQueue()
-
-    def ask(what: str | None) -> None:
-        if what is not None:
-            request.say(f"{'':12}{what}, then approve (a, Enter)")
+    robot, commands, asking = load_robot(request.settings), CommandQueue(), Asking(request.say)
 
     def person(stop: Stop) -> PersonAttendant:
-        return PersonAttendant(commands, stop, ask)
+        return PersonAttendant(commands, stop, asking.ask)
 
     with (
         compiling_told(lambda text: request.say(f"{'':12}{text}")),
@@ -158,7 +155,7 @@ def _with_cell(
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
         cell = assemble(asked, robot, ports, Recorder.silent(), commands, workers, _unsaid, _unsaid)
         if not ports.simulated and sys.stdin is not None:
-            TerminalOperator(commands, sys.stdin, sys.stderr).start()
+            TerminalOperator(commands, sys.stdin, sys.stderr, may=asking.may).start()
         if script is not None:
             script(ports)
         try:

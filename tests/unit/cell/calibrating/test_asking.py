@@ -1,0 +1,29 @@
+"""What can be said during a calibration: its end always, an approval of what is asked for."""
+
+from __future__ import annotations
+
+import io
+
+from cell.calibrating.asking import Asking
+from cell.operator.commands import CommandQueue
+from cell.operator.keys import TerminalOperator
+from cell.states import Event
+
+
+def test_only_what_is_asked_for_can_be_approved() -> None:
+    said: list[str] = []
+    asking = Asking(said.append)
+    assert asking.may() == {Event.ABORT}
+    asking.ask("show the board")
+    assert asking.may() == {Event.ABORT, Event.APPROVE} and said[-1].strip().startswith("show the board, then")
+    asking.ask(None)
+    assert asking.may() == {Event.ABORT} and len(said) == 1
+
+
+def test_a_pause_is_not_called_noted() -> None:
+    answers, commands, asking = io.StringIO(), CommandQueue(), Asking(lambda _: None)
+    terminal = TerminalOperator(commands, io.StringIO(), answers, may=asking.may)
+    terminal.take("pause")
+    assert "cannot be said now" in answers.getvalue() and "noted" not in answers.getvalue()
+    terminal.take("abort")
+    assert answers.getvalue().endswith("abort: noted\n")
