@@ -106,7 +106,7 @@ def choose_recovery(
     """What to do after the `attempt`-th failure (from 1) of this kind in this step.
 
     overlap: of the observed with the predicted shape, where an inspection failed. several_ways: whether the plan
-    has more than one for this step; where it has not, the tries end before the other one's.
+    has more than one for this step.
 
     What stands in no row (a stop, a hardware fault, a garment that is not the one expected) is never
     retried by itself.
@@ -114,8 +114,7 @@ def choose_recovery(
     tries = RECOVERIES.get(kind, ())
     if tries and (attempt <= len(tries) or tries[-1].event is Event.CARRY_ON):
         recovery = tries[min(attempt, len(tries)) - 1]
-        tried = {t.adjust for t in tries[:attempt]}
-        possible = several_ways or Adjustment.OTHER_VARIANT not in tried
+        possible = several_ways or recovery.adjust is not Adjustment.OTHER_VARIANT
         if possible and overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
             return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

@@ -25,12 +25,14 @@ def choose_next(cell: Workcell, context: Context) -> Result:
     last_fold = bool(context.steps) and context.index == len(context.steps) - 1
     overlap = float(context.failure.values.get("iou_aligned", 1.0))
     recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
-    used_up = (
-        context.recoveries_in_step >= bounds.attempts_per_step
-        or len(context.recoveries) >= bounds.attempts_per_run
-    )
-    # a fold that nobody made is not good enough, however many tries are left; one that was made is
-    if not context.carried if recovery.event is Event.CARRY_ON else used_up:
+    if recovery.event is Event.CARRY_ON:  # no try that could be used up, but it takes a fold that was made
+        possible = context.carried
+    else:
+        possible = (
+            context.recoveries_in_step < bounds.attempts_per_step
+            and len(context.recoveries) < bounds.attempts_per_run
+        )
+    if not possible:
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:

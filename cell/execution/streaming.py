@@ -1,6 +1,6 @@
 """Streaming a checked trajectory to the arms at 100 Hz, and watching that they follow.
 
-Where motions become set-points (hands at work command theirs in hands.py and effects/gripping.py, with the same
+Where motions become set-points (hands at work command theirs in effects/hands.py and gripping.py, with the same
 looks after each: `followed`). Every tick reads the arms back: stopped, stale or straying arms end the motion with
 a typed failure, and so does whatever a caller watches for (a slipping garment). Arms that stray are told to hold
 where they are; every other end and a pause run the motion's clock (path_clock.py) down, so that the arms come to

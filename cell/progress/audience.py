@@ -18,17 +18,17 @@ def say(text: str) -> None:
 
 @dataclass(frozen=True)
 class Audience:
-    """lines: of the terminal. board: what the page shows, where there is one. quiet: no lines are printed. typed:
-    whether answers may be typed."""
+    """lines: of the terminal. board: what the page shows, also where none is open. quiet: no lines are printed.
+    typed: whether answers may be typed."""
 
     lines: ProgressLines
-    board: Board | None
+    board: Board
     quiet: bool
     typed: bool
 
     @property
     def watching(self) -> tuple[ProgressLines | Board, ...]:
-        return (self.lines,) if self.board is None else (self.lines, self.board)
+        return self.lines, self.board
 
     def note(self, text: str) -> None:
         """What happens within a state."""
@@ -42,8 +42,7 @@ class Audience:
 
     def ask(self, what: str | None) -> None:
         """For something that the robot cannot do itself; None: it is not asked for any more."""
-        if self.board is not None:
-            self.board.ask(what)
+        self.board.ask(what)
         if what is not None:
             told = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
             say(told) if self.quiet else self.lines.note(told)

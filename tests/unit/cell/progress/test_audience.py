@@ -11,13 +11,13 @@ from cell.progress.audience import Audience
 from cell.progress.lines import ProgressLines
 
 
-def audience(board: Board | None = None, quiet: bool = False, typed: bool = True) -> tuple[Audience, io.StringIO]:
-    stream = io.StringIO()
-    return Audience(ProgressLines(None if quiet else stream), board, quiet, typed), stream
-
-
 def board() -> Board:
     return Board("run-1", "vest", 1, simulated=True)
+
+
+def audience(page: Board | None = None, quiet: bool = False, typed: bool = True) -> tuple[Audience, io.StringIO]:
+    stream = io.StringIO()
+    return Audience(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
 
 
 def test_lines_and_page_hear_the_same() -> None:
