@@ -80,7 +80,7 @@ def free_bytes(path: Path) -> int:
 
 def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
     """Make the folder and prove that it can be written. Raises StorageError; leaves nothing behind then."""
-    hint = "make room or make it writable, or choose another folder with --logs DIR or FOLDCELL_LOGS"
+    elsewhere = "or choose another folder with --logs DIR or FOLDCELL_LOGS"
     made = _missing_folders(logs)
     try:
         logs.mkdir(parents=True, exist_ok=True)
@@ -91,14 +91,17 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
     except OSError as e:
         _remove(made)
         raise StorageError(
-            f"the logs folder {logs} cannot be written: {e.strerror}", hint, path=str(logs), errno=e.errno
+            f"the logs folder {logs} cannot be written: {e.strerror}",
+            f"make room or make it writable, {elsewhere}",
+            path=str(logs),
+            errno=e.errno,
         ) from e
     free = free_bytes(logs)
     if free < least_free:
         _remove(made)
         raise StorageError(
             f"the logs folder {logs} has {free / 2**20:.0f} MiB left; a run needs {least_free / 2**20:.0f} MiB",
-            f"free some space, or {hint}",
+            f"free some space, {elsewhere}",
             path=str(logs),
             free_bytes=free,
         )
