@@ -150,11 +150,11 @@ def _perform(
     if request.record:
         keep_surroundings(run.directory, request, interrupted.context if interrupted else None)
     robot = load_robot(request.settings)
-    supervision = _supervision(request, run, listener)
     recorder = _recorder(request, run)
     stenographer = Stenographer(run.directory if request.record else None)
-    board = supervision.board if supervision else _board(request, run)
-    commands = supervision.commands if supervision else CommandQueue(board.heard)
+    board = Board(run.id, request.garment, request.seed, is_simulated(request.driver))
+    commands = CommandQueue(board.heard)
+    supervision = _supervision(request, board, commands, listener)
     remarks = Remarks()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     audience = Audience(lines, board, request.quiet, request.terminal)
@@ -219,16 +219,14 @@ def _opened(request: FoldRequest, interrupted: Interrupted | None, person: Perso
         yield ports
 
 
-def _supervision(request: FoldRequest, run: RunJournal, listener: socket | None) -> Supervision | None:
+def _supervision(
+    request: FoldRequest, board: Board, commands: CommandQueue, listener: socket | None
+) -> Supervision | None:
     if listener is None:
         return None
     from cell.console.supervision import Supervision
 
-    return Supervision(request, run.id, listener)
-
-
-def _board(request: FoldRequest, run: RunJournal) -> Board:
-    return Board(run.id, request.garment, request.seed, is_simulated(request.driver))
+    return Supervision(request, board, commands, listener)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:

@@ -1,4 +1,4 @@
-"""What a supervised run has beside others: the board, the page that shows it, and the Rerun view in it."""
+"""What a supervised run has beside others: the page that shows its board, and the Rerun view in it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 from cell.console.board import Board
 from cell.console.server import operators_page
-from cell.equipment.driver import is_simulated
 from cell.operator.commands import CommandQueue
 from cell.recorder import Recorder
 from cell.recorder.live import viewer_address, web_viewer
@@ -19,11 +18,12 @@ __all__ = ["Supervision"]
 
 
 class Supervision:
-    """Of one run. board: an observer; commands: the run's queue, which the board hears too."""
+    """Of one run. board: what the page shows; commands: the run's queue, which the board hears too."""
 
-    def __init__(self, request: FoldRequest, run_id: str, listener: socket.socket) -> None:
-        self.board = Board(run_id, request.garment, request.seed, is_simulated(request.driver))
-        self.commands = CommandQueue(self.board.heard)
+    def __init__(
+        self, request: FoldRequest, board: Board, commands: CommandQueue, listener: socket.socket
+    ) -> None:
+        self._board, self._commands = board, commands
         self._listener = listener
         self._viewer = web_viewer() if request.record else None
 
@@ -32,6 +32,6 @@ class Supervision:
         """The operator's page, for as long as the context lasts. Raises StorageError as `operators_page`."""
         live = recorder.live_url
         viewer = viewer_address(self._viewer, live) if self._viewer and live else None
-        with operators_page(self.board, self.commands, stop, viewer, self._listener) as address:
+        with operators_page(self._board, self._commands, stop, viewer, self._listener) as address:
             say(f"operator's page: {address}")
             yield
