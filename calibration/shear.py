@@ -16,6 +16,7 @@ says the same). The test is therefore made on the mesh that predicts, as in the 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -66,6 +67,8 @@ NEAR = 0.1
 """Tries whose elongation is this near to the wanted one, of it, tell how the garment elongates there."""
 DISTINCT = 3e-3
 """Fabrics nearer to each other than this, of their stretch, are one try."""
+NO_WIDER = 2e-4
+"""Fabrics on either side of the wanted one that differ by less, of their stretch, have nothing between them."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
 STIFFEST, LIMPEST = 2e-4, 0.4
 
@@ -352,16 +355,35 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
     return best, len(tried)
 
 
+def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None:
+    """In the middle between two fabrics that hang too little and too much, the nearest of these. They differ
+    least there, and what is between hangs from some of its starts in the one way and from some in the other. None
+    without such a pair, or when they differ by less than NO_WIDER."""
+    rising = sorted(near)
+    crossing = [
+        (b[0] - a[0], 0.5 * (a[0] + b[0]))
+        for a, b in itertools.pairwise(rising)
+        if (a[1] - wanted) * (b[1] - wanted) < 0.0
+    ]
+    width, middle = min(crossing, default=(0.0, 0.0))
+    return middle if width > NO_WIDER * middle else None
+
+
 def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
     """The next strip's elongation to try. Elongation is nearly proportional to it: as all tries near the wanted
-    one say on the mean, then as each of them says, the nearest first, then beside that; before there are two by a
-    secant on the logarithms. None when all of these were tried."""
+    one say on the mean, then between those on either side of it where it jumps, then as each of them says, the
+    nearest first, then beside that; before there are two by a secant on the logarithms. None when all of these
+    were tried."""
     near = sorted((t for t in tried if abs(t[1] / wanted - 1.0) < NEAR), key=lambda t: abs(t[1] - wanted))
     if len(near) > 1:
         ratios = [got / strip for strip, got in near]
         mean = float(np.mean(ratios))
         said = [float(np.clip(wanted / r, STIFFEST, LIMPEST)) for r in (mean, *ratios, *(mean * BESIDE))]
-        return next((s for s in said if all(abs(s / t - 1.0) > DISTINCT for t, _ in tried)), None)
+        new = [s for s in said if all(abs(s / t - 1.0) > DISTINCT for t, _ in tried)]
+        jump = _within_jump(near, wanted)
+        if jump is not None and (not new or new[0] != said[0]):
+            return jump
+        return new[0] if new else None
     strip, got = tried[-1]
     slope = 1.0
     if len(tried) > 1 and tried[-2][0] != strip:

@@ -67,7 +67,7 @@ FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase 
 COMPILED = (
     "capsules.py", "contact.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py", "integrate.py",
     "kernel.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py", "sleep.py", "state.py",
-    "table.py", "untangle.py", "vectors.py", "vertex_triangle.py",
+    "table.py", "untangle.py", "vectors.py", "vertex_sides.py", "vertex_triangle.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
 

@@ -11,10 +11,10 @@ from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patch_search import search_pairs
 from skills.cloth.state import EE, FITTED, NOW, SEARCHED, SEARCHES, VT, WATCHED
 
-SLACK = 0.0010  # [m] that a corner may stray from its straight course before its patch is searched anew
+SLACK = 0.0005  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
-STALE_SHARE = 0.8  # of SLACK: a patch that strayed by so much is searched along with those that must be
-HORIZON = 5  # narrow phases for which the search looks ahead
+STALE_SHARE = 0.5  # of the slack: a patch that strayed by so much is searched along with those that must be
+HORIZON = 6  # narrow phases for which the search looks ahead
 RENEW = 4  # narrow phases after which a patch is searched along with others
 
 
@@ -216,7 +216,7 @@ def _empty_table(key, kept):
     return size
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _put(key, row, k, r):
     mask = len(key) - 1
     at = np.int64((k * 2654435761) & mask)
@@ -226,7 +226,7 @@ def _put(key, row, k, r):
     row[at] = r
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _get(key, row, k, none):
     mask = len(key) - 1
     at = np.int64((k * 2654435761) & mask)

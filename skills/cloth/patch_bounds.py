@@ -14,7 +14,7 @@ ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.f
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_box(first, last, place, course, slack, horizon, box, g, k):
     """Bounds of corners first to last along the axes."""
     for d in range(3):
@@ -26,7 +26,7 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
         box[g, d + 3, k] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _fit_normals(ring, geo, normal):
     """Bounds of the normals of the triangles `ring`."""
     for c in range(3):
@@ -37,7 +37,7 @@ def _fit_normals(ring, geo, normal):
         normal[c], normal[c + 3] = lo, hi
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
     """Mean normal of patch k's triangles, and bounds along it."""
     nx, ny, nz = TINY, ZERO, ZERO
@@ -54,7 +54,7 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
     slab[k, 4] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_triangles(tris, at, place, course, slack, geo):
     for a in range(LANES):
         if tris[a] < 0:
@@ -80,7 +80,7 @@ def _fit_triangles(tris, at, place, course, slack, geo):
         geo[13, a], geo[14, a] = np.sqrt(most), slack
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edges(edges, at, place, course, slack, geo):
     for a in range(LANES):
         if edges[a] < 0:
@@ -96,7 +96,7 @@ def _fit_edges(edges, at, place, course, slack, geo):
         geo[6, a], geo[10, a], geo[11, a] = length2 + TINY, np.sqrt(differs), slack
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_vertices(vertices, at, place, course, slack, geo):
     for a in range(LANES):
         if vertices[a] < 0:
@@ -111,10 +111,14 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
     """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
     the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
     stale patches and of those beside them: no others are asked for."""
-    place, box, corner_start = patches.place, patches.box, patches.corner_start
+    place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
+    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at, patches.tri_geo, patches.slab
+    edge, edge_at, edge_start, edge_geo = patches.edge, patches.edge_at, patches.edge_start, patches.edge_geo
+    vertex, vertex_at, vertex_start = patches.vertex, patches.vertex_at, patches.vertex_start
+    vertex_geo, beside, beside_start = patches.vertex_geo, patches.beside, patches.beside_start
     ahead = np.float32(horizon)
     for k in range(len(moving)):
-        if not (everything or moving[k] or patches.stale[k]):
+        if not (everything or moving[k] or stale[k]):
             continue
         first, last = corner_start[k], corner_start[k + 1]
         age = np.float32((now - born[k]) * span + horizon)
@@ -122,28 +126,26 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
             for i in range(first, last):
                 place[d, i] = base[d, i] + age * course[d, i]
         _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
-        _fit_triangles(patches.tri[k], patches.tri_at[k], place, course, slack[k], patches.tri_geo[k])
-        _fit_slab(patches.tri_geo, k, first, last, place, course, slack[k], ahead, patches.slab)
-        for row in range(patches.edge_start[k], patches.edge_start[k + 1]):
-            _fit_edges(patches.edge[row], patches.edge_at[row], place, course, slack[k], patches.edge_geo[row])
-        for row in range(patches.vertex_start[k], patches.vertex_start[k + 1]):
-            _fit_vertices(
-                patches.vertex[row], patches.vertex_at[row], place, course, slack[k], patches.vertex_geo[row]
-            )
+        _fit_triangles(tri[k], tri_at[k], place, course, slack[k], tri_geo[k])
+        _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
+        for row in range(edge_start[k], edge_start[k + 1]):
+            _fit_edges(edge[row], edge_at[row], place, course, slack[k], edge_geo[row])
+        for row in range(vertex_start[k], vertex_start[k + 1]):
+            _fit_vertices(vertex[row], vertex_at[row], place, course, slack[k], vertex_geo[row])
     for k in range(len(moving)):
-        if _beside_stale(patches, k):
+        if _beside_stale(beside, beside_start, stale, k):
             around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
-            _fit_normals(around, patches.tri_geo, patches.normal[k])
+            _fit_normals(around, tri_geo, patches.normal[k])
     _fit_groups(box, len(moving), ahead, patches.group)
 
 
-@njit(nogil=True)
-def _beside_stale(patches, k):
+@njit(nogil=True, forceinline=True)
+def _beside_stale(beside, beside_start, stale, k):
     """Whether patch k or one beside it is to be searched."""
-    for row in range(patches.beside_start[k], patches.beside_start[k + 1]):
-        if patches.stale[patches.beside[row]]:
-            return True
-    return False
+    found = False
+    for row in range(beside_start[k], beside_start[k + 1]):
+        found = found or stale[beside[row]]
+    return found
 
 
 @njit(nogil=True, error_model="numpy")

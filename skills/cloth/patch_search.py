@@ -31,7 +31,7 @@ TINY = np.float32(1e-20)  # instead of 0: for points and lines
 lowest: Any = trailing_zeros  # place of the lowest bit; an intrinsic of numba's, which its own sets use
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _smooth(normal, a, b):
     """Whether all normals of patches a and b lean towards one direction."""
     lean = 0.0
@@ -44,7 +44,7 @@ def _smooth(normal, a, b):
     return lean > SMOOTH * np.sqrt(d2)
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
     """Which of row h of boxes come as near as `near` to another one with the bounds `own`: a bit for each."""
     x, y, z, u, v, w = own[0], own[1], own[2], own[6], own[7], own[8]
@@ -58,7 +58,7 @@ def _boxes_near(box, h, own, near, horizon):
     return bits
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _points_within(geo, row, box, slab, b, near, horizon):
     """Which of a row of points come as near as `near` to the box and the slab of patch b: a bit for each."""
     g, c = b // LANES, b % LANES
@@ -84,7 +84,7 @@ def _points_within(geo, row, box, slab, b, near, horizon):
     return bits
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _edges_within(geo, row, box, slab, b, near, horizon):
     """The same for a row of edges."""
     g, c = b // LANES, b % LANES
@@ -106,7 +106,7 @@ def _edges_within(geo, row, box, slab, b, near, horizon):
     return bits
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _triangles_near(geo, b, points, row, c, near, horizon):
     """Which of the triangles of patch b the point in place c of a row may come as near as `near` within +-horizon
     (by their boxes and planes): a bit for each."""
@@ -125,7 +125,7 @@ def _triangles_near(geo, b, points, row, c, near, horizon):
     return bits
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _edges_near(geo, row, c, other, near, horizon):
     """Which of the edges in row `other` the one in place c of another row may come as near as `near` within
     +-horizon (Ericson 2005, 5.1.9): a bit for each."""
@@ -159,7 +159,11 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
     lists' lengths."""
     near = RELEASE * thick
     n_vt = n_ee = 0
-    stale, box, hit, slab = patches.stale, patches.box, patches.hit, patches.slab
+    stale, box, hit, slab, group = patches.stale, patches.box, patches.hit, patches.slab, patches.group
+    layer, beside, beside_start, normal = patches.layer, patches.beside, patches.beside_start, patches.normal
+    vertex, vertex_start, vertex_geo = patches.vertex, patches.vertex_start, patches.vertex_geo
+    tris, tri_geo = patches.tri, patches.tri_geo
+    owned, edge_start, edge_geo = patches.edge, patches.edge_start, patches.edge_geo
     close, close_edges = np.float32(near + ROUNDING), np.float32(EDGE_SHARE * near + ROUNDING)
     ahead = np.float32(horizon)
     own = np.empty(9, np.float32)
@@ -168,22 +172,15 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
             continue
         for c in range(9):
             own[c] = box[a // LANES, c, a % LANES]
-        n = _meeting(
-            a, box, patches.group, own, stale, patches.layer, patches.beside, patches.beside_start, patches.normal,
-            close, ahead, hit
-        )  # fmt: skip
+        n = _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, close, ahead, hit)
         n_vt = _near_triangles(
-            a, hit, n, patches.vertex, patches.vertex_start, patches.vertex_geo, patches.tri, patches.tri_geo, box,
-            slab, close, ahead, tri, vt, n_vt
-        )  # fmt: skip
-        n_ee = _near_edges(
-            a, hit, n, patches.edge, patches.edge_start, patches.edge_geo, box, slab, close_edges, ahead, edge, ee,
-            n_ee
-        )  # fmt: skip
+            a, hit, n, vertex, vertex_start, vertex_geo, tris, tri_geo, box, slab, close, ahead, tri, vt, n_vt
+        )
+        n_ee = _near_edges(a, hit, n, owned, edge_start, edge_geo, box, slab, close_edges, ahead, edge, ee, n_ee)
     return n_vt, n_ee
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, near, horizon, hit):
     """Patches that patch a can meet into `hit`, but those of one smooth region with it, and those that are stale
     too and come first; -> their number."""
@@ -212,7 +209,7 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
     return n
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, vt, n):
     """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
     for turn in range(2 * met):
@@ -237,7 +234,7 @@ def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, n
     return n
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _near_edges(a, hit, met, owned, start, geo, box, slab, near, horizon, edge, ee, n):
     """Edges of patch a that can meet edges of patches hit[:met]."""
     for turn in range(met):

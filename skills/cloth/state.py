@@ -131,8 +131,11 @@ class Pairs(NamedTuple):
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
     [kg m]; act_j, act_m: (m, 4) what a contact bears in this substep, and of late; act_n: (m, 4) its normal;
     act_c: its pair; act_p: (m, 4) how far apart its sides were when the substep began, act_g: (m,) and how far
-    along its normal. Scratch: inside, of a vertex over a triangle the least barycentric coordinate; chain, the
-    next row of the same vertex; better, new_vt, new_ee, key, row, kept."""
+    along its normal. Scratch: near_c, pairs of a vertex and a triangle that can touch; near_i, their vertices;
+    near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the distance that
+    pushes nothing, and the inverse mass; inside, the least barycentric coordinate; chain, the one before of the
+    same vertex; top, of the chain down from here the one that the vertex is most inside of; better; new_vt,
+    new_ee, key, row, kept."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -160,7 +163,12 @@ class Pairs(NamedTuple):
     act_g: Array
     chain: NDArray[np.int32]
     better: NDArray[np.int32]
-    inside: Array
+    inside: NDArray[np.float32]
+    top: NDArray[np.int32]
+    near_c: NDArray[np.int32]
+    near_i: NDArray[np.int32]
+    near_n: NDArray[np.float32]
+    near_b: Array
 
 
 class Holds(NamedTuple):
@@ -268,7 +276,12 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         act_g=np.zeros(m),
         chain=np.zeros(m, np.int32),
         better=np.zeros(m, np.int32),
-        inside=np.zeros(m),
+        inside=np.zeros(m, np.float32),
+        top=np.zeros(m, np.int32),
+        near_c=np.zeros(m, np.int32),
+        near_i=np.zeros((m, 4), np.int32),
+        near_n=np.zeros((m, 3), np.float32),
+        near_b=np.zeros((m, 4)),
     )
 
 

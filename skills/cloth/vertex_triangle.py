@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Narrow phase of vertices against triangles: which pairs touch, on which side, and as which one contact where a
-vertex is near several triangles of one sheet.
+"""Narrow phase of vertices against triangles: which pairs touch, and as which one contact where a vertex is near
+several triangles of one sheet.
 
-The side of a pair follows the geometry as long as it is apart and is kept while it is near. A vertex that is not
-over the triangle meets the nearest point of its border, from the side that it is remembered on or clearly is on:
-else it could slip through over a corner that points at it.
+Nearly all of the time goes into fetching what a pair needs, and into guesses about it that turn out wrong. So the
+pairs are judged LANES at once (vertex_sides.py), those that touch are noted in short rows, and only those that are
+left when each vertex meets each sheet once become contacts.
 """
 
 from __future__ import annotations
@@ -12,11 +12,31 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
-from skills.cloth.vectors import cross, dot, load, store, vector
+from skills.cloth.contact import LEAST_SHARE, PARKED, later
+from skills.cloth.patches import LANES
+from skills.cloth.vectors import load, store, vector
+from skills.cloth.vertex_sides import (
+    AWAY,
+    GAP,
+    LEAST,
+    NORMAL,
+    REACH,
+    ROWS,
+    SECOND,
+    SIDE,
+    SLIDE,
+    THIRD,
+    TO_SECOND,
+    TO_THIRD,
+    TO_VERTEX,
+    TOUCHES,
+    VERDICT,
+    WITHIN,
+    judge_sides,
+)
 
 BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
-LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
+AT_BEND = -2  # instead of a better row
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 
 
@@ -24,174 +44,164 @@ ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a verte
 def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
     """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how
     far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
-    near, farthest = _find_near(count, now, thick, span, tri, x, v, w, pairs, last)
-    return _meet_once(near, pairs, last), farthest
+    near, farthest = _find_near(
+        count, now, thick, span, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
+        pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
+    )  # fmt: skip
+    _meet_once(
+        near, pairs.vt, pairs.near_c, pairs.near_i, pairs.near_n, pairs.inside, pairs.chain, pairs.top,
+        pairs.better, last
+    )  # fmt: skip
+    rows = _enter(
+        near, thick, w, pairs.better, pairs.inside, pairs.vt_j, pairs.near_c, pairs.near_i, pairs.near_n,
+        pairs.near_b, pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
+    )  # fmt: skip
+    return rows, farthest
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _find_near(count, now, thick, span, tri, x, v, w, pairs, last):
-    """Rows of all pairs that can touch; -> rows, and how far the fastest of them may go. Those of each vertex are
-    chained up from `last`."""
-    pair, side, due, memory = pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j
-    act_i, act_b = pairs.act_i, pairs.act_b
-    release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
-    n, farthest = 0, 0.0
-    for c in range(count):
-        if due[c] > now:
-            continue
-        i, t = pair[c, 0], pair[c, 1]
-        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-        if w[i] + w[p] + w[q] + w[r] == 0.0:
-            due[c] = PARKED
-            continue
-        borne = load(memory, c)
-        store(memory, c, nothing)
-        corner = load(x, p)
-        a, b, to = load(x, q) - corner, load(x, r) - corner, load(x, i) - corner
-        normal = cross(a, b)
-        nn = dot(normal, normal)
-        if nn < 1e-20:
-            continue
-        scale = 1.0 / np.sqrt(nn)
-        normal = scale * normal
-        d = dot(normal, to)
-        # the gap cannot close within the span: the pair is apart, whichever side
-        slide = load(v, i) - load(v, p)
-        reach = STRAY + span * 1.5 * np.sqrt(dot(slide, slide))
-        if abs(d) > release + reach:
-            side[c] = 0
-            due[c] = later(now, abs(d) - release, reach)
-            continue
-        # barycentric coordinates of the projection
-        b1, b2 = scale * dot(cross(to, b), normal), scale * dot(cross(a, to), normal)
-        b0 = 1.0 - b1 - b2
-        s, aim, within = side[c], thick, min(b0, min(b1, b2))
-        if within < 0.0:
-            # beside the triangle, at least so far: the height over an edge is twice the area by its length
-            edge = b - a if within == b0 else (b if within == b1 else a)
-            away = np.sqrt(d * d + within * within * nn / dot(edge, edge))
-            if away > max(release, thick + reach):
-                side[c] = 0
-                due[c] = later(now, away - release, reach)
-                continue
-            b1, b2 = _on_border(to, a, b)
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _find_near(
+    count, now, thick, span, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside, chain,
+    top, last
+):  # fmt: skip
+    """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
+    Those of each vertex are chained up from `last`."""
+    work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
+    nothing = vector(0.0, 0.0, 0.0)
+    n, farthest, c = 0, np.float32(0.0), 0
+    while c < count:
+        filled = 0
+        while c < count and filled < LANES:
+            if due[c] <= now:
+                i, t = pair[c, 0], pair[c, 1]
+                p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+                if w[i] + w[p] + w[q] + w[r] == 0.0:
+                    due[c] = PARKED
+                else:
+                    for d in range(3):
+                        work[(TO_SECOND + d) * LANES + filled] = x[q, d] - x[p, d]
+                        work[(TO_THIRD + d) * LANES + filled] = x[r, d] - x[p, d]
+                        work[(TO_VERTEX + d) * LANES + filled] = x[i, d] - x[p, d]
+                        work[(SLIDE + d) * LANES + filled] = v[i, d] - v[p, d]
+                    work[SIDE * LANES + filled] = side[c]
+                    of[filled] = c
+                    filled += 1
+            c += 1
+        judge_sides(work, np.float32(thick), np.float32(span))
+        for k in range(filled):
+            o = of[k]
+            side[o] = np.int8(work[SIDE * LANES + k])
+            verdict, reach = work[VERDICT * LANES + k], work[REACH * LANES + k]
+            i, t = pair[o, 0], pair[o, 1]
+            b1, b2 = float(work[SECOND * LANES + k]), float(work[THIRD * LANES + k])
             b0 = 1.0 - b1 - b2
-            way = to - b1 * a - b2 * b
-            away = np.sqrt(dot(way, way))
-            if away > release:
-                s = side[c] = 0
-            if away > thick + reach:
-                due[c] = later(now, away - release, reach)
+            den = w[i] + b0 * b0 * w[tri[t, 0]] + b1 * b1 * w[tri[t, 1]] + b2 * b2 * w[tri[t, 2]]
+            if verdict != TOUCHES or den == 0.0:
+                store(memory, o, nothing)
+                if verdict == AWAY:
+                    due[o] = later(now, work[GAP * LANES + k], reach)
                 continue
-            if s == 0 and abs(d) > LEAN * away:
-                s = 1 if d > 0.0 else -1
-            if s * d <= 0.0:
-                continue
-            if away < thick:
-                normal = (1.0 / away) * way
-            else:
-                if s < 0:
-                    normal = -normal
-                if within < -BORDER:  # it may slide on over the triangle, but sink no deeper
-                    aim = min(thick, s * d)
-        else:
-            if s != 0 and (s * d > release or s * d < -give_up):
-                s = side[c] = 0
-            if s == 0:
-                s = 1 if d > 0.0 else -1
-            if s * d > thick + reach:
-                continue
-            if s < 0:
-                normal = -normal
-        side[c] = s  # what comes fast may be through by the next narrow phase
-        den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
-        if den == 0.0:
-            continue
-        den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
-        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
-        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
-        store(pairs.act_n, n, normal)
-        store(pairs.act_m, n, borne)
-        pairs.act_c[n], pairs.act_d[n], pairs.act_w[n] = c, aim, 1.0 / den
-        pairs.inside[n], pairs.chain[n], last[i] = within, last[i], n
-        n += 1
-        farthest = max(farthest, reach)
+            near_c[n], near_i[n, 0] = o, i
+            for m in range(3):
+                near_i[n, m + 1], near_n[n, m] = tri[t, m], work[(NORMAL + m) * LANES + k]
+            near_b[n, 0], near_b[n, 1], near_b[n, 2], near_b[n, 3] = b1, b2, work[LEAST * LANES + k], den
+            within, before = work[WITHIN * LANES + k], last[i]
+            inside[n], chain[n], last[i] = within, before, n
+            h = top[before] if before >= 0 else n
+            top[n] = n if within > inside[h] or (within == inside[h] and t < pair[near_c[h], 1]) else h
+            n += 1
+            farthest = max(farthest, reach)
     return n, farthest
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _on_border(to, a, b):
-    """Of the point of the border of a triangle 0, a, b that is nearest to a point: the weights of a and b."""
-    s, s2 = _along(to, a)
-    t, t2 = _along(to - a, b - a)
-    u, u2 = _along(to, b)
-    if s2 <= t2 and s2 <= u2:
-        return s, 0.0
-    if t2 <= u2:
-        return 1.0 - t, t
-    return 0.0, u
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _along(to, edge):
-    """Where on an edge from 0 the point nearest to another one is, from 0 to 1, and its squared distance."""
-    t = min(max(dot(edge, to) / (dot(edge, edge) + 1e-30), 0.0), 1.0)
-    rest = to - t * edge
-    return t, dot(rest, rest)
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _meet_once(n, pairs, last):
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, and no border of those beside it; this one bears what the others bore; -> rows. On the border itself they
-    are the same contact, so that none jumps, and which one stays hangs on positions alone."""
-    act_i, act_b, inside, better = pairs.act_i, pairs.act_b, pairs.inside, pairs.better
+    of, and no border of those beside it: the rows of these get a `better` one. On the border itself they are the
+    same contact, so that none jumps, and which one stays hangs on positions alone. Those beside a triangle that
+    is joined to another one at an angle are AT_BEND."""
     for c in range(n):
         better[c] = -1
-        most = inside[c]
-        if most > BORDER:
+        most, h = inside[c], top[last[near_i[c, 0]]]
+        if most > BORDER or (h == c and most >= 0.0):
             continue
-        o, normal = last[act_i[c, 0]], load(pairs.act_n, c)
+        if h != c and _stands_for(h, c, near_i, near_n, inside):
+            better[c] = h
+            continue
+        best, o = c, last[near_i[c, 0]]
         while o >= 0:
-            deeper = inside[o]
-            if deeper >= most and o != c and (deeper > most or _comes_first(pairs, c, o)) and _joined(act_i, c, o):
-                # over one of them: a border that it slides towards must not stand in its way
-                over = inside[c] < -BORDER <= deeper
-                if dot(normal, load(pairs.act_n, o)) > (0.0 if over else ALIKE):
-                    better[c], most = o, deeper
-            o = pairs.chain[o]
+            if o != c and _joined(o, c, near_i):
+                alike = _alike(o, c, near_n)
+                if inside[c] < 0.0 and alike <= ALIKE:
+                    better[c] = AT_BEND
+                first = pair[near_c[o], 1] < pair[near_c[best], 1]
+                if (inside[o] > most or (inside[o] == most and first)) and alike > _least_alike(o, c, inside):
+                    best, most = o, inside[o]
+            o = chain[o]
+        if best != c:
+            better[c] = best
     for c in range(n):
-        last[act_i[c, 0]] = -1
+        last[near_i[c, 0]] = -1
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _stands_for(o, c, near_i, near_n, inside):
+    """Whether a vertex that is more inside of row o's triangle need not meet that of row c."""
+    return _joined(o, c, near_i) and _alike(o, c, near_n) > _least_alike(o, c, inside)
+
+
+@njit(nogil=True, forceinline=True)
+def _joined(o, c, near_i):
+    """Whether the triangles of two rows have a common vertex."""
+    p, q, r = near_i[c, 1], near_i[c, 2], near_i[c, 3]
+    s, t, u = near_i[o, 1], near_i[o, 2], near_i[o, 3]
+    return (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _alike(o, c, near_n):
+    """Cosine between the normals of two rows."""
+    return near_n[c, 0] * near_n[o, 0] + near_n[c, 1] * near_n[o, 1] + near_n[c, 2] * near_n[o, 2]
+
+
+@njit(nogil=True, forceinline=True)
+def _least_alike(o, c, inside):
+    """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
+    not stand in its way."""
+    return 0.0 if inside[c] < -BORDER <= inside[o] else ALIKE
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _enter(
+    near, thick, w, better, inside, memory, near_c, near_i, near_n, near_b, act_i, act_b, act_n, act_m, act_c,
+    act_d, act_w
+):  # fmt: skip
+    """Contacts of those that have no better one; it bears what they bore. -> rows
+
+    Beside a border a vertex is held up as over it, so that hems rest on hems. But at a bend the plane of one
+    triangle passes nearer to what lies over the other than cloth is thick. There it must push nothing: vertices
+    were thrown up, fell back, and hopped so for ever."""
+    nothing = vector(0.0, 0.0, 0.0)
+    for c in range(near):
         if better[c] >= 0:
             o = better[c]
             while better[o] >= 0:
                 o = better[o]
-            store(pairs.act_m, o, load(pairs.act_m, o) + load(pairs.act_m, c))
-    kept = 0
-    for c in range(n):
+            store(memory, near_c[o], load(memory, near_c[o]) + load(memory, near_c[c]))
+            store(memory, near_c[c], nothing)
+    n = 0
+    for c in range(near):
         if better[c] >= 0:
             continue
-        if kept < c:
-            for m in range(4):
-                act_i[kept, m], act_b[kept, m] = act_i[c, m], act_b[c, m]
-            store(pairs.act_n, kept, load(pairs.act_n, c))
-            store(pairs.act_m, kept, load(pairs.act_m, c))
-            pairs.act_d[kept], pairs.act_w[kept] = pairs.act_d[c], pairs.act_w[c]
-            pairs.act_c[kept] = pairs.act_c[c]
-        kept += 1
-    return kept
-
-
-@njit(nogil=True)
-def _comes_first(pairs, c, o):
-    """Whether row o has a triangle of lower number than what is the best for row c so far."""
-    best = pairs.better[c] if pairs.better[c] >= 0 else c
-    return pairs.vt[pairs.act_c[o], 1] < pairs.vt[pairs.act_c[best], 1]
-
-
-@njit(nogil=True)
-def _joined(act_i, c, o):
-    """Whether the triangles of two rows have a common vertex."""
-    p, q, r = act_i[c, 1], act_i[c, 2], act_i[c, 3]
-    s, t, u = act_i[o, 1], act_i[o, 2], act_i[o, 3]
-    return (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)
+        i, p, q, r = near_i[c, 0], near_i[c, 1], near_i[c, 2], near_i[c, 3]
+        b1, b2, least, den = near_b[c, 0], near_b[c, 1], near_b[c, 2], near_b[c, 3]
+        aim = least if inside[c] < -BORDER or better[c] == AT_BEND else thick
+        den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
+        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
+        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, b1 + b2 - 1.0, -b1, -b2
+        store(act_n, n, vector(float(near_n[c, 0]), float(near_n[c, 1]), float(near_n[c, 2])))
+        store(act_m, n, load(memory, near_c[c]))
+        store(memory, near_c[c], nothing)
+        act_c[n], act_d[n], act_w[n] = near_c[c], aim, 1.0 / den
+        n += 1
+    return n

@@ -70,7 +70,7 @@ def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
 
 def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
     """The fold was made and nobody had looked at it: that comes first, and it is not made again."""
-    request = fold_request(tmp_path, record=True)
+    request = fold_request(tmp_path, {}, record=True)  # the usual arcs may lose a corner of the last fold
 
     with pytest.raises(Died):
         Onlooker(before={Effect.RETREAT: die}).fold(request)

@@ -41,11 +41,10 @@ def folded():
 
 
 def test_folded_layers_come_to_rest_and_sleep(folded):
-    """They creep first, by stick and slip: of 12 such bags, their starts moved by 1e-6 m, half were at rest after
-    4 s and all after 12 s, so that 16 s are waited."""
+    """Of 16 such bags, their starts moved by 1e-6 m, all were at rest after 4 s."""
     mesh, x = folded
     s = ClothSimulation(mesh, MATERIAL, x)
-    s.advance(960)
+    s.advance(480)
     before = s.positions
     s.advance(6)
     assert np.linalg.norm(s.positions - before, axis=1).max() < 1e-4

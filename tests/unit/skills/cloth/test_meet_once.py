@@ -22,6 +22,19 @@ def fan(lift: float = 0.0):
 
 def contacts(x, tri, order, borne=None):
     """Contacts of the last vertex with all triangles, in this order: triangles, barycentres, what they bear."""
+    pairs, kept = narrow(x, tri, order, borne)
+    return [int(pairs.vt[c, 1]) for c in pairs.act_c[:kept]], pairs.act_b[:kept], pairs.act_m[:kept, :3]
+
+
+def pushes(x, tri):
+    """By how much contacts of the last vertex want it farther off than it is [m]."""
+    pairs, kept = narrow(x, tri, np.arange(len(tri)))
+    ends = x[pairs.act_i[:kept]]
+    gap = np.einsum("ck,ckd,cd->c", pairs.act_b[:kept], ends, pairs.act_n[:kept, :3])
+    return pairs.act_d[:kept] - gap
+
+
+def narrow(x, tri, order, borne=None):
     m, n = len(order), len(x)
     pairs = new_pairs(m, 0)
     pairs.vt[:, 0], pairs.vt[:, 1] = n - 1, order
@@ -31,7 +44,7 @@ def contacts(x, tri, order, borne=None):
     kept, _ = narrow_vertex_triangle(m, 0, THICK, 0.004, tri, place, rows(n), np.ones(n), pairs, last)
     assert (last == -1).all()  # ready for the next time
     assert not pairs.act_n[:, 3].any()
-    return [int(pairs.vt[c, 1]) for c in pairs.act_c[:kept]], pairs.act_b[:kept], pairs.act_m[:kept, :3]
+    return pairs, kept
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -127,3 +140,33 @@ def test_a_sheet_beside_a_sheet_is_on_no_side_of_it():
     x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, hardly above
     kept, _, _ = contacts(x, tri, np.arange(6))
     assert kept == []
+
+
+@pytest.mark.parametrize("bend", [30.0, 50.0, 80.0])
+@pytest.mark.parametrize("seed", range(20))
+def test_over_a_ridge_no_plane_pushes_what_does_not_touch_it(bend, seed):
+    """The planes of both sides pass nearer there than the cloth is thick."""
+    rng = np.random.default_rng(seed)
+    half = np.deg2rad(bend) / 2.0
+    down = np.array([np.cos(half), -np.sin(half)])
+    x = np.array([
+        [0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, *(0.02 * down)], [0.01, *(0.02 * down * [-1.0, 1.0])],
+        [0.0, 0.0, 0.0],
+    ])  # fmt: skip
+    tri = np.array([[0, 1, 2], [1, 0, 3]], np.int32)
+    lean = rng.uniform(-half, half)
+    x[-1, 0] = rng.uniform(0.002, 0.018)
+    x[-1, 1:] = rng.uniform(1.0, 1.08) * THICK * np.array([np.sin(lean), np.cos(lean)])
+    push = pushes(x, tri)
+    assert len(push) > 0
+    assert (push < 1e-7).all()
+
+
+@pytest.mark.parametrize(("beside", "borne"), [(1e-4, True), (4e-4, True), (7e-4, True), (1.5e-3, False)])
+def test_a_hem_is_borne_by_the_hem_below(beside, borne):
+    """As high as what lies further in, though its vertices lie up to a millimetre beside."""
+    hem = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.03, 0.02, 0.0]]
+    vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther off than thick, but lower
+    push = pushes(np.array([*hem, vertex]), np.array([[0, 1, 2], [1, 3, 4]], np.int32))
+    assert len(push) == 1
+    np.testing.assert_allclose(push, THICK - vertex[2] if borne else 0.0, atol=1e-8)
