@@ -52,12 +52,13 @@ VARIANTS = (
 class Folded:
     """crossings: at each fold's end and the most at any frame; residual: the largest displacement [m] of a vertex
     in the last 0.1 s of the first second after the release; strain: the largest at the ends, away from pinches and
-    creases."""
+    creases, of edges that are longer or shorter than at rest; tension: of longer ones."""
 
     end: list[int]
     most: list[int]
     residual: list[float]
     strain: list[float]
+    tension: list[float]
 
     def add(self, other: Folded) -> None:
         for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
@@ -67,7 +68,7 @@ class Folded:
         """The worst of its folds, for a table."""
         return {
             "end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual),
-            "strain_percent": 100.0 * max(self.strain),
+            "strain_percent": 100.0 * max(self.strain), "tension_percent": 100.0 * max(self.tension),
         }  # fmt: skip
 
     def line(self) -> str:
@@ -82,13 +83,14 @@ class Folded:
             f"{name}_max_crossings": max(self.most),
             f"{name}_residual_mm_max": 1e3 * max(self.residual),
             f"{name}_strain_percent_max": 100.0 * max(self.strain),
+            f"{name}_tension_percent_max": 100.0 * max(self.tension),
         }
 
 
 def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int = 0) -> Folded:
     """The folds one after the other, looked at in every frame. start: others than 0 begin from vertices that are
     moved by MOVED, each number by another draw."""
-    found = Folded([], [], [], [])
+    found = Folded([], [], [], [], [])
     x = mesh.lay_flat(material.thickness)
     if start > 0:
         x += MOVED * np.random.default_rng(start).standard_normal(x.shape)
@@ -105,7 +107,9 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int
         second = len(shots) - AFTER + FRAMES - 1  # after the release
         moved = shots[second] - shots[second - FRAMES // 10]
         found.residual.append(float(np.linalg.norm(moved, axis=1).max()))
-        found.strain.append(strain(mesh, x, np.array(pinched), creased))
+        strain = strains(mesh, x, np.array(pinched), creased)
+        found.strain.append(float(np.abs(strain).max(initial=0.0)))
+        found.tension.append(float(strain.max(initial=0.0)))
     return found
 
 
@@ -120,8 +124,8 @@ def _reach(mesh: ClothMesh) -> float:
     return max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
 
 
-def strain(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]) -> float:
-    """The largest strain of an edge away from the points `pinched` (k, 2, material coordinates), from hinges that
+def strains(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]) -> Array:
+    """The strain of each edge, (k,), away from the points `pinched` (k, 2, material coordinates), from hinges that
     are bent sharply, and from `creased` vertices (n,)."""
     reach = _reach(mesh)
     away = ~creased
@@ -129,10 +133,8 @@ def strain(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]
         for p in points:
             away &= np.linalg.norm(mesh.rest - p, axis=1) > reach
     edges = mesh.edges[away[mesh.edges].all(axis=1)]
-    if not len(edges):
-        return 0.0
     now, rest = (np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1) for at in (x, mesh.rest))
-    return float(np.abs(now / rest - 1.0).max())
+    return np.asarray(now / rest - 1.0)
 
 
 def _sharp(mesh: ClothMesh, x: Array) -> Array:
@@ -186,7 +188,7 @@ def sides(quick: bool, tell: Tell) -> dict[str, Any]:
 
 def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
     """Every shipped garment through its plan, along the same kind of arc: the worst of all, and each one."""
-    rows, worst = [], Folded([], [], [], [])
+    rows, worst = [], Folded([], [], [], [], [])
     for name in list_garments()[: 2 if quick else None]:
         found = fold_all(*planned_folds(name))
         worst.add(found)
@@ -202,7 +204,7 @@ def starts(quick: bool, tell: Tell) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     for name in ["shirt", *list_garments()][: 2 if quick else None]:
         scene = (mesh, MATERIAL, folds) if name == "shirt" else planned_folds(name)
-        found = Folded([], [], [], [])
+        found = Folded([], [], [], [], [])
         for start in range(2 if quick else STARTS):
             found.add(fold_all(*scene, start))
             tell(f"{name}, start {start + 1}: {found.line()} so far")
@@ -211,6 +213,7 @@ def starts(quick: bool, tell: Tell) -> dict[str, Any]:
             "crossed_over_5": sum(n > 5 for n in found.most), "not_at_rest": sum(r > 5e-4 for r in found.residual),
             "residual_mm_median": 1e3 * float(np.median(found.residual)),
             "residual_mm_max": 1e3 * max(found.residual), "strain_percent_max": 100.0 * max(found.strain),
+            "tension_percent_max": 100.0 * max(found.tension),
         })  # fmt: skip
     counted = ("folds", "end_crossed", "crossed_over_5", "not_at_rest")
     return {f"starts_{key}": sum(row[key] for row in rows) for key in counted} | {"starts": rows}
@@ -223,7 +226,7 @@ def pants(quick: bool, tell: Tell) -> dict[str, Any]:
 
 def variants(quick: bool, tell: Tell) -> dict[str, Any]:
     """Shirt and pants with other friction and thickness, and moved faster: the worst of all, and each one's."""
-    rows, worst = [], Folded([], [], [], [])
+    rows, worst = [], Folded([], [], [], [], [])
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
         found = fold_all(mesh, material, folds)
         worst.add(found)

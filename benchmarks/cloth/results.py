@@ -45,6 +45,7 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
             Row(f"{title}: most at any frame", f"{name}_max_crossings", 5),
             Row(f"{title}: motion in 0.1 s, 1 s after the release", f"{name}_residual_mm_max", 0.5, unit="mm"),
             Row(f"{title}: strain away from pinch and crease", f"{name}_strain_percent_max", 5, unit="%"),
+            Row(f"{title}: of it tension", f"{name}_tension_percent_max", 5, unit="%"),
         )
     ),
     "Self-contact, shirt and shipped garments from six starts that differ by 1e-6 m": (
@@ -113,7 +114,10 @@ def page(figures: Mapping[str, Any]) -> str:
         "`foldcell bench cloth --peers --json`"
         + (f" on {machine['cpu']}, {machine['cores']} cores." if "cpu" in machine else "."),
     ]
-    head.append("Strain is taken 40 mm and two edges away from pinches, fold lines and sharp bends.")
+    head.append(
+        "Strain (edges longer or shorter than at rest) is taken 40 mm and two edges away from pinches, fold lines "
+        "and sharp bends."
+    )
     if figures.get("remark"):
         head.append(str(figures["remark"]))
     if figures.get("quick"):

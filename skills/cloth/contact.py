@@ -7,8 +7,9 @@ n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair fo
 is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What
 comes so fast that it could be through by the next narrow phase has the next one earlier.
 
-Overlap that is older than the substep is released little by little, so that it makes next to no speed. Friction is
-Coulomb's at position level, bounded by all that a contact has borne in the substep.
+Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
+speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
+contact has borne in the substep.
 
 Every contact remembers, averaged over some substeps, what it bears, and begins with it (warm starting, as in
 sequential impulses: Catto 2005). Few sweeps then carry a stack of layers without creep, with true masses: the
@@ -38,14 +39,38 @@ MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: 
 # neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
 # so many parts of the list in turn
 PARTS = 4
-OVERLAP_SHARE = 0.2  # of an old overlap is released a substep,
-OVERLAP_SPEED = 0.10  # at most at this speed [m/s]
+OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
+OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 
 
 @njit(nogil=True)
 def later(now, free, reach):
     """When a pair is to be looked at again that has to come nearer by `free`, and may by `reach` in a phase."""
     return now + PHASE * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def release_overlaps(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, h):
+    """Shift apart what overlapped when the substep began, as it was then and as it is."""
+    most = OVERLAP_SPEED * h
+    for c in range(n):
+        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
+        normal = load(act_n, c)
+        overlap = act_d[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
+        if overlap <= 0.0:
+            continue
+        apart = (min(OVERLAP_SHARE * overlap, most) * act_w[c]) * normal
+        si, sj, sk, sm = (w[i] * bi) * apart, (w[j] * bj) * apart, (w[k] * bk) * apart, (w[m] * bm) * apart
+        store(xp, i, pi + si)
+        store(xp, j, pj + sj)
+        store(xp, k, pk + sk)
+        store(xp, m, pm + sm)
+        store(x, i, load(x, i) + si)
+        store(x, j, load(x, j) + sj)
+        store(x, k, load(x, k) + sk)
+        store(x, m, load(x, m) + sm)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -68,11 +93,10 @@ def apply_impulses(n, act_i, act_b, act_n, act_m, act_j, act_p, act_g, w, x, xp)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w, x, friction, h, sweep):
+def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w, x, friction, sweep):
     """One sweep, through PARTS of the list in turn, and back where `sweep` is odd: no approach below the contact
-    distance, old overlap released, Coulomb friction. act_j: what each contact has borne in this substep so far
-    [kg m]; the sweep may take from it, but no contact pulls."""
-    cap = OVERLAP_SPEED * h
+    distance, nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each
+    contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
     part = (n + PARTS - 1) // PARTS
     for row in range(PARTS * part):
         turn = row if sweep % 2 == 0 else PARTS * part - 1 - row
@@ -90,9 +114,7 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w,
             continue
         dp = act_g[c]
         inv = act_w[c]
-        # an old overlap is released slowly: it must not become speed
-        aim = min(act_d[c], dp + min(OVERLAP_SHARE * (act_d[c] - dp), cap)) if dp < act_d[c] else act_d[c]
-        press = max(0.0, borne + (aim - d) * inv)
+        press = max(0.0, borne + (min(act_d[c], dp) - d) * inv)
         # the tangential motion of this substep, and what friction would have to bear to undo it
         along = before - borne * normal - inv * (r - load(act_p, c) - (d - dp) * normal)
         hold = np.sqrt(dot(along, along))

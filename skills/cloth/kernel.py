@@ -25,6 +25,7 @@ from skills.cloth.contact import (
     PHASE,
     apply_impulses,
     average_impulses,
+    release_overlaps,
     remember_impulses,
     solve_contacts,
 )
@@ -162,6 +163,10 @@ def _compile(sources: str) -> Callable[..., int]:
                             holds.height, holds.impulse, rules.hold_compliance / h**2, state.x, state.wa,
                             a * frame, tool_p[f], tool_r[f], tool_p[f + 1], tool_r[f + 1], a
                         )  # fmt: skip
+                    release_overlaps(
+                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wa,
+                        state.x, state.xp, h
+                    )  # fmt: skip
                     apply_impulses(
                         count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_m, pairs.act_j,
                         pairs.act_p, pairs.act_g, state.wa, state.x, state.xp
@@ -178,7 +183,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         )  # fmt: skip
                         solve_contacts(
                             count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w,
-                            pairs.act_j, pairs.act_p, pairs.act_g, state.wa, state.x, rules.mu_layers, h,
+                            pairs.act_j, pairs.act_p, pairs.act_g, state.wa, state.x, rules.mu_layers,
                             s * SWEEPS + sw,  # there in one substep and back in the next
                         )  # fmt: skip
                     average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)

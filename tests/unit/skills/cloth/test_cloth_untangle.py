@@ -74,20 +74,25 @@ def test_contacts_alone_keep_it(reach):
 
 
 def test_undoing_a_crossing_makes_no_momentum_and_no_more_speed_than_the_contacts_do():
-    mesh, x, _ = poked(0.05)
+    """The fastest vertex of one run is chance: starts that differ by 1e-6 m have their mean compared."""
+    mesh, begun, _ = poked(0.05)
     void = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
-    s, other = (ClothSimulation(mesh, MATERIAL, x, void, table=False) for _ in range(2))
-    mass = 1.0 / s.inverse_mass[:, None]
-    middle = (mass * x).sum(axis=0) / mass.sum()
-    fastest = np.zeros(2)
-    for _ in range(60):
-        s.advance(1)
-        without(other, 1)
-        fastest = np.maximum(fastest, [np.linalg.norm(o.velocities, axis=1).max() for o in (s, other)])
-    assert count_crossings(s.positions, mesh.triangles) == 0
-    assert np.linalg.norm((mass * s.velocities).sum(axis=0)) / mass.sum() < 1e-9
-    assert np.linalg.norm((mass * s.positions).sum(axis=0) / mass.sum() - middle) < 1e-9
-    assert fastest[0] < 1.1 * fastest[1]
+    fastest = np.zeros((6, 2))
+    for start in range(len(fastest)):
+        x = begun + 1e-6 * np.random.default_rng(start).standard_normal(begun.shape)
+        s, other = (ClothSimulation(mesh, MATERIAL, x, void, table=False) for _ in range(2))
+        mass = 1.0 / s.inverse_mass[:, None]
+        middle = (mass * x).sum(axis=0) / mass.sum()
+        for _ in range(60):
+            s.advance(1)
+            without(other, 1)
+            speeds = [np.linalg.norm(o.velocities, axis=1).max() for o in (s, other)]
+            fastest[start] = np.maximum(fastest[start], speeds)
+        assert count_crossings(s.positions, mesh.triangles) == 0
+        assert np.linalg.norm((mass * s.velocities).sum(axis=0)) / mass.sum() < 1e-9
+        assert np.linalg.norm((mass * s.positions).sum(axis=0) / mass.sum() - middle) < 1e-9
+    undone, left = fastest.mean(axis=0)
+    assert undone < 1.1 * left
 
 
 def test_what_does_not_cross_is_left_alone():

@@ -1,0 +1,74 @@
+"""Layers that overlap are shifted apart: nobody did work on them, so none is found in them afterwards."""
+
+import numpy as np
+import pytest
+
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
+from skills.vocabulary import Material
+
+MATERIAL = Material(
+    areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+SHEET = mesh_from_contour(np.array([[-0.15, -0.15], [0.15, -0.15], [0.15, 0.15], [-0.15, 0.15]]), 0.025)
+N = len(SHEET.rest)
+OVERLAP = 0.001
+VOID = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
+
+
+def two_sheets_that_overlap(turned):
+    """In the void, at rest, one upon the other and OVERLAP [m] too near; the upper mesh is turned."""
+    c, s = np.cos(turned), np.sin(turned)
+    mesh = ClothMesh(
+        np.vstack([SHEET.rest, SHEET.rest @ np.array([[c, s], [-s, c]])]), np.repeat([0, 1], N).astype(np.int32),
+        np.vstack([SHEET.triangles, SHEET.triangles + N]).astype(np.int32),
+        np.repeat([0, 1], len(SHEET.triangles)).astype(np.int32), np.zeros((0, 2), np.int32),
+    )  # fmt: skip
+    x = mesh.lay_flat(MATERIAL.thickness)
+    x[N:, 2] -= OVERLAP
+    return ClothSimulation(mesh, MATERIAL, x, VOID, table=False)
+
+
+def energy(s):
+    return 0.5 * float((s.velocities**2 / s.inverse_mass[:, None]).sum())
+
+
+def apart(s, values):
+    """How much more the upper sheet has of them, by the mean of its mass."""
+    mass = 1.0 / s.inverse_mass
+    return np.average(values[N:], axis=0, weights=mass[N:]) - np.average(values[:N], axis=0, weights=mass[:N])
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.3])
+def test_sheets_that_overlap_come_apart_and_are_not_thrown(turned):
+    """Next to nothing is found later of the speed that would part them within a frame, nor of its energy."""
+    s = two_sheets_that_overlap(turned)
+    begun = apart(s, s.positions)
+    s.advance(10)
+    way = apart(s, s.positions) - begun
+    assert way[2] == pytest.approx(OVERLAP, abs=1e-4)
+    assert np.abs(way[:2]).max() < 1e-5
+    thrown = OVERLAP / VOID.frame
+    assert np.abs(apart(s, s.velocities)).max() < 0.03 * thrown
+    reduced = 0.25 * (1.0 / s.inverse_mass).sum()
+    assert energy(s) < 0.01 * 0.5 * reduced * thrown**2
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.3])
+def test_the_centre_of_mass_stays_while_they_come_apart(turned):
+    s = two_sheets_that_overlap(turned)
+    mass, begun = 1.0 / s.inverse_mass, s.positions
+    s.advance(10)
+    assert np.abs(np.average(s.positions - begun, axis=0, weights=mass)).max() < 1e-12
+
+
+def test_friction_does_not_drag_what_is_shifted():
+    """A sheet that slides in its plane over another, overlapping: a shift is no load that could rub."""
+    s = two_sheets_that_overlap(0.0)
+    x, v = s.positions, np.zeros((2 * N, 3))
+    v[N:, 0] = 0.1
+    s.set_positions(x, v)
+    s.advance(10)
+    assert apart(s, s.velocities)[0] == pytest.approx(0.1, rel=0.02)
