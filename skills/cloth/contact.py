@@ -25,7 +25,9 @@ from numba import njit
 from skills.cloth.vectors import dot, load, store
 
 PHASE = 4  # substeps from one narrow phase to the next,
-HASTE = 2  # or so few where something comes fast
+HASTE = 2  # so few where something comes fast,
+LEISURE = 8  # and so many where nothing does:
+MOST_WAY = 2.0  # x thickness that anything that may touch can come nearer meanwhile
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
@@ -44,9 +46,25 @@ OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 
 
 @njit(nogil=True)
-def later(now, free, reach):
-    """When a pair is to be looked at again that has to come nearer by `free`, and may by `reach` in a phase."""
-    return now + PHASE * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
+def next_narrow_phase(s, substeps, pace, way):
+    """The substep of the narrow phase after that of substep s, whose contacts serve for `pace` substeps, and the
+    pace of that one. way: what the fastest pair that may touch can come nearer in a substep, x thickness."""
+    step = LEISURE if way * LEISURE <= MOST_WAY else PHASE if way * PHASE <= MOST_WAY else HASTE
+    on_grid = s - s % PHASE + max(PHASE, min(step, pace))
+    return min(s + step, on_grid, substeps), max(step, PHASE)
+
+
+@njit(nogil=True, forceinline=True)
+def is_due(due, now, pace):
+    """Whether a pair is to be looked at now, since the next look would be too late."""
+    return due < now + pace
+
+
+@njit(nogil=True)
+def later(now, pace, free, reach):
+    """When a pair is to be looked at again that has to come nearer by `free`, and may in `pace` substeps by
+    `reach`."""
+    return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

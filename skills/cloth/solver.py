@@ -29,6 +29,7 @@ from skills.cloth.state import (
     AWAKE,
     FITTED,
     HANDS,
+    PACE,
     Body,
     Holds,
     Pairs,
@@ -176,7 +177,7 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[AWAKE] = len(free)
+        s.counts[AWAKE], s.counts[PACE] = len(free), PHASE
         for part in self._tangles:
             part[...] = 0
         self._holds.hand[:] = -1

@@ -17,8 +17,9 @@ MAX_HELD = 128
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
-# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
-SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
+# what is up to date, where the loop stands, how many of the contacts are of a vertex and a triangle, and for how
+# many substeps those of the next narrow phase are to serve
+SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE, PACE = range(6, 18)
 
 
 class Body(NamedTuple):
@@ -226,7 +227,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         low=np.zeros(n, np.int32),
         floor=f(n),
         rub=f(n),
-        counts=np.zeros(17, np.int64),
+        counts=np.zeros(18, np.int64),
         edge=np.zeros((edges, 2), np.int32),
         length=f(edges),
         wi=f(edges),

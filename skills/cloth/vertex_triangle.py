@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import LEAST_SHARE, PARKED, later
+from skills.cloth.contact import LEAST_SHARE, PARKED, is_due, later
 from skills.cloth.patches import LANES
 from skills.cloth.vectors import load, store, vector
 from skills.cloth.vertex_sides import (
@@ -41,11 +41,11 @@ ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a verte
 
 
 @njit(nogil=True)
-def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how
-    far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
+def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last):
+    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
+    rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
     near, farthest = _find_near(
-        count, now, thick, span, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
+        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
         pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
     )  # fmt: skip
     _meet_once(
@@ -61,8 +61,8 @@ def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
-    count, now, thick, span, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside, chain,
-    top, last
+    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside,
+    chain, top, last
 ):  # fmt: skip
     """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
     Those of each vertex are chained up from `last`."""
@@ -72,7 +72,7 @@ def _find_near(
     while c < count:
         filled = 0
         while c < count and filled < LANES:
-            if due[c] <= now:
+            if is_due(due[c], now, pace):
                 i, t = pair[c, 0], pair[c, 1]
                 p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
                 if w[i] + w[p] + w[q] + w[r] == 0.0:
@@ -87,7 +87,7 @@ def _find_near(
                     of[filled] = c
                     filled += 1
             c += 1
-        judge_sides(work, np.float32(thick), np.float32(span))
+        judge_sides(work, np.float32(thick), np.float32(pace * h))
         for k in range(filled):
             o = of[k]
             side[o] = np.int8(work[SIDE * LANES + k])
@@ -99,7 +99,7 @@ def _find_near(
             if verdict != TOUCHES or den == 0.0:
                 store(memory, o, nothing)
                 if verdict == AWAY:
-                    due[o] = later(now, work[GAP * LANES + k], reach)
+                    due[o] = later(now, pace, work[GAP * LANES + k], reach)
                 continue
             near_c[n], near_i[n, 0] = o, i
             for m in range(3):
