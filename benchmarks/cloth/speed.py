@@ -39,11 +39,6 @@ def towel(quick: bool, tell: Tell) -> dict[str, Any]:
 def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
     """The 5200-vertex fold, and what the first second of the fold costs over the number of vertices (CPU seconds;
     about linear is an exponent of about one); sizes at which the cloth lost its positions."""
-    speed = None
-    if not quick:
-        mesh, material = towel_mesh(5200)
-        ClothSimulation(mesh, material)  # its patches are built once a mesh
-        speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half())[1]
     counts, seconds, lost = [], [], []
     paths = {side: shortened(path, 1.0) for side, path in towel_half().items()}
     for n in (SIZES[0], *SIZES[: 2 if quick else None]):  # the first compiles
@@ -57,7 +52,11 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
         counts.append(len(mesh.rest))
         seconds.append(time.thread_time() - start)
         tell(f"{counts[-1]} vertices: {seconds[-1]:.1f} s of CPU")
-    counts, seconds = counts[1:], seconds[1:]
+    counts, seconds, speed = counts[1:], seconds[1:], None
+    if not quick:
+        mesh, material = towel_mesh(5200)
+        ClothSimulation(mesh, material)  # its patches are built once a mesh
+        speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half())[1]
     return {
         "towel_5200_x_realtime": speed,
         "cost_vertices": counts,
