@@ -69,6 +69,7 @@ def _find_near(
     work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
     nothing = vector(0.0, 0.0, 0.0)
     n, farthest, c = 0, np.float32(0.0), 0
+    span = np.float32(pace * h)  # in the loop it would keep the judging out of vectors: folds take twice as long
     while c < count:
         filled = 0
         while c < count and filled < LANES:
@@ -87,7 +88,7 @@ def _find_near(
                     of[filled] = c
                     filled += 1
             c += 1
-        judge_sides(work, np.float32(thick), np.float32(pace * h))
+        judge_sides(work, np.float32(thick), span)
         for k in range(filled):
             o = of[k]
             side[o] = np.int8(work[SIDE * LANES + k])
