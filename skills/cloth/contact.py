@@ -5,7 +5,8 @@ The search for pairs is in patch_search.py. Narrow phase, every few substeps (ve
 which of the pairs are near, on which side, and with which weights; such a contact is one linear constraint
 n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair follows the geometry as long as it
 is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What
-comes so fast that it could be through by the next narrow phase has the next one earlier.
+comes so fast that it could be through by the next narrow phase has the next one earlier; where nothing does it
+is later.
 
 Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a

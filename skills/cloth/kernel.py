@@ -46,6 +46,7 @@ from skills.cloth.state import (
     ACTIVE,
     ACTIVE_VT,
     AWAKE,
+    BEGUN,
     EDGES,
     EE,
     FRAME,
@@ -99,9 +100,10 @@ def _compile(sources: str) -> Callable[..., int]:
         gravity = (rules.gx, rules.gy, rules.gz)
         awake, rub = state.awake_list, body.rub
         for f in range(count[FRAME], frames):
-            if count[SUBSTEP] == 0:
+            if count[BEGUN] == 0:
                 update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
                 holds.impulse[:] = 0.0
+                count[BEGUN] = 1
             if count[PACKED] == 0:
                 pack(body, rules, state)
             busy = np.empty((0, 2), np.int32)
@@ -203,9 +205,11 @@ def _compile(sources: str) -> Callable[..., int]:
                             count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
                         )
                 if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
-                    soon = count[NOW] + PHASE
+                    soon = count[NOW] + count[PACE]
                     untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.wa, thick)
-            count[SUBSTEP] = count[NEXT] = 0
+            else:
+                count[PACE] = PHASE
+            count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
             for hand in range(2):
                 holds.age[hand] += frame
                 for m in range(3):

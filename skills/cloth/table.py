@@ -11,7 +11,7 @@ from skills.cloth.vectors import load, store, vector
 LOW = 0.004  # [m] above its rest on the table: what is higher is not pressed on it before the next substep
 # what is in the table is pushed out, by this share a substep and at most so fast [m/s], and not shifted as layers
 # are: of folded piles more came to rest
-OVERLAP_SHARE, OVERLAP_SPEED = 0.2, 0.1
+SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
 SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
 
 
@@ -29,7 +29,7 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
         if x[i, 2] >= rest + LOW:
             continue
         old = xp[i, 2]
-        least = old + min(OVERLAP_SHARE * (rest - old), OVERLAP_SPEED * h)
+        least = old + min(SUNK_SHARE * (rest - old), SUNK_SPEED * h)
         sliding = min(1.0, np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1]) / SLIDING)
         low[n], floor[n] = i, min(rest, least) if old < rest else rest
         rub[n] = mu_static + sliding * (mu_dynamic - mu_static)

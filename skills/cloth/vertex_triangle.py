@@ -68,8 +68,7 @@ def _find_near(
     Those of each vertex are chained up from `last`."""
     work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
     nothing = vector(0.0, 0.0, 0.0)
-    n, farthest, c = 0, np.float32(0.0), 0
-    span = np.float32(pace * h)  # in the loop it would keep the judging out of vectors: folds take twice as long
+    n, farthest, c, span = 0, np.float32(0.0), 0, np.float32(pace * h)
     while c < count:
         filled = 0
         while c < count and filled < LANES:
@@ -108,8 +107,9 @@ def _find_near(
             near_b[n, 0], near_b[n, 1], near_b[n, 2], near_b[n, 3] = b1, b2, work[LEAST * LANES + k], den
             within, before = work[WITHIN * LANES + k], last[i]
             inside[n], chain[n], last[i] = within, before, n
-            h = top[before] if before >= 0 else n
-            top[n] = n if within > inside[h] or (within == inside[h] and t < pair[near_c[h], 1]) else h
+            most = top[before] if before >= 0 else n
+            most_inside = within > inside[most] or (within == inside[most] and t < pair[near_c[most], 1])
+            top[n] = n if most_inside else most
             n += 1
             farthest = max(farthest, reach)
     return n, farthest
