@@ -5,8 +5,7 @@ The search for pairs is in patch_search.py. Narrow phase, every few substeps (ve
 which of the pairs are near, on which side, and with which weights; such a contact is one linear constraint
 n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair follows the geometry as long as it
 is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What
-comes so fast that it could be through by the next narrow phase has the next one earlier; where nothing does it
-is later.
+comes so fast that it could be through by the next narrow phase has the next one earlier.
 
 Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
@@ -26,9 +25,7 @@ from numba import njit
 from skills.cloth.vectors import dot, load, store
 
 PHASE = 4  # substeps from one narrow phase to the next,
-HASTE = 2  # so few where something comes fast,
-LEISURE = 8  # and so many where nothing does:
-MOST_WAY = 2.0  # x thickness that anything that may touch can come nearer meanwhile
+HASTE = 2  # or so few where something comes fast
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
@@ -47,25 +44,9 @@ OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 
 
 @njit(nogil=True)
-def next_narrow_phase(s, substeps, pace, way):
-    """The substep of the narrow phase after that of substep s, whose contacts serve for `pace` substeps, and the
-    pace of that one. way: what the fastest pair that may touch can come nearer in a substep, x thickness."""
-    step = LEISURE if way * LEISURE <= MOST_WAY else PHASE if way * PHASE <= MOST_WAY else HASTE
-    on_grid = s - s % PHASE + max(PHASE, min(step, pace))
-    return min(s + step, on_grid, substeps), max(step, PHASE)
-
-
-@njit(nogil=True, forceinline=True)
-def is_due(due, now, pace):
-    """Whether a pair is to be looked at now, since the next look would be too late."""
-    return due < now + pace
-
-
-@njit(nogil=True)
-def later(now, pace, free, reach):
-    """When a pair is to be looked at again that has to come nearer by `free`, and may in `pace` substeps by
-    `reach`."""
-    return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
+def later(now, free, reach):
+    """When a pair is to be looked at again that has to come nearer by `free`, and may by `reach` in a phase."""
+    return now + PHASE * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -21,10 +21,10 @@ from numba import njit
 from skills.cloth.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact import (
     EDGE_SHARE,
+    HASTE,
     PHASE,
     apply_impulses,
     average_impulses,
-    next_narrow_phase,
     release_overlaps,
     remember_impulses,
     solve_contacts,
@@ -54,7 +54,6 @@ from skills.cloth.state import (
     MOVABLE,
     NEXT,
     NOW,
-    PACE,
     PACKED,
     SEARCHED,
     SUBSTEP,
@@ -66,6 +65,7 @@ from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
+FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase hasten it
 COMPILED = (
     "capsules.py", "contact.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py", "integrate.py",
     "kernel.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py", "sleep.py", "state.py",
@@ -118,19 +118,18 @@ def _compile(sources: str) -> Callable[..., int]:
                             if not search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
-                        pace = count[PACE]
                         n, farthest = narrow_vertex_triangle(
-                            count[VT], count[NOW], pace, h, thick, body.tri, state.x, state.v, state.wa, pairs,
+                            count[VT], count[NOW], thick, PHASE * h, body.tri, state.x, state.v, state.wa, pairs,
                             state.last_row
                         )  # fmt: skip
                         count[ACTIVE_VT] = n
                         n, edges_farthest = narrow_edge_edge(
-                            count[EE], n, count[NOW], pace, h, EDGE_SHARE * thick, body.edge, body.rim, state.x,
+                            count[EE], n, count[NOW], EDGE_SHARE * thick, PHASE * h, body.edge, body.rim, state.x,
                             state.v, state.wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
-                        way = max(farthest, edges_farthest) / (pace * thick)
-                        count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, pace, way)
+                        fast = max(farthest, edges_farthest) > FAST * thick
+                        count[NEXT] = min(s + HASTE, s - s % PHASE + PHASE) if fast else s - s % PHASE + PHASE
                     if s % PHASE == 0:
                         damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
                     integrate(
@@ -205,10 +204,8 @@ def _compile(sources: str) -> Callable[..., int]:
                             count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
                         )
                 if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
-                    soon = count[NOW] + count[PACE]
+                    soon = count[NOW] + PHASE
                     untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.wa, thick)
-            else:
-                count[PACE] = PHASE
             count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
             for hand in range(2):
                 holds.age[hand] += frame

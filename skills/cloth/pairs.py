@@ -6,16 +6,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import PARKED
+from skills.cloth.contact import PARKED, PHASE
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patch_search import search_pairs
-from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
+from skills.cloth.state import EE, FITTED, NOW, SEARCHED, SEARCHES, VT, WATCHED
 
 SLACK = 0.0005  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
 STALE_SHARE = 0.5  # of the slack: a patch that strayed by so much is searched along with those that must be
-HORIZON = 24  # substeps for which the search looks ahead
-RENEW = 16  # substeps after which a patch is searched along with others
+HORIZON = 6  # narrow phases for which the search looks ahead
+RENEW = 4  # narrow phases after which a patch is searched along with others
 
 
 @njit(nogil=True)
@@ -24,7 +24,6 @@ def needs_search(body, rules, state):
     count = state.counts
     must = _expire(
         count[NOW],
-        count[PACE],
         rules.h,
         count[WATCHED],
         state.watched,
@@ -42,14 +41,14 @@ def needs_search(body, rules, state):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _expire(now, pace, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
-    """Whether a patch left the course that was foreseen for it, or its course runs out within the `pace` substeps
-    for which contacts are made now. Those of which this is true, or soon will be, are marked."""
+def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, moving, expired):
+    """Whether a patch left the course that was foreseen for it, or its course has run out. Those of which this
+    is true, or soon will be, are marked."""
     must = False
     for row in range(n):
         k = watched[row]
         age = now - born[k]
-        after = np.float32(age * h)
+        after = np.float32(age * span)
         most = np.float32(0.0)
         for c in range(start[k], start[k + 1]):
             i = corner[c]
@@ -58,8 +57,8 @@ def _expire(now, pace, h, n, watched, corner, start, x, base, course, slack, bor
             dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
             most = max(most, dx * dx + dy * dy + dz * dz)
         strayed = np.sqrt(most) / slack[k]
-        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW)
-        must = must or strayed > 1.0 or (moving[k] and age + pace > HORIZON)
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * PHASE)
+        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON * PHASE)
     return must
 
 
@@ -68,7 +67,7 @@ def search(body, rules, state, pairs):
     """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
     small."""
     count, patches = state.counts, body.patches
-    now, ahead = count[NOW], 0.5 * HORIZON * rules.h
+    now, ahead = count[NOW], 0.5 * HORIZON * PHASE * rules.h
     _foresee(
         now,
         min(SLACK, CALM_SLACK * rules.thickness),

@@ -29,7 +29,6 @@ from skills.cloth.state import (
     AWAKE,
     FITTED,
     HANDS,
-    PACE,
     Body,
     Holds,
     Pairs,
@@ -177,7 +176,7 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[AWAKE], s.counts[PACE] = len(free), PHASE
+        s.counts[AWAKE] = len(free)
         for part in self._tangles:
             part[...] = 0
         self._holds.hand[:] = -1

@@ -17,10 +17,9 @@ MAX_HELD = 128
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
-# what is up to date, where the loop stands, how many of the contacts are of a vertex and a triangle; for how many
-# substeps those of the next narrow phase are to serve, and whether it is known who sleeps in this frame
+# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
-PACE, BEGUN = 17, 18
+BEGUN = 17  # whether it is known who sleeps in this frame
 
 
 class Body(NamedTuple):
@@ -69,10 +68,9 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began
-    (shifted along with x where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex
-    asleep; free: the same, but not 0 in the fringe of what is awake (sleep.py). awake_list: what is awake, and its
-    fringe behind.
+    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began,
+    and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the same, but not 0 in the
+    fringe of what is awake (sleep.py). awake_list: what is awake, and its fringe behind.
     press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
     low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
@@ -229,7 +227,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         low=np.zeros(n, np.int32),
         floor=f(n),
         rub=f(n),
-        counts=np.zeros(19, np.int64),
+        counts=np.zeros(18, np.int64),
         edge=np.zeros((edges, 2), np.int32),
         length=f(edges),
         wi=f(edges),

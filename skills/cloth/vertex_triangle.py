@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import LEAST_SHARE, PARKED, is_due, later
+from skills.cloth.contact import LEAST_SHARE, PARKED, later
 from skills.cloth.patches import LANES
 from skills.cloth.vectors import load, store, vector
 from skills.cloth.vertex_sides import (
@@ -41,11 +41,11 @@ ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a verte
 
 
 @njit(nogil=True)
-def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last):
-    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
-    rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
+def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
+    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how
+    far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
     near, farthest = _find_near(
-        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
+        count, now, thick, span, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
         pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
     )  # fmt: skip
     _meet_once(
@@ -61,18 +61,18 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
-    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside,
-    chain, top, last
+    count, now, thick, span, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside, chain,
+    top, last
 ):  # fmt: skip
     """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
     Those of each vertex are chained up from `last`."""
     work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
     nothing = vector(0.0, 0.0, 0.0)
-    n, farthest, c, span = 0, np.float32(0.0), 0, np.float32(pace * h)
+    n, farthest, c = 0, np.float32(0.0), 0
     while c < count:
         filled = 0
         while c < count and filled < LANES:
-            if is_due(due[c], now, pace):
+            if due[c] <= now:
                 i, t = pair[c, 0], pair[c, 1]
                 p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
                 if w[i] + w[p] + w[q] + w[r] == 0.0:
@@ -87,7 +87,7 @@ def _find_near(
                     of[filled] = c
                     filled += 1
             c += 1
-        judge_sides(work, np.float32(thick), span)
+        judge_sides(work, np.float32(thick), np.float32(span))
         for k in range(filled):
             o = of[k]
             side[o] = np.int8(work[SIDE * LANES + k])
@@ -99,7 +99,7 @@ def _find_near(
             if verdict != TOUCHES or den == 0.0:
                 store(memory, o, nothing)
                 if verdict == AWAY:
-                    due[o] = later(now, pace, work[GAP * LANES + k], reach)
+                    due[o] = later(now, work[GAP * LANES + k], reach)
                 continue
             near_c[n], near_i[n, 0] = o, i
             for m in range(3):
@@ -107,9 +107,8 @@ def _find_near(
             near_b[n, 0], near_b[n, 1], near_b[n, 2], near_b[n, 3] = b1, b2, work[LEAST * LANES + k], den
             within, before = work[WITHIN * LANES + k], last[i]
             inside[n], chain[n], last[i] = within, before, n
-            most = top[before] if before >= 0 else n
-            most_inside = within > inside[most] or (within == inside[most] and t < pair[near_c[most], 1])
-            top[n] = n if most_inside else most
+            h = top[before] if before >= 0 else n
+            top[n] = n if within > inside[h] or (within == inside[h] and t < pair[near_c[h], 1]) else h
             n += 1
             farthest = max(farthest, reach)
     return n, farthest

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from skills.cloth.contact import EDGE_SHARE, HASTE, LEISURE, PHASE, RELEASE
+from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.pairs import HORIZON as FORESEEN
-from skills.cloth.pairs import _expire
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patch_search import search_pairs
 from skills.cloth.patches import build_patches
@@ -154,21 +152,6 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         searched.append(int(sim._body.patches.stale.sum()))
     assert seen > 1000
     assert min(searched) < len(sim._body.patches.tri)  # not everything every time
-
-
-@pytest.mark.parametrize("pace", [HASTE, PHASE, LEISURE])
-def test_no_contacts_serve_longer_than_their_pairs_were_foreseen(pace):
-    """A patch of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
-    x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
-    base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
-    one, none = np.zeros(1, np.int32), np.zeros(1, bool)
-    for age in range(2 * FORESEEN):
-        x[0, :3] = age * h * speed
-        searched = _expire(
-            age, pace, h, 1, one, one, np.array([0, 1], np.int32), x, base, course, np.full(1, 1e-4, np.float32),
-            one, ~none, none.copy()
-        )  # fmt: skip
-        assert searched == (age + pace > FORESEEN)
 
 
 @pytest.mark.parametrize("substeps", [16, 20])
