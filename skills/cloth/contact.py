@@ -5,7 +5,8 @@ The search for pairs is in patch_search.py. Narrow phase, every few substeps (ve
 which of the pairs are near, on which side, and with which weights; such a contact is one linear constraint
 n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair follows the geometry as long as it
 is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What
-comes so fast that it could be through by the next narrow phase has the next one earlier.
+comes so fast that it could be through by the next narrow phase has the next one earlier; where nothing does it
+is later.
 
 Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
@@ -24,8 +25,10 @@ from numba import njit
 
 from skills.cloth.vectors import dot, load, store
 
-PHASE = 4  # substeps from one narrow phase to the next,
-HASTE = 2  # or so few where something comes fast
+PHASE = 4  # substeps from one narrow phase to the next, at least,
+PHASES = 240  # [1/s] or as many as make so few of them: how far cloth goes meanwhile hangs on time alone.
+HASTE_WAY = 2.0  # x thickness: contacts that may go so far by then have the next one after half as many substeps,
+LEISURE_WAY = 1.0  # and after twice as many where none goes so far by that time
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
@@ -44,9 +47,25 @@ OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 
 
 @njit(nogil=True)
-def later(now, free, reach):
-    """When a pair is to be looked at again that has to come nearer by `free`, and may by `reach` in a phase."""
-    return now + PHASE * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
+def next_narrow_phase(s, substeps, phase, pace, way):
+    """The substep of the narrow phase after that of substep s, whose contacts serve for `pace` substeps, and the
+    pace of that one. way: what the fastest pair that may touch can come nearer in a substep, x thickness."""
+    step = phase // 2 if way * phase > HASTE_WAY else phase if 2 * way * phase > LEISURE_WAY else 2 * phase
+    on_grid = s - s % phase + max(phase, min(step, pace))
+    return min(s + step, on_grid, substeps), max(step, phase)
+
+
+@njit(nogil=True, forceinline=True)
+def is_due(due, now, pace):
+    """Whether a pair is to be looked at now, since the next look would be too late."""
+    return due < now + pace
+
+
+@njit(nogil=True)
+def later(now, pace, free, reach):
+    """When a pair is to be looked at again that has to come nearer by `free`, and may in `pace` substeps by
+    `reach`."""
+    return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -97,11 +116,12 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w,
     """One sweep, through PARTS of the list in turn, and back where `sweep` is odd: no approach below the contact
     distance, nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each
     contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
-    part = (n + PARTS - 1) // PARTS
-    for row in range(PARTS * part):
-        turn = row if sweep % 2 == 0 else PARTS * part - 1 - row
-        c = turn % PARTS * part + turn // PARTS
-        if c >= n:
+    one, parts, count, back = np.uint64(1), np.uint64(PARTS), np.uint64(n), sweep % 2 == 1
+    length = (count + parts - one) // parts
+    for row in range(PARTS * ((n + PARTS - 1) // PARTS)):
+        part, place = np.uint64(row) % parts, np.uint64(row) // parts
+        c = (parts - part) * length - one - place if back else part * length + place
+        if c >= count:
             continue
         i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
         bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
+from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, is_due, later
 from skills.cloth.vectors import cross, dot, load, store, vector
 
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
@@ -44,18 +44,18 @@ def _sided(c, n, d, near, normal, release, give_up):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def narrow_edge_edge(count, n, now, thick, span, edge, rim, x, v, w, pairs):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row n on; -> rows, and how
-    far the fastest of them may go in this time [m].
+def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
+    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row n on; ->
+    rows, and how far the fastest of them may go in this time [m].
 
     rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
     on the table, have no other normal than the shortest way from one to the other."""
     pair, near, normal, due, memory = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.ee_j
     act_i, act_b = pairs.act_i, pairs.act_b
     release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
-    farthest = 0.0
+    farthest, span = 0.0, pace * h
     for c in range(count):
-        if due[c] > now:
+        if not is_due(due[c], now, pace):
             continue
         i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
         k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
@@ -73,7 +73,7 @@ def narrow_edge_edge(count, n, now, thick, span, edge, rim, x, v, w, pairs):
         reach = STRAY + span * 1.5 * np.sqrt(dot(slide, slide))
         if d2 > (release + reach) ** 2:
             near[c] = False
-            due[c] = later(now, np.sqrt(d2) - release, reach)
+            due[c] = later(now, pace, np.sqrt(d2) - release, reach)
             continue
         direction = cross(a, b)
         nn = dot(direction, direction)

@@ -12,11 +12,11 @@ CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def hold(
     points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
-    rotation1, a
+    rotation1, a, pose
 ):  # fmt: skip
     """Draw the pinched points to where the tools have them, at the share a of the way from their first poses to
-    their second: position (2, 3), rotation (2, 3, 3). since: [s] from the frame's beginning."""
-    pose = np.empty((4, 3))
+    their second: position (2, 3), rotation (2, 3, 3). since: [s] from the frame's beginning. pose:
+    (4, 3) scratch."""
     for hand in range(2):
         if points[hand] == 0:
             continue

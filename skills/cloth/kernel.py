@@ -6,7 +6,9 @@ state lives in arrays that the caller owns; the loop can be left and entered aga
 a list of pairs is too small) without any difference.
 
 What is called in every substep is handed the arrays that it works on: a tuple of arrays is handed over piece by
-piece, hundreds of numbers a call, and nine such calls a substep took a sixth of a towel's time.
+piece, hundreds of numbers a call, and nine such calls a substep took a sixth of a towel's time. Each array that is
+taken out of a tuple, each slice and each view counts its references in an atomic step, and once more in the end:
+none in what runs often. Indices are unsigned there: signed ones are first asked whether they count from the end.
 """
 
 from __future__ import annotations
@@ -21,10 +23,9 @@ from numba import njit
 from skills.cloth.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact import (
     EDGE_SHARE,
-    HASTE,
-    PHASE,
     apply_impulses,
     average_impulses,
+    next_narrow_phase,
     release_overlaps,
     remember_impulses,
     solve_contacts,
@@ -54,6 +55,7 @@ from skills.cloth.state import (
     MOVABLE,
     NEXT,
     NOW,
+    PACE,
     PACKED,
     SEARCHED,
     SUBSTEP,
@@ -65,11 +67,11 @@ from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 SWEEPS = 3  # over the contacts in a substep
-FAST = 2.0  # x thickness: contacts that may go so far by the next narrow phase hasten it
 COMPILED = (
-    "capsules.py", "contact.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py", "integrate.py",
-    "kernel.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py", "sleep.py", "state.py",
-    "table.py", "untangle.py", "vectors.py", "vertex_sides.py", "vertex_triangle.py",
+    "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py",
+    "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py",
+    "registers.py", "ridges.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
+    "vertex_sides.py", "vertex_triangle.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
 
@@ -93,23 +95,35 @@ def _compile(sources: str) -> Callable[..., int]:
         cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
         """
         count = state.counts
+        # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
+        x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
+        edge, length, wi, wj, rate = state.edge, state.length, state.wi, state.wj, state.rate
+        hinge, weight, inverse, free = state.hinge, state.weight, state.inverse, state.free
+        which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
+        rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
+        low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
+        act_i, act_b, act_n, act_d, act_w = pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w
+        act_j, act_m, act_p, act_g = pairs.act_j, pairs.act_m, pairs.act_p, pairs.act_g
+        points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
+        bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
+        soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
         _ = sources
-        h = rules.h
+        h, pose = rules.h, np.empty((4, 3))
         thick = rules.thickness
         frame = h * rules.substeps
         gravity = (rules.gx, rules.gy, rules.gz)
-        awake, rub = state.awake_list, body.rub
         for f in range(count[FRAME], frames):
             if count[BEGUN] == 0:
                 update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
-                holds.impulse[:] = 0.0
+                impulse[:] = 0.0
                 count[BEGUN] = 1
             if count[PACKED] == 0:
                 pack(body, rules, state)
             busy = np.empty((0, 2), np.int32)
             if len(cap_r):
                 busy = near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
-            holding = holds.points[0] + holds.points[1] > 0
+            p0, p1, r0, r1 = tool_p[f], tool_p[f + 1], tool_r[f], tool_r[f + 1]
+            holding = points[0] + points[1] > 0
             if count[AWAKE] > 0:
                 for s in range(count[SUBSTEP], rules.substeps):
                     if s == count[NEXT]:
@@ -118,99 +132,102 @@ def _compile(sources: str) -> Callable[..., int]:
                             if not search(body, rules, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
+                        pace = count[PACE]
                         n, farthest = narrow_vertex_triangle(
-                            count[VT], count[NOW], thick, PHASE * h, body.tri, state.x, state.v, state.wa, pairs,
+                            count[VT], count[NOW], pace, h, thick, body.tri, x, v, wa, pairs,
                             state.last_row
                         )  # fmt: skip
                         count[ACTIVE_VT] = n
                         n, edges_farthest = narrow_edge_edge(
-                            count[EE], n, count[NOW], EDGE_SHARE * thick, PHASE * h, body.edge, body.rim, state.x,
-                            state.v, state.wa, pairs
+                            count[EE], n, count[NOW], pace, h, EDGE_SHARE * thick, body.edge, body.rim, x,
+                            v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
-                        fast = max(farthest, edges_farthest) > FAST * thick
-                        count[NEXT] = min(s + HASTE, s - s % PHASE + PHASE) if fast else s - s % PHASE + PHASE
-                    if s % PHASE == 0:
-                        damp_edges(count[EDGES], state.edge, state.rate, state.wa, state.x, state.v)
+                        way = max(farthest, edges_farthest) / (pace * thick)
+                        count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
+                    if s % rules.phase == 0:
+                        damp_edges(count[EDGES], edge, rate, wa, x, v)
                     integrate(
-                        count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, state.x, state.xp, state.v
+                        count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, x, xp, v
                     )  # fmt: skip
-                    solve_edges(count[EDGES], state.edge, state.length, state.wi, state.wj, state.x)
-                    lead(count[MOVABLE], awake, rules.bend_gamma, state.x, state.xp, state.u)
-                    if len(rub.most):
-                        if s % PHASE == 0:
+                    solve_edges(count[EDGES], edge, length, wi, wj, x)
+                    lead(count[MOVABLE], awake, rules.bend_gamma, x, xp, u)
+                    if len(most):
+                        if s % rules.phase == 0:
                             measure_turns(
-                                count[HINGES], state.which, state.hinge, rub.soft, body.w, state.x, state.axis,
-                                state.foot, state.turn, state.rub_inverse
+                                count[HINGES], which, hinge, soft, body.w, x, axis,
+                                foot, turn, rub_inverse
                             )  # fmt: skip
                         rub_hinges(
-                            count[HINGES], state.which, state.hinge, rub.near, rub.share, rub.most, state.axis,
-                            state.foot, state.turn, state.rub_inverse, state.slip, state.held, state.x,
-                            state.moment
+                            count[HINGES], which, hinge, near, share, most, axis,
+                            foot, turn, rub_inverse, slip, held, x,
+                            moment
                         )  # fmt: skip
                         solve_rubbed_hinges(
-                            count[HINGES], state.hinge, state.weight, state.inverse, state.axis, state.foot,
-                            state.moment, 1.0 + rules.bend_gamma, state.free, state.u
+                            count[HINGES], hinge, weight, inverse, axis, foot,
+                            moment, 1.0 + rules.bend_gamma, free, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
-                            count[HINGES], state.hinge, state.weight, state.inverse, state.free, state.u
+                            count[HINGES], hinge, weight, inverse, free, u
                         )  # fmt: skip
-                    follow(count[AWAKE], awake, rules.bend_gamma, state.x, state.xp, state.u)
-                    put_back(count[AWAKE], count[MOVABLE], awake, state.x, state.xp)
+                    follow(count[AWAKE], awake, rules.bend_gamma, x, xp, u)
+                    put_back(count[AWAKE], count[MOVABLE], awake, x, xp)
                     a = (s + 1.0) / rules.substeps
                     if holding:
                         hold(
-                            holds.points, holds.age, holds.hand, holds.vertex, holds.bary, holds.offset,
-                            holds.height, holds.impulse, rules.hold_compliance / h**2, state.x, state.wa,
-                            a * frame, tool_p[f], tool_r[f], tool_p[f + 1], tool_r[f + 1], a
+                            points, age, hand, vertex, bary, offset,
+                            height, impulse, rules.hold_compliance / h**2, x, wa,
+                            a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
-                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w, state.wa,
-                        state.x, state.xp, h
+                        count[ACTIVE], act_i, act_b, act_n, act_d, act_w, wa,
+                        x, xp, h
                     )  # fmt: skip
                     apply_impulses(
-                        count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_m, pairs.act_j,
-                        pairs.act_p, pairs.act_g, state.wa, state.x, state.xp
+                        count[ACTIVE], act_i, act_b, act_n, act_m, act_j,
+                        act_p, act_g, wa, x, xp
                     )  # fmt: skip
-                    low = 0
+                    sunk = 0
                     if rules.table:
-                        low = find_low(
-                            count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, state.x, state.xp,
-                            state.v, state.press, state.low, state.floor, state.rub
+                        sunk = find_low(
+                            count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, x, xp,
+                            v, press, low, floor, table_rub
                         )  # fmt: skip
                     for sw in range(SWEEPS):
                         press_on_table(
-                            low, state.low, 0.5 * thick, state.floor, state.rub, state.x, state.xp, state.press
+                            sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
                         solve_contacts(
-                            count[ACTIVE], pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w,
-                            pairs.act_j, pairs.act_p, pairs.act_g, state.wa, state.x, rules.mu_layers,
+                            count[ACTIVE], act_i, act_b, act_n, act_d, act_w,
+                            act_j, act_p, act_g, wa, x, rules.mu_layers,
                             s * SWEEPS + sw,  # there in one substep and back in the next
                         )  # fmt: skip
-                    average_impulses(count[ACTIVE], pairs.act_j, pairs.act_m)
+                    average_impulses(count[ACTIVE], act_j, act_m)
                     if len(busy):
                         push_by_capsules(
                             busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,
-                            0.5 * thick, h, state.edge, state.x, state.xp, state.wa
+                            0.5 * thick, h, edge, x, xp, wa
                         )  # fmt: skip
                     press_on_table(
-                        low, state.low, 0.5 * thick, state.floor, state.rub, state.x, state.xp, state.press
+                        sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                     )  # fmt: skip
-                    take_speed(count[AWAKE], awake, h, state.x, state.xp, state.v)
+                    take_speed(count[AWAKE], awake, h, x, xp, v)
                     count[NOW] += 1
                     if s + 1 == count[NEXT]:
                         remember_impulses(
-                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, pairs.act_m, pairs.vt_j, pairs.ee_j
+                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, act_m, pairs.vt_j, pairs.ee_j
                         )
                 if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
-                    soon = count[NOW] + PHASE
-                    untangle(body, pairs, tangles, count[VT], count[EE], soon, state.x, state.wa, thick)
+                    soon = count[NOW] + count[PACE]
+                    untangle(body, pairs, tangles, count[VT], count[EE], soon, x, wa, thick)
+            else:
+                count[PACE] = rules.phase
             count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
-            for hand in range(2):
-                holds.age[hand] += frame
+            for side in range(2):
+                age[side] += frame
                 for m in range(3):
-                    holds.force[hand, m] = holds.impulse[hand, m] / (h * h * rules.substeps)
+                    holds.force[side, m] = impulse[side, m] / (h * h * rules.substeps)
             let_go(holds)
         count[FRAME] = 0
         return DONE

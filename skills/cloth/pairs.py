@@ -6,16 +6,19 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import PARKED, PHASE
+from skills.cloth.contact import PARKED
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patch_search import search_pairs
-from skills.cloth.state import EE, FITTED, NOW, SEARCHED, SEARCHES, VT, WATCHED
+from skills.cloth.ridges import stay_ridges
+from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
+from skills.cloth.vectors import load, store, vector
 
 SLACK = 0.0005  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
 STALE_SHARE = 0.5  # of the slack: a patch that strayed by so much is searched along with those that must be
-HORIZON = 6  # narrow phases for which the search looks ahead
-RENEW = 4  # narrow phases after which a patch is searched along with others
+HORIZON = 6  # phases for which the search looks ahead
+NEXT_PLACE = np.uint64(1)
+RENEW = 4  # phases after which a patch is searched along with others
 
 
 @njit(nogil=True)
@@ -24,6 +27,8 @@ def needs_search(body, rules, state):
     count = state.counts
     must = _expire(
         count[NOW],
+        count[PACE],
+        rules.phase,
         rules.h,
         count[WATCHED],
         state.watched,
@@ -41,14 +46,14 @@ def needs_search(body, rules, state):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, moving, expired):
-    """Whether a patch left the course that was foreseen for it, or its course has run out. Those of which this
-    is true, or soon will be, are marked."""
+def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
+    """Whether a patch left the course that was foreseen for it, or its course runs out within the `pace` substeps
+    for which contacts are made now. Those of which this is true, or soon will be, are marked."""
     must = False
     for row in range(n):
         k = watched[row]
         age = now - born[k]
-        after = np.float32(age * span)
+        after = np.float32(age * h)
         most = np.float32(0.0)
         for c in range(start[k], start[k + 1]):
             i = corner[c]
@@ -57,8 +62,8 @@ def _expire(now, span, n, watched, corner, start, x, base, course, slack, born, 
             dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
             most = max(most, dx * dx + dy * dy + dz * dz)
         strayed = np.sqrt(most) / slack[k]
-        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * PHASE)
-        must = must or strayed > 1.0 or (moving[k] and age >= HORIZON * PHASE)
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * phase)
+        must = must or strayed > 1.0 or (moving[k] and age + pace > HORIZON * phase)
     return must
 
 
@@ -67,7 +72,7 @@ def search(body, rules, state, pairs):
     """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
     small."""
     count, patches = state.counts, body.patches
-    now, ahead = count[NOW], 0.5 * HORIZON * PHASE * rules.h
+    now, ahead = count[NOW], 0.5 * HORIZON * rules.phase * rules.h
     _foresee(
         now,
         min(SLACK, CALM_SLACK * rules.thickness),
@@ -97,7 +102,9 @@ def search(body, rules, state, pairs):
         rules.h,
         ahead,
         count[FITTED] == 0,
+        np.float32(rules.flat),
     )
+    stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
     n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
         return False
@@ -137,33 +144,36 @@ def _foresee(
 @njit(nogil=True)
 def _renew_vertex_triangle(patches, width, pairs, count, n_new):
     """Pairs of stale patches out, the new ones in, with the side of those that were there."""
-    vt, side, due, new, scratch = pairs.vt, pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
-    borne, memory = pairs.vt_j, pairs.kept
-    stale, of_vertex, of_tri = patches.stale, patches.of_vertex, patches.of_tri
+    vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    borne, memory, nothing = pairs.vt_j, pairs.kept, vector(0.0, 0.0, 0.0)
+    stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)
     kept = n = 0
     for c in range(count[VT]):
-        if stale[of_vertex[vt[c, 0]]] or stale[of_tri[vt[c, 1]]]:
+        i, t = vt[c, 0], vt[c, 1]
+        if stale[of_vertex[i]] or stale[of_tri[t]]:
             if side[c] != 0:
-                scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
-                for m in range(3):
-                    memory[kept, m] = borne[c, m]
+                scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = i, t, side[c]
+                store(memory, kept, load(borne, c))
                 kept += 1
         elif side[c] != 0 or due[c] != PARKED:
             if n < c:
-                vt[n, 0], vt[n, 1], side[n], due[n] = vt[c, 0], vt[c, 1], side[c], due[c]
-                for m in range(3):
-                    borne[n, m] = borne[c, m]
+                vt[n, 0], vt[n, 1], side[n], due[n] = i, t, side[c], due[c]
+                store(borne, n, load(borne, c))
             n += 1
-    size = _empty_table(pairs.key, kept)
-    key, row = pairs.key[:size], pairs.row[:size]
+    key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
     for c in range(kept):
-        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
+        at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
+        while key[at] >= 0:
+            at = (at + NEXT_PLACE) & mask
+        key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
     for c in range(n_new):
         vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
-        r = _get(key, row, vt[n, 0] * width + vt[n, 1], -1)
+        at = _first(new[c, 0] * width + new[c, 1], mask)
+        while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
+            at = (at + NEXT_PLACE) & mask
+        r = row[at] if key[at] >= 0 else -1
         side[n] = scratch[r, 2] if r >= 0 else 0
-        for m in range(3):
-            borne[n, m] = memory[r, m] if r >= 0 else 0.0
+        store(borne, n, load(memory, r) if r >= 0 else nothing)
         due[n] = count[NOW]
         n += 1
     count[VT] = n
@@ -172,36 +182,40 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
 @njit(nogil=True)
 def _renew_edge_edge(patches, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
-    ee, near, normal, due, new = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    stale, of_edge, scratch, memory, borne = patches.stale, patches.of_edge, pairs.act_i, pairs.kept, pairs.ee_j
+    ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
+    scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
+    stale, of_edge, nothing = patches.stale, patches.of_edge.view(np.uint32), vector(0.0, 0.0, 0.0)
     kept = n = 0
     for c in range(count[EE]):
-        if stale[of_edge[ee[c, 0]]] or stale[of_edge[ee[c, 1]]]:
+        e, f = ee[c, 0], ee[c, 1]
+        if stale[of_edge[e]] or stale[of_edge[f]]:
             if near[c]:
-                scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
-                for m in range(3):
-                    memory[kept, m] = normal[c, m]
-                    memory[kept, m + 3] = borne[c, m]
+                scratch[kept, 0], scratch[kept, 1] = e, f
+                store(memory, kept, load(borne, c))
+                store(kept_normal, kept, load(normal, c))
                 kept += 1
         elif near[c] or due[c] != PARKED:
             if n < c:
-                ee[n, 0], ee[n, 1], near[n], due[n] = ee[c, 0], ee[c, 1], near[c], due[c]
-                for m in range(3):
-                    borne[n, m] = borne[c, m]
-                    normal[n, m] = normal[c, m]
+                ee[n, 0], ee[n, 1], near[n], due[n] = e, f, near[c], due[c]
+                store(borne, n, load(borne, c))
+                store(normal, n, load(normal, c))
             n += 1
-    size = _empty_table(pairs.key, kept)
-    key, row = pairs.key[:size], pairs.row[:size]
+    key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
     for c in range(kept):
-        _put(key, row, scratch[c, 0] * width + scratch[c, 1], c)
+        at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
+        while key[at] >= 0:
+            at = (at + NEXT_PLACE) & mask
+        key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
     for c in range(n_new):
         ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
-        r = _get(key, row, ee[n, 0] * width + ee[n, 1], -1)
+        at = _first(new[c, 0] * width + new[c, 1], mask)
+        while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
+            at = (at + NEXT_PLACE) & mask
+        r = row[at] if key[at] >= 0 else -1
         near[n] = r >= 0
-        for m in range(3):
-            borne[n, m] = memory[r, m + 3] if r >= 0 else 0.0
-            if r >= 0:
-                normal[n, m] = memory[r, m]
+        store(borne, n, load(memory, r) if r >= 0 else nothing)
+        if r >= 0:
+            store(normal, n, load(kept_normal, r))
         due[n] = count[NOW]
         n += 1
     count[EE] = n
@@ -209,29 +223,15 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _empty_table(key, kept):
+    """A table with room for so many keys; -> its length less one."""
     size = 64
     while size < 2 * kept:
         size *= 2
     key[:size] = -1
-    return size
+    return np.uint64(size - 1)
 
 
 @njit(nogil=True, forceinline=True)
-def _put(key, row, k, r):
-    mask = len(key) - 1
-    at = np.int64((k * 2654435761) & mask)
-    while key[at] >= 0:
-        at = (at + 1) & mask
-    key[at] = k
-    row[at] = r
-
-
-@njit(nogil=True, forceinline=True)
-def _get(key, row, k, none):
-    mask = len(key) - 1
-    at = np.int64((k * 2654435761) & mask)
-    while key[at] >= 0:
-        if key[at] == k:
-            return row[at]
-        at = (at + 1) & mask
-    return none
+def _first(k, mask):
+    """Where key k is looked for first."""
+    return np.uint64(k * 2654435761) & mask

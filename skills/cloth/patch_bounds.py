@@ -6,10 +6,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.patches import FAR, LANES
+from skills.cloth.lanes import LANES
+from skills.cloth.patches import FAR
+from skills.cloth.ridges import find_ridges
 
 __all__ = ["fit_patches"]
 
+WIDE = np.uint32(LANES)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
 
@@ -27,14 +30,14 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
 
 
 @njit(nogil=True, forceinline=True)
-def _fit_normals(ring, geo, normal):
-    """Bounds of the normals of the triangles `ring`."""
+def _fit_normals(k, ring, start, geo, normal):
+    """Bounds of the normals of the triangles in and beside patch k."""
     for c in range(3):
         lo, hi = ONE, -ONE
-        for slot in ring:
-            n = geo[slot // LANES, 6 + c, slot % LANES]
+        for a in range(start[k], start[k + 1]):
+            n = geo[ring[a] // WIDE, 6 + c, ring[a] % WIDE]
             lo, hi = min(lo, n), max(hi, n)
-        normal[c], normal[c + 3] = lo, hi
+        normal[k, c], normal[k, c + 3] = lo, hi
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
@@ -55,70 +58,75 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _fit_triangles(tris, at, place, course, slack, geo):
+def _fit_triangles(k, tris, at, place, course, slack, geo):
     for a in range(LANES):
-        if tris[a] < 0:
+        if tris[k, a] < 0:
             break
-        p, q, r = at[0, a], at[1, a], at[2, a]
+        p, q, r = at[k, 0, a], at[k, 1, a], at[k, 2, a]
         for d in range(3):
-            geo[d, a] = min(place[d, p], min(place[d, q], place[d, r]))
-            geo[d + 3, a] = max(place[d, p], max(place[d, q], place[d, r]))
-            geo[10 + d, a] = (course[d, p] + course[d, q] + course[d, r]) * THIRD
+            geo[k, d, a] = min(place[d, p], min(place[d, q], place[d, r]))
+            geo[k, d + 3, a] = max(place[d, p], max(place[d, q], place[d, r]))
+            geo[k, 10 + d, a] = (course[d, p] + course[d, q] + course[d, r]) * THIRD
         ux, uy, uz = place[0, q] - place[0, p], place[1, q] - place[1, p], place[2, q] - place[2, p]
         vx, vy, vz = place[0, r] - place[0, p], place[1, r] - place[1, p], place[2, r] - place[2, p]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         s = ONE / np.sqrt(nx * nx + ny * ny + nz * nz + TINY)
         nx, ny, nz = nx * s, ny * s, nz * s
-        geo[6, a], geo[7, a], geo[8, a] = nx, ny, nz
-        geo[9, a] = nx * place[0, p] + ny * place[1, p] + nz * place[2, p]
+        geo[k, 6, a], geo[k, 7, a], geo[k, 8, a] = nx, ny, nz
+        geo[k, 9, a] = nx * place[0, p] + ny * place[1, p] + nz * place[2, p]
         most = ZERO
         for m in range(3):
             differs = ZERO
             for d in range(3):
-                differs += (course[d, at[m, a]] - geo[10 + d, a]) ** 2
+                differs += (course[d, at[k, m, a]] - geo[k, 10 + d, a]) ** 2
             most = max(most, differs)
-        geo[13, a], geo[14, a] = np.sqrt(most), slack
+        geo[k, 13, a], geo[k, 14, a] = np.sqrt(most), slack
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _fit_edges(edges, at, place, course, slack, geo):
+def _fit_edges(row, edges, at, place, course, slack, geo):
     for a in range(LANES):
-        if edges[a] < 0:
+        if edges[row, a] < 0:
             break
-        i, j = at[0, a], at[1, a]
+        i, j = at[row, 0, a], at[row, 1, a]
         length2 = differs = ZERO
         for d in range(3):
             along = place[d, j] - place[d, i]
-            geo[d, a], geo[d + 3, a] = place[d, i], along
-            geo[d + 7, a] = HALF * (course[d, i] + course[d, j])
+            geo[row, d, a], geo[row, d + 3, a] = place[d, i], along
+            geo[row, d + 7, a] = HALF * (course[d, i] + course[d, j])
             length2 += along * along
             differs += (HALF * (course[d, j] - course[d, i])) ** 2
-        geo[6, a], geo[10, a], geo[11, a] = length2 + TINY, np.sqrt(differs), slack
+        geo[row, 6, a], geo[row, 10, a], geo[row, 11, a] = length2 + TINY, np.sqrt(differs), slack
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _fit_vertices(vertices, at, place, course, slack, geo):
+def _fit_vertices(row, vertices, at, place, course, slack, geo):
     for a in range(LANES):
-        if vertices[a] < 0:
+        if vertices[row, a] < 0:
             break
+        i = at[row, a]
         for d in range(3):
-            geo[d, a], geo[d + 3, a] = place[d, at[a]], course[d, at[a]]
-        geo[6, a] = slack
+            geo[row, d, a], geo[row, d + 3, a] = place[d, i], course[d, i]
+        geo[row, 6, a] = slack
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything):
+def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything, flat):
     """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
     the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
-    stale patches and of those beside them: no others are asked for."""
+    stale patches and of those beside them: no others are asked for. flat: cosine of a ridge (ridges.py)."""
     place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
-    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at, patches.tri_geo, patches.slab
-    edge, edge_at, edge_start, edge_geo = patches.edge, patches.edge_at, patches.edge_start, patches.edge_geo
-    vertex, vertex_at, vertex_start = patches.vertex, patches.vertex_at, patches.vertex_start
-    vertex_geo, beside, beside_start = patches.vertex_geo, patches.beside, patches.beside_start
+    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
+    edge, edge_at, edge_geo = patches.edge, patches.edge_at.view(np.uint32), patches.edge_geo
+    vertex, vertex_at, vertex_geo = patches.vertex, patches.vertex_at.view(np.uint32), patches.vertex_geo
+    edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
+    beside, beside_start = patches.beside, patches.beside_start
+    ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
+    rim, ridge, edge_beside = patches.rim, patches.ridge, patches.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
     for k in range(len(moving)):
-        if not (everything or moving[k] or stale[k]):
+        fitted[k] = everything or moving[k] or stale[k]
+        if not fitted[k]:
             continue
         first, last = corner_start[k], corner_start[k + 1]
         age = np.float32((now - born[k]) * span + horizon)
@@ -126,25 +134,27 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
             for i in range(first, last):
                 place[d, i] = base[d, i] + age * course[d, i]
         _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
-        _fit_triangles(tri[k], tri_at[k], place, course, slack[k], tri_geo[k])
+        _fit_triangles(k, tri, tri_at, place, course, slack[k], tri_geo)
         _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
         for row in range(edge_start[k], edge_start[k + 1]):
-            _fit_edges(edge[row], edge_at[row], place, course, slack[k], edge_geo[row])
+            _fit_edges(row, edge, edge_at, place, course, slack[k], edge_geo)
         for row in range(vertex_start[k], vertex_start[k + 1]):
-            _fit_vertices(vertex[row], vertex_at[row], place, course, slack[k], vertex_geo[row])
+            _fit_vertices(row, vertex, vertex_at, place, course, slack[k], vertex_geo)
     for k in range(len(moving)):
-        if _beside_stale(beside, beside_start, stale, k):
-            around = patches.ring[patches.ring_start[k] : patches.ring_start[k + 1]]
-            _fit_normals(around, tri_geo, patches.normal[k])
+        if _beside_some(beside, beside_start, stale, k):
+            _fit_normals(k, ring, ring_start, tri_geo, normal)
+        if _beside_some(beside, beside_start, fitted, k):
+            for row in range(edge_start[k], edge_start[k + 1]):
+                ridge[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
     _fit_groups(box, len(moving), ahead, patches.group)
 
 
 @njit(nogil=True, forceinline=True)
-def _beside_stale(beside, beside_start, stale, k):
-    """Whether patch k or one beside it is to be searched."""
+def _beside_some(beside, start, which, k):
+    """Whether patch k or one beside it is one of these."""
     found = False
-    for row in range(beside_start[k], beside_start[k + 1]):
-        found = found or stale[beside[row]]
+    for row in range(start[k], start[k + 1]):
+        found = found or which[beside[row]]
     return found
 
 

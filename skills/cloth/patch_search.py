@@ -19,14 +19,18 @@ from numba import int32, njit
 from numba.cpython.unsafe.numbers import trailing_zeros
 
 from skills.cloth.contact import EDGE_SHARE, RELEASE
-from skills.cloth.patches import LANES
+from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, root, size
+from skills.cloth.patches import FAR, LEAF
 
 __all__ = ["search_pairs"]
 
+ROOM = 3 * LEAF * -(-3 * LEAF // LANES)  # tests of edges that two patches may need: each has at most so many
+TESTS = 16 * ROOM  # are put down, then made: bounds and what comes of them would wait for each other
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
 ROUNDING = 2e-5  # [m] of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-20)  # instead of 0: for points and lines
+BEYOND = np.float32(FAR)
 
 lowest: Any = trailing_zeros  # place of the lowest bit; an intrinsic of numba's, which its own sets use
 
@@ -44,112 +48,116 @@ def _smooth(normal, a, b):
     return lean > SMOOTH * np.sqrt(d2)
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
     """Which of row h of boxes come as near as `near` to another one with the bounds `own`: a bit for each."""
-    x, y, z, u, v, w = own[0], own[1], own[2], own[6], own[7], own[8]
-    a, b, c = own[3] + near, own[4] + near, own[5] + near
-    bits = int32(0)
-    for k in range(int32(LANES)):
-        gap = abs(box[h, 0, k] - x) - horizon * abs(box[h, 6, k] - u) - box[h, 3, k] - a
-        gap = max(gap, abs(box[h, 1, k] - y) - horizon * abs(box[h, 7, k] - v) - box[h, 4, k] - b)
-        gap = max(gap, abs(box[h, 2, k] - z) - horizon * abs(box[h, 8, k] - w) - box[h, 5, k] - c)
-        bits |= int32(1) << int32(k) if gap <= ZERO else int32(0)
-    return bits
-
-
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _points_within(geo, row, box, slab, b, near, horizon):
-    """Which of a row of points come as near as `near` to the box and the slab of patch b: a bit for each."""
-    g, c = b // LANES, b % LANES
-    cx, cy, cz, cn = box[g, 0, c], box[g, 1, c], box[g, 2, c], slab[b, 3]
-    ex, ey, ez, en = box[g, 3, c] + near, box[g, 4, c] + near, box[g, 5, c] + near, slab[b, 4] + near
-    ux, uy, uz, un = box[g, 6, c], box[g, 7, c], box[g, 8, c], slab[b, 5]
-    nx, ny, nz = slab[b, 0], slab[b, 1], slab[b, 2]
-    bits = int32(0)
-    for k in range(int32(LANES)):
-        x, y, z, u, v, w = (
-            geo[row, 0, k],
-            geo[row, 1, k],
-            geo[row, 2, k],
-            geo[row, 3, k],
-            geo[row, 4, k],
-            geo[row, 5, k],
+    sweep = all_lanes(horizon)
+    gap = all_lanes(-BEYOND)
+    for d in range(3):
+        away = size(load_lanes(box, h, d) - all_lanes(own[d])) - sweep * size(
+            load_lanes(box, h, d + 6) - all_lanes(own[d + 6])
         )
-        gap = abs(nx * x + ny * y + nz * z - cn) - horizon * abs(nx * u + ny * v + nz * w - un) - en
-        gap = max(gap, abs(x - cx) - horizon * abs(u - ux) - ex)
-        gap = max(gap, abs(y - cy) - horizon * abs(v - uy) - ey)
-        gap = max(gap, abs(z - cz) - horizon * abs(w - uz) - ez)
-        bits |= int32(1) << int32(k) if gap <= geo[row, 6, k] else int32(0)
-    return bits
+        gap = most(gap, away - load_lanes(box, h, d + 3) - all_lanes(own[d + 3] + near))
+    return not_above(gap, all_lanes(ZERO))
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _edges_within(geo, row, box, slab, b, near, horizon):
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _points_within(geo, r, box, slab, b, near, horizon):
+    """Which of row r of points come as near as `near` to the box and the slab of patch b: a bit for each."""
+    g, c, sweep = b // LANES, b % LANES, all_lanes(horizon)
+    x, y, z, u, v, w = (
+        load_lanes(geo, r, 0),
+        load_lanes(geo, r, 1),
+        load_lanes(geo, r, 2),
+        load_lanes(geo, r, 3),
+        load_lanes(geo, r, 4),
+        load_lanes(geo, r, 5),
+    )
+    nx, ny, nz = all_lanes(slab[b, 0]), all_lanes(slab[b, 1]), all_lanes(slab[b, 2])
+    gap = size(nx * x + ny * y + nz * z - all_lanes(slab[b, 3]))
+    gap = gap - sweep * size(nx * u + ny * v + nz * w - all_lanes(slab[b, 5])) - all_lanes(slab[b, 4] + near)
+    gap = most(gap, _beyond(x, u, box, g, c, 0, near, sweep))
+    gap = most(gap, _beyond(y, v, box, g, c, 1, near, sweep))
+    gap = most(gap, _beyond(z, w, box, g, c, 2, near, sweep))
+    return not_above(gap, load_lanes(geo, r, 6))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _beyond(x, u, box, g, c, d, near, sweep):
+    """How far places x with the speeds u are beyond a box, along axis d, within +-sweep."""
+    away = size(x - all_lanes(box[g, d, c])) - sweep * size(u - all_lanes(box[g, d + 6, c]))
+    return away - all_lanes(box[g, d + 3, c] + near)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _edges_within(geo, r, box, slab, b, near, horizon):
     """The same for a row of edges."""
-    g, c = b // LANES, b % LANES
-    cx, cy, cz, cn = box[g, 0, c], box[g, 1, c], box[g, 2, c], slab[b, 3]
-    ex, ey, ez, en = box[g, 3, c] + near, box[g, 4, c] + near, box[g, 5, c] + near, slab[b, 4] + near
-    ux, uy, uz, un = box[g, 6, c], box[g, 7, c], box[g, 8, c], slab[b, 5]
-    nx, ny, nz = slab[b, 0], slab[b, 1], slab[b, 2]
-    bits = int32(0)
-    for k in range(int32(LANES)):
-        dx, dy, dz = HALF * geo[row, 3, k], HALF * geo[row, 4, k], HALF * geo[row, 5, k]
-        x, y, z = geo[row, 0, k] + dx, geo[row, 1, k] + dy, geo[row, 2, k] + dz
-        u, v, w = geo[row, 7, k], geo[row, 8, k], geo[row, 9, k]
-        gap = abs(nx * x + ny * y + nz * z - cn) - horizon * abs(nx * u + ny * v + nz * w - un) - en
-        gap = gap - abs(nx * dx + ny * dy + nz * dz)
-        gap = max(gap, abs(x - cx) - abs(dx) - horizon * abs(u - ux) - ex)
-        gap = max(gap, abs(y - cy) - abs(dy) - horizon * abs(v - uy) - ey)
-        gap = max(gap, abs(z - cz) - abs(dz) - horizon * abs(w - uz) - ez)
-        bits |= int32(1) << int32(k) if gap <= geo[row, 11, k] + horizon * geo[row, 10, k] else int32(0)
-    return bits
+    g, c, sweep, half = b // LANES, b % LANES, all_lanes(horizon), all_lanes(HALF)
+    dx, dy, dz = half * load_lanes(geo, r, 3), half * load_lanes(geo, r, 4), half * load_lanes(geo, r, 5)
+    x, y, z = load_lanes(geo, r, 0) + dx, load_lanes(geo, r, 1) + dy, load_lanes(geo, r, 2) + dz
+    u, v, w = load_lanes(geo, r, 7), load_lanes(geo, r, 8), load_lanes(geo, r, 9)
+    nx, ny, nz = all_lanes(slab[b, 0]), all_lanes(slab[b, 1]), all_lanes(slab[b, 2])
+    gap = size(nx * x + ny * y + nz * z - all_lanes(slab[b, 3])) - size(nx * dx + ny * dy + nz * dz)
+    gap = gap - sweep * size(nx * u + ny * v + nz * w - all_lanes(slab[b, 5])) - all_lanes(slab[b, 4] + near)
+    gap = most(gap, _beyond(x, u, box, g, c, 0, near, sweep) - size(dx))
+    gap = most(gap, _beyond(y, v, box, g, c, 1, near, sweep) - size(dy))
+    gap = most(gap, _beyond(z, w, box, g, c, 2, near, sweep) - size(dz))
+    return not_above(gap, load_lanes(geo, r, 11) + sweep * load_lanes(geo, r, 10))
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _triangles_near(geo, b, points, row, c, near, horizon):
-    """Which of the triangles of patch b the point in place c of a row may come as near as `near` within +-horizon
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _triangles_near(geo, b, points, r, c, near, horizon):
+    """Which of the triangles of patch b the point in place c of row r may come as near as `near` within +-horizon
     (by their boxes and planes): a bit for each."""
-    x, y, z = points[row, 0, c], points[row, 1, c], points[row, 2, c]
-    u, v, w = points[row, 3, c], points[row, 4, c], points[row, 5, c]
-    near += points[row, 6, c]
-    bits = int32(0)
-    for k in range(int32(LANES)):
-        nx, ny, nz = geo[b, 6, k], geo[b, 7, k], geo[b, 8, k]
-        du, dv, dw = geo[b, 10, k] - u, geo[b, 11, k] - v, geo[b, 12, k] - w
-        gap = abs(nx * x + ny * y + nz * z - geo[b, 9, k]) - horizon * abs(nx * du + ny * dv + nz * dw)
-        gap = max(gap, max(geo[b, 0, k] - x, x - geo[b, 3, k]) - horizon * abs(du))
-        gap = max(gap, max(geo[b, 1, k] - y, y - geo[b, 4, k]) - horizon * abs(dv))
-        gap = max(gap, max(geo[b, 2, k] - z, z - geo[b, 5, k]) - horizon * abs(dw))
-        bits |= int32(1) << int32(k) if gap <= near + geo[b, 14, k] + horizon * geo[b, 13, k] else int32(0)
-    return bits
+    x, y, z = all_lanes(points[r, 0, c]), all_lanes(points[r, 1, c]), all_lanes(points[r, 2, c])
+    nx, ny, nz, sweep = load_lanes(geo, b, 6), load_lanes(geo, b, 7), load_lanes(geo, b, 8), all_lanes(horizon)
+    du = load_lanes(geo, b, 10) - all_lanes(points[r, 3, c])
+    dv = load_lanes(geo, b, 11) - all_lanes(points[r, 4, c])
+    dw = load_lanes(geo, b, 12) - all_lanes(points[r, 5, c])
+    gap = size(nx * x + ny * y + nz * z - load_lanes(geo, b, 9)) - sweep * size(nx * du + ny * dv + nz * dw)
+    gap = most(gap, most(load_lanes(geo, b, 0) - x, x - load_lanes(geo, b, 3)) - sweep * size(du))
+    gap = most(gap, most(load_lanes(geo, b, 1) - y, y - load_lanes(geo, b, 4)) - sweep * size(dv))
+    gap = most(gap, most(load_lanes(geo, b, 2) - z, z - load_lanes(geo, b, 5)) - sweep * size(dw))
+    return not_above(
+        gap, all_lanes(near + points[r, 6, c]) + load_lanes(geo, b, 14) + sweep * load_lanes(geo, b, 13)
+    )
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _edges_near(geo, row, c, other, near, horizon):
-    """Which of the edges in row `other` the one in place c of another row may come as near as `near` within
-    +-horizon (Ericson 2005, 5.1.9): a bit for each."""
-    near += geo[row, 11, c] + horizon * geo[row, 10, c]
-    u, v, w = geo[row, 7, c], geo[row, 8, c], geo[row, 9, c]
-    x, y, z = geo[row, 0, c], geo[row, 1, c], geo[row, 2, c]
-    dx, dy, dz, a = geo[row, 3, c], geo[row, 4, c], geo[row, 5, c], geo[row, 6, c]
-    bits = int32(0)
-    for k in range(int32(LANES)):
-        bx, by, bz, e = geo[other, 3, k], geo[other, 4, k], geo[other, 5, k], geo[other, 6, k]
-        rx, ry, rz = x - geo[other, 0, k], y - geo[other, 1, k], z - geo[other, 2, k]
-        f = bx * rx + by * ry + bz * rz
-        g = dx * rx + dy * ry + dz * rz
-        h = dx * bx + dy * by + dz * bz
-        s = min(max((h * f - g * e) / max(a * e - h * h, TINY), ZERO), ONE)
-        t = min(max((h * s + f) / e, ZERO), ONE)
-        s = min(max((h * t - g) / a, ZERO), ONE)
-        rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-        # along the line between the closest points both lie apart by its length, wherever they move beside it
-        along = abs(rx * (geo[other, 7, k] - u) + ry * (geo[other, 8, k] - v) + rz * (geo[other, 9, k] - w))
-        d2 = rx * rx + ry * ry + rz * rz
-        reach = near + geo[other, 11, k] + horizon * geo[other, 10, k]
-        bits |= int32(1) << int32(k) if d2 <= reach * np.sqrt(d2) + horizon * along else int32(0)
-    return bits
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _edges_near(geo, r, c, other, near, horizon):
+    """Which of the edges in row `other` the one in place c of row r may come as near as `near` within +-horizon
+    (Ericson 2005, 5.1.9): a bit for each."""
+    zero, one, sweep = all_lanes(ZERO), all_lanes(ONE), all_lanes(horizon)
+    dx, dy, dz, a = (
+        all_lanes(geo[r, 3, c]),
+        all_lanes(geo[r, 4, c]),
+        all_lanes(geo[r, 5, c]),
+        all_lanes(geo[r, 6, c]),
+    )
+    bx, by, bz, e = (
+        load_lanes(geo, other, 3),
+        load_lanes(geo, other, 4),
+        load_lanes(geo, other, 5),
+        load_lanes(geo, other, 6),
+    )
+    rx = all_lanes(geo[r, 0, c]) - load_lanes(geo, other, 0)
+    ry = all_lanes(geo[r, 1, c]) - load_lanes(geo, other, 1)
+    rz = all_lanes(geo[r, 2, c]) - load_lanes(geo, other, 2)
+    f = bx * rx + by * ry + bz * rz
+    g = dx * rx + dy * ry + dz * rz
+    h = dx * bx + dy * by + dz * bz
+    s = least(most((h * f - g * e) / most(a * e - h * h, all_lanes(TINY)), zero), one)
+    t = least(most((h * s + f) / e, zero), one)
+    s = least(most((h * t - g) / a, zero), one)
+    rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
+    # along the line between the closest points both lie apart by its length, wherever they move beside it
+    du = all_lanes(geo[r, 7, c]) - load_lanes(geo, other, 7)
+    dv = all_lanes(geo[r, 8, c]) - load_lanes(geo, other, 8)
+    dw = all_lanes(geo[r, 9, c]) - load_lanes(geo, other, 9)
+    along = size(rx * du + ry * dv + rz * dw)
+    d2 = rx * rx + ry * ry + rz * rz
+    reach = all_lanes(near + geo[r, 11, c] + horizon * geo[r, 10, c]) + load_lanes(geo, other, 11)
+    return not_above(d2, (reach + sweep * load_lanes(geo, other, 10)) * root(d2) + sweep * along)
 
 
 @njit(nogil=True)
@@ -163,10 +171,12 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
     layer, beside, beside_start, normal = patches.layer, patches.beside, patches.beside_start, patches.normal
     vertex, vertex_start, vertex_geo = patches.vertex, patches.vertex_start, patches.vertex_geo
     tris, tri_geo = patches.tri, patches.tri_geo
+    ridge = patches.ridge
     owned, edge_start, edge_geo = patches.edge, patches.edge_start, patches.edge_geo
     close, close_edges = np.float32(near + ROUNDING), np.float32(EDGE_SHARE * near + ROUNDING)
     ahead = np.float32(horizon)
     own = np.empty(9, np.float32)
+    tests = np.empty((TESTS, 4), np.uint32)
     for a in range(len(stale)):
         if not stale[a]:
             continue
@@ -174,9 +184,26 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
             own[c] = box[a // LANES, c, a % LANES]
         n = _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, close, ahead, hit)
         n_vt = _near_triangles(
-            a, hit, n, vertex, vertex_start, vertex_geo, tris, tri_geo, box, slab, close, ahead, tri, vt, n_vt
+            a,
+            hit,
+            n,
+            vertex,
+            vertex_start,
+            vertex_geo,
+            tris,
+            tri_geo,
+            box,
+            slab,
+            close,
+            ahead,
+            tri,
+            tests,
+            vt,
+            n_vt,
         )
-        n_ee = _near_edges(a, hit, n, owned, edge_start, edge_geo, box, slab, close_edges, ahead, edge, ee, n_ee)
+        n_ee = _near_edges(
+            a, hit, n, owned, edge_start, edge_geo, ridge, box, slab, close_edges, ahead, edge, tests, ee, n_ee
+        )
     return n_vt, n_ee
 
 
@@ -209,21 +236,25 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
     return n
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, vt, n):
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, tests, vt, n):
     """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
+    m, tri = 0, tri.view(np.uint32)
     for turn in range(2 * met):
         b = hit[turn // 2]
-        if turn % 2 == 1 and a == b:
-            continue
         p, q = (a, b) if turn % 2 == 0 else (b, a)
-        for row in range(start[p], start[p + 1]):
-            points = _points_within(geo, row, box, slab, q, near, horizon)
+        again = turn % 2 == 1 and a == b
+        for r in range(start[p], start[p] if again else start[p + 1]):
+            points = _points_within(geo, r, box, slab, q, near, horizon)
             while points:
-                c = lowest(points)
+                tests[m, 0], tests[m, 1], tests[m, 2] = r, lowest(points), q
                 points &= points - 1
-                i = vertex[row, c]
-                bits = _triangles_near(tri_geo, q, geo, row, c, near, horizon)
+                m += 1
+        if m + ROOM > len(tests) or turn + 1 == 2 * met:
+            for k in range(m):
+                tests[k, 3] = _triangles_near(tri_geo, tests[k, 2], geo, tests[k, 0], tests[k, 1], near, horizon)
+            for k in range(m):
+                i, q, bits = vertex[tests[k, 0], tests[k, 1]], tests[k, 2], int32(tests[k, 3])
                 while bits:
                     t = tris[q, lowest(bits)]
                     bits &= bits - 1
@@ -231,30 +262,43 @@ def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, n
                         if n < len(vt):
                             vt[n, 0], vt[n, 1] = i, t
                         n += 1
+            m = 0
     return n
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
-def _near_edges(a, hit, met, owned, start, geo, box, slab, near, horizon, edge, ee, n):
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _near_edges(a, hit, met, owned, start, geo, ridge, box, slab, near, horizon, edge, tests, ee, n):
     """Edges of patch a that can meet edges of patches hit[:met]."""
+    m = 0
     for turn in range(met):
         b = hit[turn]
-        for row in range(start[a], start[a + 1]):
-            within = _edges_within(geo, row, box, slab, b, near, horizon)
+        for r in range(start[a], start[a + 1]):
+            if ridge[r] == 0:
+                continue
+            within = ridge[r] & _edges_within(geo, r, box, slab, b, near, horizon)
             while within:
                 c = lowest(within)
                 within &= within - 1
-                e = owned[row, c]
-                i, j = edge[e, 0], edge[e, 1]
                 for other in range(start[b], start[b + 1]):
-                    bits = _edges_near(geo, row, c, other, near, horizon)
-                    while bits:
-                        k = lowest(bits)
-                        bits &= bits - 1
-                        f = owned[other, k]
-                        apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
-                        if apart and (a != b or other > row or (other == row and k > c)):
-                            if n < len(ee):
-                                ee[n, 0], ee[n, 1] = min(e, f), max(e, f)
-                            n += 1
+                    tests[m, 0], tests[m, 1], tests[m, 2] = r, c, other
+                    m += 1 if ridge[other] != 0 else 0
+        if m + ROOM > len(tests) or turn + 1 == met:
+            for k in range(m):
+                other = tests[k, 2]
+                tests[k, 3] = ridge[other] & _edges_near(geo, tests[k, 0], tests[k, 1], other, near, horizon)
+            for k in range(m):
+                r, c, other, bits = tests[k, 0], tests[k, 1], tests[k, 2], int32(tests[k, 3])
+                e = owned[r, c]
+                i, j = edge[e, 0], edge[e, 1]
+                while bits:
+                    o = lowest(bits)
+                    bits &= bits - 1
+                    f = owned[other, o]
+                    apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
+                    # two of one patch are met once
+                    if apart and (other > r or other < start[a] or (other == r and o > c)):
+                        if n < len(ee):
+                            ee[n, 0], ee[n, 1] = min(e, f), max(e, f)
+                        n += 1
+            m = 0
     return n

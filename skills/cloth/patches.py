@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skills.cloth.lanes import LANES
 from skills.cloth.mesh import ClothMesh
 
-__all__ = ["FAR", "LANES", "Patches", "build_patches"]
+__all__ = ["FAR", "LEAF", "Patches", "build_patches"]
 
-LANES = 16
 LEAF = 10  # triangles of a patch, at most: with its edges just about one row
 FAR = 1e6  # [m] where the unused places of a row are
 
@@ -41,7 +41,12 @@ class Patches(NamedTuple):
     normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
     tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
     slack; edge_geo (rows, 12, LANES): start, direction, squared length, and the same of its motion; vertex_geo
-    (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; hit: scratch."""
+    (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose geometry
+    was just put down; hit: scratch.
+
+    at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
+    it, as patch x LANES + place; rim, ridge: (rows,) a bit for each edge without two triangles in one layer, and
+    for each ridge (ridges.py)."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
@@ -69,6 +74,11 @@ class Patches(NamedTuple):
     tri_geo: NDArray[np.float32]
     edge_geo: NDArray[np.float32]
     vertex_geo: NDArray[np.float32]
+    at_edge: NDArray[np.int32]
+    edge_beside: NDArray[np.int32]
+    rim: NDArray[np.int32]
+    ridge: NDArray[np.int32]
+    fitted: NDArray[np.bool_]
     stale: NDArray[np.bool_]
     hit: NDArray[np.int32]
 
@@ -110,6 +120,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     edge_geo[:, :3], edge_geo[:, 3:7] = FAR, 1.0
     vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
     vertex_geo[:, :3] = FAR
+    edge_beside, rim = _beside_edges(mesh, edge, owned, slot)
     return Patches(
         corner,
         corner_start,
@@ -137,9 +148,44 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         tri_geo,
         edge_geo,
         vertex_geo,
+        _inverse(owned, len(edge)),
+        edge_beside,
+        rim,
+        rim.copy(),
+        np.zeros(m, np.bool_),
         np.zeros(m, np.bool_),
         np.zeros(m, np.int32),
     )
+
+
+def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
+    """Where in `owned` each of n is, as row x LANES + place."""
+    at = np.zeros(n, np.int32)
+    at[owned[owned >= 0]] = np.flatnonzero(owned.ravel() >= 0)
+    return at
+
+
+def _beside_edges(
+    mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as patch x LANES + place; and bits of the
+    edges that have not two in one layer."""
+    number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
+    sides: list[list[int]] = [[] for _ in edge]
+    for t, tri in enumerate(mesh.triangles.tolist()):
+        for k in range(3):
+            i, j = sorted((tri[k], tri[(k + 1) % 3]))
+            sides[number[i, j]].append(t)
+    beside, rim = np.zeros((len(owned), 2, LANES), np.int32), np.zeros(len(owned), np.int32)
+    for row, members in enumerate(owned.tolist()):
+        for place, e in enumerate(members):
+            if e < 0:
+                continue
+            if len(sides[e]) != 2 or mesh.triangle_layer[sides[e][0]] != mesh.triangle_layer[sides[e][1]]:
+                rim[row] |= 1 << place
+            else:
+                beside[row, :, place] = slot[sides[e]]
+    return beside, rim
 
 
 def _corners(

@@ -167,10 +167,10 @@ def pack(body, rules, state):
             state.awake_list[n] = i
             n += 1
     count[MOVABLE] = n
-    n = 0
+    n, edge = 0, body.edge.view(np.uint32)
     inv_h2 = 1.0 / rules.h**2
     for e in range(len(body.length)):
-        i, j = body.edge[e, 0], body.edge[e, 1]
+        i, j = edge[e, 0], edge[e, 1]
         if free[i] > 0.0 or free[j] > 0.0:
             inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
             state.edge[n, 0], state.edge[n, 1] = i, j
@@ -179,19 +179,16 @@ def pack(body, rules, state):
             state.rate[n] = body.damping[e]
             n += 1
     count[EDGES] = n
-    n = 0
+    n, hinge = 0, body.hinge.view(np.uint32)
     grow = 1.0 + rules.bend_gamma
     for e in range(len(body.bend)):
-        some = False
-        den = 0.0
-        for m in range(4):
-            i = body.hinge[e, m]
-            some = some or free[i] > 0.0
-            den += grow * body.w[i] * body.weight[e, m] ** 2
-        if some:
+        a, b, c, d = hinge[e, 0], hinge[e, 1], hinge[e, 2], hinge[e, 3]
+        if max(max(free[a], free[b]), max(free[c], free[d])) > 0.0:
+            den = 0.0
             for m in range(4):
-                state.hinge[n, m] = body.hinge[e, m]
+                state.hinge[n, m] = hinge[e, m]
                 state.weight[n, m] = body.weight[e, m]
+                den += grow * body.w[hinge[e, m]] * body.weight[e, m] ** 2
             state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
             if len(body.rub.most):
                 state.which[n] = e

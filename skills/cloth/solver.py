@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
-from skills.cloth.contact import PHASE
+from skills.cloth.contact import PHASE, PHASES
 from skills.cloth.elastic import (
     build_elastic,
     build_rub,
@@ -24,11 +24,13 @@ from skills.cloth.elastic import (
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pairs import CALM_SLACK, SLACK
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.ridges import flat_cosine
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
 from skills.cloth.state import (
     AWAKE,
     FITTED,
     HANDS,
+    PACE,
     Body,
     Holds,
     Pairs,
@@ -176,7 +178,7 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[AWAKE] = len(free)
+        s.counts[AWAKE], s.counts[PACE] = len(free), self._rules.phase
         for part in self._tangles:
             part[...] = 0
         self._holds.hand[:] = -1
@@ -337,7 +339,9 @@ def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substep
     h = settings.frame / substeps
     w = 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
-    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * PHASE * h * w[e.edge].sum(axis=1))
+    rate = np.minimum(
+        0.4, settings.stretch_damping * e.stiffness * phase_length(h, substeps) * h * w[e.edge].sum(axis=1)
+    )
     topology = topology_of(mesh)
     return Body(
         w,
@@ -372,6 +376,8 @@ def _rules(
     return Rules(
         h=h,
         substeps=substeps,
+        phase=phase_length(h, substeps),
+        flat=flat_cosine(material.thickness, edge),
         gx=gx,
         gy=gy,
         gz=gz,
@@ -387,6 +393,12 @@ def _rules(
         table=table,
         hold_compliance=pads.compliance,
     )
+
+
+def phase_length(h: float, substeps: int) -> int:
+    """Substeps of `h` [s] from one narrow phase to the next; a frame has a whole number of phases."""
+    fitting = [n for n in range(PHASE, substeps + 1) if substeps % n == 0 and n * h * PHASES < 1.0 + 1e-9]
+    return max(fitting, default=PHASE)
 
 
 def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:

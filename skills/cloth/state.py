@@ -17,9 +17,10 @@ MAX_HELD = 128
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
-# what is up to date, where the loop stands, and how many of the contacts are of a vertex and a triangle
+# what is up to date, where the loop stands, how many of the contacts are of a vertex and a triangle; for how many
+# substeps those of the next narrow phase are to serve, and whether it is known who sleeps in this frame
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
-BEGUN = 17  # whether it is known who sleeps in this frame
+PACE, BEGUN = 17, 18
 
 
 class Body(NamedTuple):
@@ -47,10 +48,13 @@ class Body(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers of the run. h: substep [s]."""
+    """Numbers of the run. h: substep [s]; phase: substeps from one narrow phase to the next; flat: cosine of
+    a ridge (ridges.py)."""
 
     h: float
     substeps: int
+    phase: int
+    flat: float
     gx: float
     gy: float
     gz: float
@@ -68,9 +72,10 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began,
-    and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the same, but not 0 in the
-    fringe of what is awake (sleep.py). awake_list: what is awake, and its fringe behind.
+    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began
+    (shifted along with x where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex
+    asleep; free: the same, but not 0 in the fringe of what is awake (sleep.py). awake_list: what is awake, and its
+    fringe behind.
     press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
     low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
@@ -113,7 +118,7 @@ class State(NamedTuple):
     wi: Array
     wj: Array
     rate: Array
-    hinge: NDArray[np.int32]
+    hinge: NDArray[np.uint32]
     weight: Array
     inverse: Array
     which: NDArray[np.int32]
@@ -136,7 +141,7 @@ class Pairs(NamedTuple):
     near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the distance that
     pushes nothing, and the inverse mass; inside, the least barycentric coordinate; chain, the one before of the
     same vertex; top, of the chain down from here the one that the vertex is most inside of; better; new_vt,
-    new_ee, key, row, kept."""
+    new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -152,7 +157,8 @@ class Pairs(NamedTuple):
     key: NDArray[np.int64]
     row: NDArray[np.int32]
     kept: Array
-    act_i: NDArray[np.int32]
+    kept_normal: Array
+    act_i: NDArray[np.uint32]
     act_b: Array
     act_n: Array
     act_d: Array
@@ -227,13 +233,13 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         low=np.zeros(n, np.int32),
         floor=f(n),
         rub=f(n),
-        counts=np.zeros(18, np.int64),
+        counts=np.zeros(19, np.int64),
         edge=np.zeros((edges, 2), np.int32),
         length=f(edges),
         wi=f(edges),
         wj=f(edges),
         rate=f(edges),
-        hinge=np.zeros((hinges, 4), np.int32),
+        hinge=np.zeros((hinges, 4), np.uint32),
         weight=f(hinges, 4),
         inverse=f(hinges),
         which=np.zeros(rubbing, np.int32),
@@ -264,8 +270,9 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         new_ee=np.zeros((ee, 2), np.int32),
         key=np.zeros(table, np.int64),
         row=np.zeros(table, np.int32),
-        kept=np.zeros((m, 6)),
-        act_i=np.zeros((m, 4), np.int32),
+        kept=rows(m),
+        kept_normal=rows(m),
+        act_i=np.zeros((m, 4), np.uint32),
         act_b=np.zeros((m, 4)),
         act_n=rows(m),
         act_d=np.zeros(m),

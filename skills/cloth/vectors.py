@@ -1,7 +1,8 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Points and directions as one register of four doubles, for compiled code.
 
-Arrays of them have four columns (`rows`), the fourth of which is zero and stays so. `load` and `store` move a row;
+Arrays of them have four columns (`rows`), the fourth of which is zero and stays so. `load` and `store` move a row,
+`store_singles` puts one down in single precision;
 a + b, a - b, -a, s * a (s a float), `dot`, `cross` and `vector` compute. Products and sums may be contracted, as
 everywhere in the solver. An array of fewer columns would be read and written beyond its rows: nothing checks that.
 """
@@ -9,23 +10,22 @@ everywhere in the solver. An array of fewer columns would be read and written be
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
-from numba.core import cgutils
 from numba.core.errors import TypingError
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import models, overload, register_model
 
 from robots.ports import Array
+from skills.cloth.registers import operation, place_of
 
-__all__ = ["WIDTH", "cross", "dot", "load", "rows", "rows_of", "store", "vector"]
+__all__ = ["WIDTH", "cross", "dot", "load", "rows", "rows_of", "store", "store_singles", "vector"]
 
 WIDTH = 4
 _REGISTER = ir.VectorType(ir.DoubleType(), WIDTH)
-_INDEX = ir.IntType(32)
+_INDEX, _SINGLE = ir.IntType(32), ir.FloatType()
 _FLAGS = ("contract",)
 
 
@@ -41,11 +41,6 @@ def _check(array: Any) -> None:
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.float64
     if not fits or array.layout != "C":
         raise TypingError(f"vectors are rows of a C-ordered array (n, {WIDTH}) of doubles, not of {array}")
-
-
-def _operation(definition: Callable[..., Any]) -> Any:
-    """An intrinsic: compiled code calls it without the typing context."""
-    return intrinsic(definition)
 
 
 @register_model(_Vector)
@@ -69,15 +64,12 @@ def rows_of(a: Array) -> Array:
     return made
 
 
-def _row(context: Any, builder: Any, array_type: Any, array: Any, i: Any) -> Any:
+def _row(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
     """Where row i of an array begins."""
-    found = context.make_array(array_type)(context, builder, array)
-    place = [i, context.get_constant(types.intp, 0)]
-    pointer = cgutils.get_item_pointer(context, builder, array_type, found, place, wraparound=False)
-    return builder.bitcast(pointer, _REGISTER.as_pointer())
+    return place_of(context, builder, kind, array, [i, context.get_constant(types.intp, 0)], _REGISTER)
 
 
-@_operation
+@operation
 def load(typingctx, array, i):
     """Row i of an array (n, WIDTH)."""
     _check(array)
@@ -90,7 +82,7 @@ def load(typingctx, array, i):
     return _vector(array, types.intp), generate
 
 
-@_operation
+@operation
 def store(typingctx, array, i, v):
     """Write v to row i of an array (n, WIDTH)."""
     _check(array)
@@ -103,7 +95,25 @@ def store(typingctx, array, i, v):
     return types.void(array, types.intp, _vector), generate
 
 
-@_operation
+@operation
+def store_singles(typingctx, array, at, step, v):
+    """Write the three coordinates of v as singles to places at, at + step and at + 2 step of a flat array."""
+    if not (isinstance(array, types.Array) and array.ndim == 1 and array.dtype == types.float32):
+        raise TypingError(f"singles are written to a flat array of them, not to {array}")
+
+    def generate(context, builder, signature, arguments):
+        array, at, step, v = arguments
+        singles = builder.fptrunc(v, ir.VectorType(_SINGLE, WIDTH))
+        for k in range(3):
+            value = builder.extract_element(singles, ir.Constant(_INDEX, k))
+            builder.store(value, place_of(context, builder, signature.args[0], array, [at], _SINGLE))
+            at = builder.add(at, step)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, _vector), generate
+
+
+@operation
 def vector(typingctx, x, y, z):
     """Of three floats."""
 
@@ -117,7 +127,7 @@ def vector(typingctx, x, y, z):
 
 
 def _elementwise(name: str) -> Any:
-    @_operation
+    @operation
     def apply(typingctx, a, b):
         def generate(context, builder, signature, arguments):
             return getattr(builder, name)(*arguments, flags=_FLAGS)
@@ -130,7 +140,7 @@ def _elementwise(name: str) -> Any:
 _plus, _minus, _times = (_elementwise(name) for name in ("fadd", "fsub", "fmul"))
 
 
-@_operation
+@operation
 def _all(typingctx, s):
     """s in every place."""
 
@@ -142,7 +152,7 @@ def _all(typingctx, s):
     return _vector(types.float64), generate
 
 
-@_operation
+@operation
 def _turned(typingctx, v):
     """(y, z, x)."""
 
@@ -153,7 +163,7 @@ def _turned(typingctx, v):
     return _vector(_vector), generate
 
 
-@_operation
+@operation
 def dot(typingctx, a, b):
     """a . b"""
 

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.contact import GIVE_UP, RELEASE, STRAY
-from skills.cloth.patches import LANES
+from skills.cloth.lanes import LANES
 
 __all__ = [
     "AWAY", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES", "TO_SECOND",

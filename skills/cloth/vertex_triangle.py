@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import LEAST_SHARE, PARKED, later
-from skills.cloth.patches import LANES
-from skills.cloth.vectors import load, store, vector
+from skills.cloth.contact import LEAST_SHARE, PARKED, is_due, later
+from skills.cloth.corners import common_corner
+from skills.cloth.lanes import LANES
+from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
     AWAY,
     GAP,
@@ -41,11 +42,11 @@ ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a verte
 
 
 @njit(nogil=True)
-def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
-    """Sides of the pairs, and those that can touch within `span` [s] as contacts from row 0 on; -> rows, and how
-    far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
+def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last):
+    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
+    rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
     near, farthest = _find_near(
-        count, now, thick, span, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
+        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
         pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
     )  # fmt: skip
     _meet_once(
@@ -61,45 +62,46 @@ def narrow_vertex_triangle(count, now, thick, span, tri, x, v, w, pairs, last):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
-    count, now, thick, span, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside, chain,
-    top, last
+    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside,
+    chain, top, last
 ):  # fmt: skip
     """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
     Those of each vertex are chained up from `last`."""
     work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
     nothing = vector(0.0, 0.0, 0.0)
-    n, farthest, c = 0, np.float32(0.0), 0
+    members, tri = pair.view(np.uint32), tri.view(np.uint32)
+    n, farthest, c, span = 0, np.float32(0.0), 0, np.float32(pace * h)
     while c < count:
         filled = 0
         while c < count and filled < LANES:
-            if due[c] <= now:
-                i, t = pair[c, 0], pair[c, 1]
+            if is_due(due[c], now, pace):
+                i, t = members[c, 0], members[c, 1]
                 p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
                 if w[i] + w[p] + w[q] + w[r] == 0.0:
                     due[c] = PARKED
                 else:
-                    for d in range(3):
-                        work[(TO_SECOND + d) * LANES + filled] = x[q, d] - x[p, d]
-                        work[(TO_THIRD + d) * LANES + filled] = x[r, d] - x[p, d]
-                        work[(TO_VERTEX + d) * LANES + filled] = x[i, d] - x[p, d]
-                        work[(SLIDE + d) * LANES + filled] = v[i, d] - v[p, d]
+                    corner = load(x, p)
+                    store_singles(work, TO_SECOND * LANES + filled, LANES, load(x, q) - corner)
+                    store_singles(work, TO_THIRD * LANES + filled, LANES, load(x, r) - corner)
+                    store_singles(work, TO_VERTEX * LANES + filled, LANES, load(x, i) - corner)
+                    store_singles(work, SLIDE * LANES + filled, LANES, load(v, i) - load(v, p))
                     work[SIDE * LANES + filled] = side[c]
                     of[filled] = c
                     filled += 1
             c += 1
-        judge_sides(work, np.float32(thick), np.float32(span))
+        judge_sides(work, np.float32(thick), span)
         for k in range(filled):
             o = of[k]
             side[o] = np.int8(work[SIDE * LANES + k])
             verdict, reach = work[VERDICT * LANES + k], work[REACH * LANES + k]
-            i, t = pair[o, 0], pair[o, 1]
+            i, t = members[o, 0], members[o, 1]
             b1, b2 = float(work[SECOND * LANES + k]), float(work[THIRD * LANES + k])
             b0 = 1.0 - b1 - b2
             den = w[i] + b0 * b0 * w[tri[t, 0]] + b1 * b1 * w[tri[t, 1]] + b2 * b2 * w[tri[t, 2]]
             if verdict != TOUCHES or den == 0.0:
                 store(memory, o, nothing)
                 if verdict == AWAY:
-                    due[o] = later(now, work[GAP * LANES + k], reach)
+                    due[o] = later(now, pace, work[GAP * LANES + k], reach)
                 continue
             near_c[n], near_i[n, 0] = o, i
             for m in range(3):
@@ -107,8 +109,9 @@ def _find_near(
             near_b[n, 0], near_b[n, 1], near_b[n, 2], near_b[n, 3] = b1, b2, work[LEAST * LANES + k], den
             within, before = work[WITHIN * LANES + k], last[i]
             inside[n], chain[n], last[i] = within, before, n
-            h = top[before] if before >= 0 else n
-            top[n] = n if within > inside[h] or (within == inside[h] and t < pair[near_c[h], 1]) else h
+            most = top[before] if before >= 0 else n
+            most_inside = within > inside[most] or (within == inside[most] and t < pair[near_c[most], 1])
+            top[n] = n if most_inside else most
             n += 1
             farthest = max(farthest, reach)
     return n, farthest
@@ -130,12 +133,13 @@ def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last
             continue
         best, o = c, last[near_i[c, 0]]
         while o >= 0:
-            if o != c and _joined(o, c, near_i):
+            first = inside[o] == most and pair[near_c[o], 1] < pair[near_c[best], 1]
+            more = inside[o] > most or first
+            if o != c and (more or (inside[c] < 0.0 and better[c] != AT_BEND)) and _joined(o, c, near_i):
                 alike = _alike(o, c, near_n)
                 if inside[c] < 0.0 and alike <= ALIKE:
                     better[c] = AT_BEND
-                first = pair[near_c[o], 1] < pair[near_c[best], 1]
-                if (inside[o] > most or (inside[o] == most and first)) and alike > _least_alike(o, c, inside):
+                if more and alike > _least_alike(o, c, inside):
                     best, most = o, inside[o]
             o = chain[o]
         if best != c:
@@ -153,9 +157,7 @@ def _stands_for(o, c, near_i, near_n, inside):
 @njit(nogil=True, forceinline=True)
 def _joined(o, c, near_i):
     """Whether the triangles of two rows have a common vertex."""
-    p, q, r = near_i[c, 1], near_i[c, 2], near_i[c, 3]
-    s, t, u = near_i[o, 1], near_i[o, 2], near_i[o, 3]
-    return (p == s) | (p == t) | (p == u) | (q == s) | (q == t) | (q == u) | (r == s) | (r == t) | (r == u)
+    return common_corner(near_i, c, o)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)

@@ -5,9 +5,12 @@ import pytest
 
 from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.pairs import HORIZON as PHASES_FORESEEN
+from skills.cloth.pairs import _expire
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patch_search import search_pairs
 from skills.cloth.patches import build_patches
+from skills.cloth.ridges import EVERY_EDGE
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.state import EE, VT, new_pairs
@@ -85,7 +88,9 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     base, course = x[corner].T.astype(np.float32), speed[corner].T.astype(np.float32)
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
     moving, slack = (speed[:, 0] > 0)[corner[patches.corner_start[:-1]]], np.full(m, SLACK, np.float32)
-    fit_patches(patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True)
+    fit_patches(
+        patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
+    )
     n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
@@ -110,7 +115,7 @@ def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
         patches.stale[:] = stale
         base = x[corner].T.astype(np.float32)
         born, moving = np.zeros(m, np.int32), np.ones(m, bool)
-        fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything)
+        fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
         return patches.normal.copy()
 
     normals(x, True, True)
@@ -134,6 +139,7 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
     )
     sim = ClothSimulation(mesh, MATERIAL, x, settings)
+    sim._rules = sim._rules._replace(flat=float(EVERY_EDGE))
     upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
     sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
     edges, seen, searched = sim._body.edge, 0, []
@@ -152,6 +158,22 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         searched.append(int(sim._body.patches.stale.sum()))
     assert seen > 1000
     assert min(searched) < len(sim._body.patches.tri)  # not everything every time
+
+
+@pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
+def test_no_contacts_serve_longer_than_their_pairs_were_foreseen(phase, pace):
+    """A patch of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
+    x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
+    base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
+    one, none = np.zeros(1, np.int32), np.zeros(1, bool)
+    foreseen = PHASES_FORESEEN * phase
+    for age in range(2 * foreseen):
+        x[0, :3] = age * h * speed
+        searched = _expire(
+            age, pace, phase, h, 1, one, one, np.array([0, 1], np.int32), x, base, course,
+            np.full(1, 1e-4, np.float32), one, ~none, none.copy()
+        )  # fmt: skip
+        assert searched == (age + pace > foreseen)
 
 
 @pytest.mark.parametrize("substeps", [16, 20])

@@ -41,7 +41,7 @@ def narrow(x, tri, order, borne=None):
     pairs.vt_j[:, :3] = 0.0 if borne is None else borne[order]
     place, last = rows(n), np.full(n, -1, np.int32)
     place[:, :3] = x
-    kept, _ = narrow_vertex_triangle(m, 0, THICK, 0.004, tri, place, rows(n), np.ones(n), pairs, last)
+    kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, rows(n), np.ones(n), pairs, last)
     assert (last == -1).all()  # ready for the next time
     assert not pairs.act_n[:, 3].any()
     return pairs, kept
@@ -109,7 +109,7 @@ def test_what_comes_fast_beside_a_triangle_keeps_its_side():
     place[:, :3] = x
     place[-1, :3] = -0.0025, 0.0, 0.0035  # beside the corner 0 of the triangle, and above
     speed[-1, 2] = -1.0
-    kept, _ = narrow_vertex_triangle(1, 0, THICK, 0.004, tri[:1], place, speed, np.ones(len(x)), pairs, last)
+    kept, _ = narrow_vertex_triangle(1, 0, 4, 0.001, THICK, tri[:1], place, speed, np.ones(len(x)), pairs, last)
     assert np.linalg.norm(place[-1]) > RELEASE * THICK
     assert kept == 1 and pairs.side[0] == 1
 

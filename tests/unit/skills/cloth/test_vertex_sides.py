@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from skills.cloth import vertex_sides as sides
 from skills.cloth.contact import RELEASE, STRAY
-from skills.cloth.patches import LANES
+from skills.cloth.lanes import LANES
 
 THICK, SPAN, EDGE = 0.003, 0.004, 0.025
 

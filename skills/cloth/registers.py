@@ -1,0 +1,29 @@
+"""What the modules that compute in registers share: how compiled code is given operations of its own, and how it
+finds what an array has at a place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+__all__ = ["operation", "place_of"]
+
+
+def operation(definition: Callable[..., Any]) -> Any:
+    """An intrinsic: compiled code calls it without the typing context."""
+    return intrinsic(definition)
+
+
+def place_of(
+    context: Any, builder: Any, kind: types.Array, array: Any, place: Sequence[Any], register: Any
+) -> Any:
+    """Pointer to the `register` that begins at a place of an array. Places are not wrapped round: they must not be
+    negative, and nothing checks them."""
+    found = context.make_array(kind)(context, builder, array)
+    pointer = cgutils.get_item_pointer(context, builder, kind, found, list(place), wraparound=False)
+    return builder.bitcast(pointer, ir.PointerType(register))

@@ -1,0 +1,89 @@
+"""Sixteen numbers in a register against numpy, and corners against sets."""
+
+import numpy as np
+import pytest
+from numba import njit
+from numba.core.errors import TypingError
+
+from skills.cloth.corners import common_corner
+from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, root, size
+from skills.cloth.vectors import load, rows, store_singles
+
+
+@njit
+def bits_of(given, k):
+    a, b, limit = load_lanes(given, 0, 0), load_lanes(given, 0, 1), load_lanes(given, 1, 0)
+    if k == 0:
+        made = a + b
+    elif k == 1:
+        made = a - b
+    elif k == 2:
+        made = a * b
+    elif k == 3:
+        made = a / b
+    elif k == 4:
+        made = size(a)
+    elif k == 5:
+        made = least(a, b)
+    elif k == 6:
+        made = most(a, b)
+    elif k == 7:
+        made = root(size(a))
+    else:
+        made = all_lanes(given[0, 0, 3])
+    return not_above(made, limit)
+
+
+OPERATIONS = [
+    lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: a / b, lambda a, b: np.abs(a),
+    np.minimum, np.maximum, lambda a, b: np.sqrt(np.abs(a)), lambda a, b: np.full(LANES, a[3]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("k", range(len(OPERATIONS)))
+def test_they_compute_as_numpy_does(k):
+    """Told by limits just above and below what is expected in each place, and by equal ones."""
+    given = np.zeros((2, 2, LANES), np.float32)
+    given[0] = np.random.default_rng(k).normal(size=(2, LANES))
+    expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
+    above = np.random.default_rng(10 + k).random(LANES) < 0.5
+    given[1, 0] = expected + np.where(above, 1e-5, -1e-5) * (1.0 + np.abs(expected))
+    assert bits_of(given, k) == (above << np.arange(LANES)).sum()
+
+
+def test_equal_is_not_above():
+    given = np.ones((2, 2, LANES), np.float32)
+    assert bits_of(given, 5) == 2**LANES - 1
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.float32)])
+def test_other_arrays_are_refused(wrong):
+    with pytest.raises(TypingError, match="C-ordered"):
+        njit(lambda a: not_above(load_lanes(a, 0, 0), load_lanes(a, 0, 0)))(wrong)
+
+
+@njit
+def shared(rows, i, j):
+    return common_corner(rows, i, j)
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_triangles_have_a_corner_in_common_or_not(seed):
+    """Their first number is no corner."""
+    rng = np.random.default_rng(seed)
+    given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
+    assert shared(given, 0, 1) == bool(set(given[0, 1:]) & set(given[1, 1:]))
+
+
+@njit
+def put_down(given, out, at, step):
+    store_singles(out, at, step, load(given, 0))
+
+
+def test_a_vector_is_put_down_in_single_precision():
+    given, out = rows(1), np.zeros(12, np.float32)
+    given[0, :3] = 1.1, -2.2, 3.3
+    put_down(given, out, 2, 4)
+    expected = np.zeros(12, np.float32)
+    expected[[2, 6, 10]] = given[0, :3]
+    np.testing.assert_array_equal(out, expected)
