@@ -25,10 +25,12 @@ from numba import njit
 
 from skills.cloth.vectors import dot, load, store
 
-PHASE = 4  # substeps from one narrow phase to the next, at least,
-PHASES = 240  # [1/s] or as many as make so few of them: how far cloth goes meanwhile hangs on time alone.
-HASTE_WAY = 2.0  # x thickness: contacts that may go so far by then have the next one after half as many substeps,
-LEISURE_WAY = 1.0  # and after twice as many where none goes so far by that time
+# A phase is the time from one narrow phase to the next: 1 / PHASES [s], but no less than PHASE substeps.
+PHASE, PHASES = 4, 240
+HASTE_WAY = (
+    2.0  # x thickness: if a contact may go farther in a phase, the next narrow phase comes after half of one;
+)
+LEISURE_WAY = 1.0  # if none may go farther in two phases, it comes after two
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
 EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
@@ -37,7 +39,7 @@ EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
 LEAST_SHARE = 0.25
 STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretells
 PARKED = 2**30  # due date of a pair that sleeps
-MAX_WAIT = 12  # phases that a pair which is far apart is left out
+MAX_WAIT = 12  # times as long as contacts serve a pair which is far apart is left out, at most
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
 # neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
 # so many parts of the list in turn

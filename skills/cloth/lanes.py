@@ -5,6 +5,7 @@
 a + b, a - b, a * b, a / b, `size` (absolute value), `least`, `most`, `root` compute place by place, and
 `not_above(a, b)` is a bit for each place where a <= b. Written as loops the same became instructions half as wide,
 between which bits were collected one by one. Products and sums may be contracted, as everywhere in the solver.
+That the last axis of an array is LANES long nothing checks.
 """
 
 from __future__ import annotations

@@ -104,6 +104,7 @@ def search(body, rules, state, pairs):
         count[FITTED] == 0,
         np.float32(rules.flat),
     )
+    patches.ridge[:] = patches.bent
     stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
     n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):

@@ -114,7 +114,8 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything, flat):
     """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
     the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
-    stale patches and of those beside them: no others are asked for. flat: cosine of a ridge (ridges.py)."""
+    stale patches and of those beside them: no others are asked for. Which edges
+    are bent, of the patches that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
     place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
     tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
     edge, edge_at, edge_geo = patches.edge, patches.edge_at.view(np.uint32), patches.edge_geo
@@ -122,7 +123,7 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
     edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
     beside, beside_start = patches.beside, patches.beside_start
     ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
-    rim, ridge, edge_beside = patches.rim, patches.ridge, patches.edge_beside.view(np.uint32)
+    rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
     for k in range(len(moving)):
         fitted[k] = everything or moving[k] or stale[k]
@@ -145,7 +146,7 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
             _fit_normals(k, ring, ring_start, tri_geo, normal)
         if _beside_some(beside, beside_start, fitted, k):
             for row in range(edge_start[k], edge_start[k + 1]):
-                ridge[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
+                bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
     _fit_groups(box, len(moving), ahead, patches.group)
 
 

@@ -24,8 +24,11 @@ from skills.cloth.patches import FAR, LEAF
 
 __all__ = ["search_pairs"]
 
-ROOM = 3 * LEAF * -(-3 * LEAF // LANES)  # tests of edges that two patches may need: each has at most so many
-TESTS = 16 * ROOM  # are put down, then made: bounds and what comes of them would wait for each other
+ROOM = (
+    3 * LEAF * -(-3 * LEAF // LANES)
+)  # tests that two patches may need: each edge of one with all rows of the other
+# so many are put down, then made, then read: what a test says would be guessed at before it is known
+TESTS = 16 * ROOM
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
 ROUNDING = 2e-5  # [m] of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -258,6 +261,8 @@ def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, n
                 while bits:
                     t = tris[q, lowest(bits)]
                     bits &= bits - 1
+                    if min(i, t) < 0:  # an empty place: bounds that are no numbers tell nothing
+                        continue
                     if i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
                         if n < len(vt):
                             vt[n, 0], vt[n, 1] = i, t
@@ -294,6 +299,8 @@ def _near_edges(a, hit, met, owned, start, geo, ridge, box, slab, near, horizon,
                     o = lowest(bits)
                     bits &= bits - 1
                     f = owned[other, o]
+                    if min(e, f) < 0:
+                        continue
                     apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
                     # two of one patch are met once
                     if apart and (other > r or other < start[a] or (other == r and o > c)):

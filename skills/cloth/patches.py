@@ -45,8 +45,8 @@ class Patches(NamedTuple):
     was just put down; hit: scratch.
 
     at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
-    it, as patch x LANES + place; rim, ridge: (rows,) a bit for each edge without two triangles in one layer, and
-    for each ridge (ridges.py)."""
+    it, as patch x LANES + place. A bit for each edge (rows,): rim, without two triangles in one layer; bent, and
+    those that are bent; ridge, and those that stay ridges in this search (ridges.py)."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
@@ -77,6 +77,7 @@ class Patches(NamedTuple):
     at_edge: NDArray[np.int32]
     edge_beside: NDArray[np.int32]
     rim: NDArray[np.int32]
+    bent: NDArray[np.int32]
     ridge: NDArray[np.int32]
     fitted: NDArray[np.bool_]
     stale: NDArray[np.bool_]
@@ -151,6 +152,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         _inverse(owned, len(edge)),
         edge_beside,
         rim,
+        rim.copy(),
         rim.copy(),
         np.zeros(m, np.bool_),
         np.zeros(m, np.bool_),

@@ -7,6 +7,9 @@ about as far away. With an angle a between the triangles, and a crossing edge of
 a l / 4 (a roof's ridge over the middle of its eaves): up to a = 2 thickness / l the two stay half a thickness
 apart, which is all that a contact of edges asks for. So both edges of a pair have to be ridges or rims; where one
 is flat the contact can bear nothing. Of the pairs of a folded shirt a third is left.
+
+Bent is what is so in the middle of the time that a search looks ahead. An edge that bends faster than the
+margin allows counts from the next search on, a frame later; vertices and triangles keep it apart meanwhile.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robots.errors import InternalError
 from robots.ports import Side
 from skills.cloth import state
 from skills.cloth.crossings import count_crossings
@@ -49,6 +50,32 @@ def test_folded_layers_come_to_rest_and_sleep(folded):
     s.advance(6)
     assert np.linalg.norm(s.positions - before, axis=1).max() < 1e-4
     assert s.asleep.mean() > 0.9
+
+
+def test_layers_of_which_some_sleep_go_on_from_a_checkpoint_with_the_same_bits(folded):
+    """What no longer touches is forgotten by the one that goes on as by the one that begins anew."""
+    mesh, x = folded
+    one = ClothSimulation(mesh, MATERIAL, x)
+    for _ in range(12):
+        one.advance(25)
+        other = ClothSimulation(mesh, MATERIAL, x)
+        other.restore(one.checkpoint())
+        one.advance(15)
+        other.advance(15)
+        assert other.positions.tobytes() == one.positions.tobytes()
+        assert other._state.counts[state.EE] == one._state.counts[state.EE]
+    assert one.asleep.mean() > 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_positions_that_are_no_numbers_any_more_are_an_error(folded, seed):
+    mesh, x = folded
+    s = ClothSimulation(mesh, MATERIAL, x)
+    s.advance(2)
+    rng = np.random.default_rng(seed)
+    s._state.x[rng.integers(len(x), size=3), rng.integers(3)] = np.nan
+    with pytest.raises(InternalError, match="lost its positions"):
+        s.advance(30)
 
 
 def test_a_new_search_does_not_move_layers_at_rest(folded):

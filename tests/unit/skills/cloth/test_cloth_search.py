@@ -91,6 +91,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     fit_patches(
         patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
     )
+    patches.ridge[:] = patches.bent
     n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
