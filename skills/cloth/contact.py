@@ -48,6 +48,12 @@ OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
 OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 
 
+def phase_length(h: float, substeps: int) -> int:
+    """Substeps of `h` [s] from one narrow phase to the next; a frame has a whole number of phases."""
+    fitting = [n for n in range(PHASE, substeps + 1) if substeps % n == 0 and n * h * PHASES < 1.0 + 1e-9]
+    return max(fitting, default=PHASE)
+
+
 @njit(nogil=True)
 def next_narrow_phase(s, substeps, phase, pace, way):
     """The substep of the narrow phase after that of substep s, whose contacts serve for `pace` substeps, and the

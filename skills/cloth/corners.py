@@ -31,10 +31,8 @@ def common_corner(typingctx, array, i, j):
     def generate(context, builder, signature, arguments):
         def corners(i: Any) -> Any:
             place = [i, context.get_constant(types.intp, 0)]
-            read = builder.load(
-                place_of(context, builder, signature.args[0], arguments[0], place, _ROW), typ=_ROW, align=4
-            )
-            return read
+            pointer = place_of(context, builder, signature.args[0], arguments[0], place, _ROW)
+            return builder.load(pointer, typ=_ROW, align=4)
 
         def turned(row: Any, order: list[int]) -> Any:
             return builder.shuffle_vector(row, ir.Constant(_ROW, ir.Undefined), ir.Constant(_ROW, order))

@@ -19,7 +19,7 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import models, overload, register_model
 
-from skills.cloth.registers import operation, place_of
+from skills.cloth.registers import elementwise, operation, place_of
 
 __all__ = ["LANES", "all_lanes", "least", "load_lanes", "most", "not_above", "root", "size"]
 
@@ -69,18 +69,7 @@ def all_lanes(typingctx, s):
     return _lanes(types.float32), generate
 
 
-def _elementwise(name: str) -> Any:
-    @operation
-    def apply(typingctx, a, b):
-        def generate(context, builder, signature, arguments):
-            return getattr(builder, name)(*arguments, flags=_FLAGS)
-
-        return _lanes(_lanes, _lanes), generate
-
-    return apply
-
-
-_plus, _minus, _times, _over = (_elementwise(name) for name in ("fadd", "fsub", "fmul", "fdiv"))
+_plus, _minus, _times, _over = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
 
 
 def _chosen(sign: str) -> Any:

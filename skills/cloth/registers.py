@@ -11,12 +11,25 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["operation", "place_of"]
+__all__ = ["elementwise", "operation", "place_of"]
 
 
 def operation(definition: Callable[..., Any]) -> Any:
     """An intrinsic: compiled code calls it without the typing context."""
     return intrinsic(definition)
+
+
+def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> Any:
+    """An operation on two registers of a `kind`, place by place: an `instruction` of llvmlite's builder
+    ("fadd", ...) with its fast-math `flags`."""
+
+    def apply(typingctx: Any, a: Any, b: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return getattr(builder, instruction)(*arguments, flags=flags)
+
+        return kind(kind, kind), generate
+
+    return operation(apply)
 
 
 def place_of(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
-from skills.cloth.contact import PHASE, PHASES
+from skills.cloth.contact import phase_length
 from skills.cloth.elastic import (
     build_elastic,
     build_rub,
@@ -393,12 +393,6 @@ def _rules(
         table=table,
         hold_compliance=pads.compliance,
     )
-
-
-def phase_length(h: float, substeps: int) -> int:
-    """Substeps of `h` [s] from one narrow phase to the next; a frame has a whole number of phases."""
-    fitting = [n for n in range(PHASE, substeps + 1) if substeps % n == 0 and n * h * PHASES < 1.0 + 1e-9]
-    return max(fitting, default=PHASE)
 
 
 def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:

@@ -19,7 +19,7 @@ from numba.core.errors import TypingError
 from numba.extending import models, overload, register_model
 
 from robots.ports import Array
-from skills.cloth.registers import operation, place_of
+from skills.cloth.registers import elementwise, operation, place_of
 
 __all__ = ["WIDTH", "cross", "dot", "load", "rows", "rows_of", "store", "store_singles", "vector"]
 
@@ -126,18 +126,7 @@ def vector(typingctx, x, y, z):
     return _vector(types.float64, types.float64, types.float64), generate
 
 
-def _elementwise(name: str) -> Any:
-    @operation
-    def apply(typingctx, a, b):
-        def generate(context, builder, signature, arguments):
-            return getattr(builder, name)(*arguments, flags=_FLAGS)
-
-        return _vector(_vector, _vector), generate
-
-    return apply
-
-
-_plus, _minus, _times = (_elementwise(name) for name in ("fadd", "fsub", "fmul"))
+_plus, _minus, _times = (elementwise(_vector, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
 
 
 @operation

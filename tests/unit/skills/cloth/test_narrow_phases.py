@@ -4,8 +4,16 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from skills.cloth.contact import HASTE_WAY, LEISURE_WAY, PHASES, STRAY, is_due, later, next_narrow_phase
-from skills.cloth.solver import phase_length
+from skills.cloth.contact import (
+    HASTE_WAY,
+    LEISURE_WAY,
+    PHASES,
+    STRAY,
+    is_due,
+    later,
+    next_narrow_phase,
+    phase_length,
+)
 
 FRAMES = st.sampled_from([16, 20, 28, 64])
 LIMITS = [share * way for way in (HASTE_WAY, LEISURE_WAY, 0.5 * LEISURE_WAY) for share in (0.99, 1.01)]
