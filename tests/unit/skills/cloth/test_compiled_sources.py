@@ -1,0 +1,30 @@
+"""What the compiled loop is made of: a file that is left out would change and the old code still be run."""
+
+import ast
+from pathlib import Path
+
+from skills.cloth import kernel
+
+FOLDER = Path(kernel.__file__).parent
+
+
+def modules_of(name):
+    """The modules of skills/cloth that one of its files imports."""
+    for node in ast.walk(ast.parse((FOLDER / name).read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("skills.cloth."):
+            yield f"{node.module.rpartition('.')[2]}.py"
+
+
+def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
+    reached, ahead = set(), ["kernel.py"]
+    while ahead:
+        name = ahead.pop()
+        if name not in reached:
+            reached.add(name)
+            ahead.extend(modules_of(name))
+    compiled = {
+        n for n in reached if "numba" in (FOLDER / n).read_text() or "llvmlite" in (FOLDER / n).read_text()
+    }
+    assert compiled <= set(kernel.COMPILED), compiled - set(kernel.COMPILED)
+    assert set(kernel.COMPILED) <= reached
+    assert {"lanes.py", "vectors.py", "patch_search.py"} <= compiled
