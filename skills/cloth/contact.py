@@ -77,7 +77,7 @@ def later(now, pace, free, reach):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def release_overlaps(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, h):
+def release_overlaps(n, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
     """Shift apart what overlapped when the substep began, as it was then and as it is."""
     most = OVERLAP_SPEED * h
     for c in range(n):
@@ -89,7 +89,8 @@ def release_overlaps(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, h):
         if overlap <= 0.0:
             continue
         apart = (min(OVERLAP_SHARE * overlap, most) * act_w[c]) * normal
-        si, sj, sk, sm = (w[i] * bi) * apart, (w[j] * bj) * apart, (w[k] * bk) * apart, (w[m] * bm) * apart
+        si, sj = act_s[c, 0] * apart, act_s[c, 1] * apart
+        sk, sm = act_s[c, 2] * apart, act_s[c, 3] * apart
         store(xp, i, pi + si)
         store(xp, j, pj + sj)
         store(xp, k, pk + sk)
@@ -101,7 +102,7 @@ def release_overlaps(n, act_i, act_b, act_n, act_d, act_w, w, x, xp, h):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def apply_impulses(n, act_i, act_b, act_n, act_m, act_j, act_p, act_g, w, x, xp):
+def apply_impulses(n, act_i, act_b, act_s, act_n, act_m, act_j, act_p, act_g, x, xp):
     """What the contacts have borne of late, to begin a substep with. act_p: how far apart the two sides of each
     contact were at its beginning, act_g: (m,) and how far along the normal."""
     for c in range(n):
@@ -113,18 +114,18 @@ def apply_impulses(n, act_i, act_b, act_n, act_m, act_j, act_p, act_g, w, x, xp)
         borne = load(act_m, c)
         store(act_j, c, borne)
         if dot(borne, borne) > 0.0:
-            store(x, i, load(x, i) + (w[i] * bi) * borne)
-            store(x, j, load(x, j) + (w[j] * bj) * borne)
-            store(x, k, load(x, k) + (w[k] * bk) * borne)
-            store(x, m, load(x, m) + (w[m] * bm) * borne)
+            store(x, i, load(x, i) + act_s[c, 0] * borne)
+            store(x, j, load(x, j) + act_s[c, 1] * borne)
+            store(x, k, load(x, k) + act_s[c, 2] * borne)
+            store(x, m, load(x, m) + act_s[c, 3] * borne)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w, x, friction, sweep):
-    """One sweep, through PARTS of the list in turn, and back where `sweep` is odd: no approach below the contact
-    distance, nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each
-    contact has borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
-    one, parts, count, back = np.uint64(1), np.uint64(PARTS), np.uint64(n), sweep % 2 == 1
+def solve_contacts(n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, act_g, x, friction, back):
+    """One sweep through PARTS of the list in turn, or `back` from its end: no approach below the contact distance,
+    nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each contact has
+    borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
+    one, parts, count = np.uint64(1), np.uint64(PARTS), np.uint64(n)
     length = (count + parts - one) // parts
     for row in range(PARTS * ((n + PARTS - 1) // PARTS)):
         part, place = np.uint64(row) % parts, np.uint64(row) // parts
@@ -150,10 +151,10 @@ def solve_contacts(n, act_i, act_b, act_n, act_d, act_w, act_j, act_p, act_g, w,
         after = press * normal + share * along
         store(act_j, c, after)
         more = after - before
-        store(x, i, pi + (w[i] * bi) * more)
-        store(x, j, pj + (w[j] * bj) * more)
-        store(x, k, pk + (w[k] * bk) * more)
-        store(x, m, pm + (w[m] * bm) * more)
+        store(x, i, pi + act_s[c, 0] * more)
+        store(x, j, pj + act_s[c, 1] * more)
+        store(x, k, pk + act_s[c, 2] * more)
+        store(x, m, pm + act_s[c, 3] * more)
 
 
 @njit(nogil=True)

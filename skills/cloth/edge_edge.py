@@ -51,7 +51,7 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
     on the table, have no other normal than the shortest way from one to the other."""
     pair, near, normal, due, memory = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.ee_j
-    act_i, act_b = pairs.act_i, pairs.act_b
+    act_i, act_b, act_s = pairs.act_i, pairs.act_b, pairs.act_s
     release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
     farthest, span = 0.0, pace * h
     for c in range(count):
@@ -100,6 +100,7 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
         den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
+        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = (1 - s) * w[i], s * w[j], (t - 1) * w[k], -t * w[m]
         store(pairs.act_n, n, direction)
         store(pairs.act_m, n, borne)
         pairs.act_d[n], pairs.act_w[n], pairs.act_c[n] = thick, 1.0 / den, c

@@ -97,12 +97,13 @@ def _compile(sources: str) -> Callable[..., int]:
         count = state.counts
         # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
-        edge, length, wi, wj, rate = state.edge, state.length, state.wi, state.wj, state.rate
-        hinge, weight, inverse, free = state.hinge, state.weight, state.inverse, state.free
+        edge, inverse_square, wi, wj, rate = state.edge, state.inverse_square, state.wi, state.wj, state.rate
+        hinge, weight, part, free = state.hinge, state.weight, state.part, state.free
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
         rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
         low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
-        act_i, act_b, act_n, act_d, act_w = pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_d, pairs.act_w
+        act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
+        act_d, act_w = pairs.act_d, pairs.act_w
         act_j, act_m, act_p, act_g = pairs.act_j, pairs.act_m, pairs.act_p, pairs.act_g
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
@@ -150,7 +151,7 @@ def _compile(sources: str) -> Callable[..., int]:
                     integrate(
                         count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, x, xp, v
                     )  # fmt: skip
-                    solve_edges(count[EDGES], edge, length, wi, wj, x)
+                    solve_edges(count[EDGES], edge, inverse_square, wi, wj, x)
                     lead(count[MOVABLE], awake, rules.bend_gamma, x, xp, u)
                     if len(most):
                         if s % rules.phase == 0:
@@ -164,12 +165,12 @@ def _compile(sources: str) -> Callable[..., int]:
                             moment
                         )  # fmt: skip
                         solve_rubbed_hinges(
-                            count[HINGES], hinge, weight, inverse, axis, foot,
+                            count[HINGES], hinge, weight, part, axis, foot,
                             moment, 1.0 + rules.bend_gamma, free, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
-                            count[HINGES], hinge, weight, inverse, free, u
+                            count[HINGES], hinge, weight, part, u
                         )  # fmt: skip
                     follow(count[AWAKE], awake, rules.bend_gamma, x, xp, u)
                     put_back(count[AWAKE], count[MOVABLE], awake, x, xp)
@@ -181,12 +182,11 @@ def _compile(sources: str) -> Callable[..., int]:
                             a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
-                        count[ACTIVE], act_i, act_b, act_n, act_d, act_w, wa,
-                        x, xp, h
+                        count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
                     )  # fmt: skip
                     apply_impulses(
-                        count[ACTIVE], act_i, act_b, act_n, act_m, act_j,
-                        act_p, act_g, wa, x, xp
+                        count[ACTIVE], act_i, act_b, act_s, act_n, act_m, act_j,
+                        act_p, act_g, x, xp
                     )  # fmt: skip
                     sunk = 0
                     if rules.table:
@@ -199,9 +199,9 @@ def _compile(sources: str) -> Callable[..., int]:
                             sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
                         solve_contacts(
-                            count[ACTIVE], act_i, act_b, act_n, act_d, act_w,
-                            act_j, act_p, act_g, wa, x, rules.mu_layers,
-                            s * SWEEPS + sw,  # there in one substep and back in the next
+                            count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w,
+                            act_j, act_p, act_g, x, rules.mu_layers,
+                            (s * SWEEPS + sw) % 2 == 1,  # there in one substep and back in the next
                         )  # fmt: skip
                     average_impulses(count[ACTIVE], act_j, act_m)
                     if len(busy):

@@ -107,7 +107,9 @@ def search(body, rules, state, pairs):
     patches.ridge[:] = patches.bent
     stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
     n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
-    if n_vt + count[VT] > len(pairs.vt) or n_ee + count[EE] > len(pairs.ee):
+    if not _have_room(n_vt, count[VT], pairs.vt, patches.stale, patches.of_vertex, patches.of_tri):
+        return False
+    if not _have_room(n_ee, count[EE], pairs.ee, patches.stale, patches.of_edge, patches.of_edge):
         return False
     _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
     _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
@@ -116,6 +118,16 @@ def search(body, rules, state, pairs):
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1
     return True
+
+
+@njit(nogil=True)
+def _have_room(n_new, n, pair, stale, of_first, of_second):
+    """Whether there is room for n_new pairs when those of stale patches have left the first n."""
+    room = len(pair) - n
+    if n_new > room:
+        for c in range(n):
+            room += stale[of_first[pair[c, 0]]] or stale[of_second[pair[c, 1]]]
+    return n_new <= min(room, len(pair))
 
 
 @njit(nogil=True)
@@ -144,23 +156,21 @@ def _foresee(
 
 @njit(nogil=True)
 def _renew_vertex_triangle(patches, width, pairs, count, n_new):
-    """Pairs of stale patches out, the new ones in, with the side of those that were there."""
+    """The new pairs in the places of those of stale patches, with the side of those that were there."""
     vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
-    borne, memory, nothing = pairs.vt_j, pairs.kept, vector(0.0, 0.0, 0.0)
+    borne, memory, nothing, free = pairs.vt_j, pairs.kept, vector(0.0, 0.0, 0.0), pairs.near_c
     stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)
-    kept = n = 0
-    for c in range(count[VT]):
-        i, t = vt[c, 0], vt[c, 1]
-        if stale[of_vertex[i]] or stale[of_tri[t]]:
-            if side[c] != 0:
-                scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = i, t, side[c]
-                store(memory, kept, load(borne, c))
-                kept += 1
-        elif side[c] != 0 or due[c] != PARKED:
-            if n < c:
-                vt[n, 0], vt[n, 1], side[n], due[n] = i, t, side[c], due[c]
-                store(borne, n, load(borne, c))
-            n += 1
+    n, kept, places = count[VT], 0, 0
+    for c in range(n):  # without a guess about which pairs these are
+        old = stale[of_vertex[vt[c, 0]]] | stale[of_tri[vt[c, 1]]]
+        free[places] = c
+        places += old | ((side[c] == 0) & (due[c] == PARKED))
+    for k in range(places):
+        c = free[k]
+        if side[c] != 0:
+            scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
+            store(memory, kept, load(borne, c))
+            kept += 1
     key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
     for c in range(kept):
         at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
@@ -168,15 +178,23 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
             at = (at + NEXT_PLACE) & mask
         key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
     for c in range(n_new):
-        vt[n, 0], vt[n, 1] = new[c, 0], new[c, 1]
         at = _first(new[c, 0] * width + new[c, 1], mask)
         while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
             at = (at + NEXT_PLACE) & mask
         r = row[at] if key[at] >= 0 else -1
-        side[n] = scratch[r, 2] if r >= 0 else 0
-        store(borne, n, load(memory, r) if r >= 0 else nothing)
-        due[n] = count[NOW]
-        n += 1
+        bore = load(memory, r) if r >= 0 else nothing
+        o = free[c] if c < places else n
+        n += c >= places
+        vt[o, 0], vt[o, 1] = new[c, 0], new[c, 1]
+        side[o] = scratch[r, 2] if r >= 0 else 0
+        store(borne, o, bore)
+        due[o] = count[NOW]
+    for c in range(places - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
+        n -= 1
+        o = free[c]
+        if o < n:
+            vt[o, 0], vt[o, 1], side[o], due[o] = vt[n, 0], vt[n, 1], side[n], due[n]
+            store(borne, o, load(borne, n))
     count[VT] = n
 
 
@@ -186,21 +204,18 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
     scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
     stale, of_edge, nothing = patches.stale, patches.of_edge.view(np.uint32), vector(0.0, 0.0, 0.0)
-    kept = n = 0
-    for c in range(count[EE]):
-        e, f = ee[c, 0], ee[c, 1]
-        if stale[of_edge[e]] or stale[of_edge[f]]:
-            if near[c]:
-                scratch[kept, 0], scratch[kept, 1] = e, f
-                store(memory, kept, load(borne, c))
-                store(kept_normal, kept, load(normal, c))
-                kept += 1
-        elif near[c] or due[c] != PARKED:
-            if n < c:
-                ee[n, 0], ee[n, 1], near[n], due[n] = e, f, near[c], due[c]
-                store(borne, n, load(borne, c))
-                store(normal, n, load(normal, c))
-            n += 1
+    free, n, kept, places = pairs.near_c, count[EE], 0, 0
+    for c in range(n):
+        old = stale[of_edge[ee[c, 0]]] | stale[of_edge[ee[c, 1]]]
+        free[places] = c
+        places += old | ((not near[c]) & (due[c] == PARKED))
+    for k in range(places):
+        c = free[k]
+        if near[c]:
+            scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
+            store(memory, kept, load(borne, c))
+            store(kept_normal, kept, load(normal, c))
+            kept += 1
     key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
     for c in range(kept):
         at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
@@ -208,17 +223,26 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
             at = (at + NEXT_PLACE) & mask
         key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
     for c in range(n_new):
-        ee[n, 0], ee[n, 1] = new[c, 0], new[c, 1]
         at = _first(new[c, 0] * width + new[c, 1], mask)
         while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
             at = (at + NEXT_PLACE) & mask
         r = row[at] if key[at] >= 0 else -1
-        near[n] = r >= 0
-        store(borne, n, load(memory, r) if r >= 0 else nothing)
+        bore = load(memory, r) if r >= 0 else nothing
+        o = free[c] if c < places else n
+        n += c >= places
+        ee[o, 0], ee[o, 1] = new[c, 0], new[c, 1]
+        near[o] = r >= 0
+        store(borne, o, bore)
         if r >= 0:
-            store(normal, n, load(kept_normal, r))
-        due[n] = count[NOW]
-        n += 1
+            store(normal, o, load(kept_normal, r))
+        due[o] = count[NOW]
+    for c in range(places - 1, n_new - 1, -1):
+        n -= 1
+        o = free[c]
+        if o < n:
+            ee[o, 0], ee[o, 1], near[o], due[o] = ee[n, 0], ee[n, 1], near[n], due[n]
+            store(borne, o, load(borne, n))
+            store(normal, o, load(normal, n))
     count[EE] = n
 
 

@@ -39,12 +39,10 @@ def find_ridges(row, edges, beside, geo, flat):
     patch x LANES + place; geo: (patches, 15, LANES), with normals in rows 6 to 8 (patches.py)."""
     bits = np.int32(0)
     for a in range(LANES):
-        if edges[row, a] < 0:
-            break
         s, t = beside[row, 0, a], beside[row, 1, a]
         p, i, q, j = s // WIDE, s % WIDE, t // WIDE, t % WIDE
         cos = geo[p, 6, i] * geo[q, 6, j] + geo[p, 7, i] * geo[q, 7, j] + geo[p, 8, i] * geo[q, 8, j]
-        bits |= np.int32(1 << a) if cos < flat else np.int32(0)
+        bits |= np.int32(1 << a) if cos < flat and edges[row, a] >= 0 else np.int32(0)
     return bits
 
 

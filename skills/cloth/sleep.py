@@ -174,7 +174,7 @@ def pack(body, rules, state):
         if free[i] > 0.0 or free[j] > 0.0:
             inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
             state.edge[n, 0], state.edge[n, 1] = i, j
-            state.length[n] = body.length[e]
+            state.inverse_square[n] = 1.0 / body.length[e] ** 2
             state.wi[n], state.wj[n] = free[i] * inv, free[j] * inv
             state.rate[n] = body.damping[e]
             n += 1
@@ -189,7 +189,9 @@ def pack(body, rules, state):
                 state.hinge[n, m] = hinge[e, m]
                 state.weight[n, m] = body.weight[e, m]
                 den += grow * body.w[hinge[e, m]] * body.weight[e, m] ** 2
-            state.inverse[n] = grow / (den + body.bend[e] * inv_h2)
+            inv = grow / (den + body.bend[e] * inv_h2)
+            for m in range(4):
+                state.part[n, m] = free[hinge[e, m]] * body.weight[e, m] * inv
             if len(body.rub.most):
                 state.which[n] = e
             n += 1

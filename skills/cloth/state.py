@@ -114,13 +114,13 @@ class State(NamedTuple):
     rub: Array
     counts: NDArray[np.int64]
     edge: NDArray[np.int32]
-    length: Array
+    inverse_square: Array
     wi: Array
     wj: Array
     rate: Array
     hinge: NDArray[np.uint32]
     weight: Array
-    inverse: Array
+    part: Array
     which: NDArray[np.int32]
     slip: Array
     held: Array
@@ -135,13 +135,14 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
-    [kg m]; act_j, act_m: (m, 4) what a contact bears in this substep, and of late; act_n: (m, 4) its normal;
-    act_c: its pair; act_p: (m, 4) how far apart its sides were when the substep began, act_g: (m,) and how far
-    along its normal. Scratch: near_c, pairs of a vertex and a triangle that can touch; near_i, their vertices;
-    near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the distance that
-    pushes nothing, and the inverse mass; inside, the least barycentric coordinate; chain, the one before of the
-    same vertex; top, of the chain down from here the one that the vertex is most inside of; better; new_vt,
-    new_ee, key, row, kept, kept_normal."""
+    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times inverse masses; act_j,
+    act_m: (m, 4) what it bears in this substep, and of late; act_n: (m, 4) its normal; act_c: its pair; act_p:
+    (m, 4) how far apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch:
+    near_c, pairs of a vertex and a triangle that can touch, and places in the lists of pairs that became free;
+    near_i, their vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third
+    corner, the distance that pushes nothing, and the inverse mass; inside, the least barycentric coordinate;
+    chain, the one before of the same vertex; top, of the chain down from here the one that the vertex is most
+    inside of; better; new_vt, new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -160,6 +161,7 @@ class Pairs(NamedTuple):
     kept_normal: Array
     act_i: NDArray[np.uint32]
     act_b: Array
+    act_s: Array
     act_n: Array
     act_d: Array
     act_w: Array
@@ -235,13 +237,13 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         rub=f(n),
         counts=np.zeros(19, np.int64),
         edge=np.zeros((edges, 2), np.int32),
-        length=f(edges),
+        inverse_square=f(edges),
         wi=f(edges),
         wj=f(edges),
         rate=f(edges),
         hinge=np.zeros((hinges, 4), np.uint32),
         weight=f(hinges, 4),
-        inverse=f(hinges),
+        part=f(hinges, 4),
         which=np.zeros(rubbing, np.int32),
         slip=f(rubbing),
         held=f(rubbing + 1),
@@ -274,6 +276,7 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         kept_normal=rows(m),
         act_i=np.zeros((m, 4), np.uint32),
         act_b=np.zeros((m, 4)),
+        act_s=np.zeros((m, 4)),
         act_n=rows(m),
         act_d=np.zeros(m),
         act_w=np.zeros(m),

@@ -55,7 +55,8 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
     )  # fmt: skip
     rows = _enter(
         near, thick, w, pairs.better, pairs.inside, pairs.vt_j, pairs.near_c, pairs.near_i, pairs.near_n,
-        pairs.near_b, pairs.act_i, pairs.act_b, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
+        pairs.near_b, pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d,
+        pairs.act_w
     )  # fmt: skip
     return rows, farthest
 
@@ -175,8 +176,8 @@ def _least_alike(o, c, inside):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _enter(
-    near, thick, w, better, inside, memory, near_c, near_i, near_n, near_b, act_i, act_b, act_n, act_m, act_c,
-    act_d, act_w
+    near, thick, w, better, inside, memory, near_c, near_i, near_n, near_b, act_i, act_b, act_s, act_n, act_m,
+    act_c, act_d, act_w
 ):  # fmt: skip
     """Contacts of those that have no better one; it bears what they bore. -> rows
 
@@ -200,7 +201,9 @@ def _enter(
         aim = least if inside[c] < -BORDER or better[c] == AT_BEND else thick
         den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
-        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, b1 + b2 - 1.0, -b1, -b2
+        b0 = 1.0 - b1 - b2
+        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
+        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
         store(act_n, n, vector(float(near_n[c, 0]), float(near_n[c, 1]), float(near_n[c, 2])))
         store(act_m, n, load(memory, near_c[c]))
         store(memory, near_c[c], nothing)

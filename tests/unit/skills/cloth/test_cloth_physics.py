@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from robots.errors import ConfigurationError
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elastic import GRAVITY, solve_edges
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import CapsuleMotion, ClothSimulation
+from skills.cloth.vectors import rows
 from skills.vocabulary import Material
 
 MATERIAL = Material(
@@ -42,6 +43,29 @@ def hung_strip(stretch, edge, substeps, length=0.6, width=0.15):
 def test_hung_strip_elongates_as_asked(stretch, edge, substeps):
     """Closed form of a strip under its own weight: areal_mass g L / (2 Y); on any mesh, with any substeps."""
     assert hung_strip(stretch, edge, substeps) == pytest.approx(stretch, abs=1.2e-3)
+
+
+@pytest.mark.parametrize(
+    ("strain", "error"), [(0.03, 3e-4), (-0.03, 3e-4), (0.1, 3e-3), (-0.1, 3e-3), (-0.5, 0.2)]
+)
+def test_a_sweep_puts_an_edge_to_its_length(strain, error):
+    """One stiff edge, ends of different mass: but for `error` of the strain, and the centre of mass stays."""
+    x, length, w = rows(2), 0.02, np.array([3.0, 1.0])
+    along = np.array([2.0, -1.0, 2.0]) / 3.0
+    x[0, :3] = 0.1, 0.2, 0.3
+    x[1, :3] = x[0, :3] + (1.0 + strain) * length * along
+    middle = x[0] / w[0] + x[1] / w[1]
+    one, share = np.array([[0, 1]], np.uint32), w / w.sum()
+    solve_edges(1, one, np.array([length**-2]), share[:1], share[1:], x)
+    assert abs(np.linalg.norm(x[1] - x[0]) / length - 1.0) < error * abs(strain)
+    assert x[0] / w[0] + x[1] / w[1] == pytest.approx(middle)
+
+
+def test_an_edge_without_length_pushes_nowhere():
+    x = rows(2)
+    x[:, :3] = 1.0
+    solve_edges(1, np.array([[0, 1]], np.uint32), np.array([2500.0]), np.full(1, 0.5), np.full(1, 0.5), x)
+    assert (x[:, :3] == 1.0).all()
 
 
 def slide(mu, angle, frames=60):

@@ -1,6 +1,7 @@
 """Crossings that no contact undoes, since every pair remembers the side on which it found itself."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -35,9 +36,9 @@ def two_sheets(turned=0.3):
     return mesh, x, n
 
 
-def poked(reach):
+def poked(reach, turned=0.3):
     """The upper sheet goes through the lower one within `reach` [m] of the middle."""
-    mesh, x, n = two_sheets()
+    mesh, x, n = two_sheets(turned)
     inside = np.linalg.norm(mesh.rest, axis=1) < reach
     inside[:n] = False
     x[inside, 2] -= 2.0 * MATERIAL.thickness
@@ -93,6 +94,26 @@ def test_undoing_a_crossing_makes_no_momentum_and_no_more_speed_than_the_contact
         assert np.linalg.norm((mass * s.positions).sum(axis=0) / mass.sum() - middle) < 1e-9
     undone, left = fastest.mean(axis=0)
     assert undone < 1.1 * left
+
+
+def test_undoing_crossings_makes_little_speed():
+    """How fast the fastest vertex is when a sheet springs back through another is chance. Over 24 pokes it was 1.8
+    times as fast in the mean as where the sheet stays, of one poke as much as 3.8 times."""
+    void = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
+    fastest = []
+    for turned, reach in product(np.linspace(0.05, 1.0, 12), (0.042, 0.05)):
+        mesh, x, _ = poked(reach, turned)
+        s, other = (ClothSimulation(mesh, MATERIAL, x, void, table=False) for _ in range(2))
+        fast = np.zeros(2)
+        for _ in range(60):
+            s.advance(1)
+            without(other, 1)
+            fast = np.maximum(fast, [np.linalg.norm(o.velocities, axis=1).max() for o in (s, other)])
+        fastest.append(fast)
+        assert count_crossings(s.positions, mesh.triangles) == 0
+        assert count_crossings(other.positions, mesh.triangles) > 0
+    undone, left = np.mean(fastest, axis=0)
+    assert undone < 2.5 * left
 
 
 def test_what_does_not_cross_is_left_alone():
