@@ -127,7 +127,7 @@ def _have_room(n_new, n, pair, stale, of_first, of_second):
     if n_new > room:
         for c in range(n):
             room += stale[of_first[pair[c, 0]]] or stale[of_second[pair[c, 1]]]
-    return n_new <= min(room, len(pair))
+    return n_new <= room
 
 
 @njit(nogil=True)
@@ -156,7 +156,8 @@ def _foresee(
 
 @njit(nogil=True)
 def _renew_vertex_triangle(patches, width, pairs, count, n_new):
-    """The new pairs in the places of those of stale patches, with the side of those that were there."""
+    """The new pairs in the places of those of stale patches, with the side of those that were there. Pairs that
+    sleep and know no side leave, too."""
     vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
     borne, memory, nothing, free = pairs.vt_j, pairs.kept, vector(0.0, 0.0, 0.0), pairs.near_c
     stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)

@@ -45,8 +45,9 @@ class Patches(NamedTuple):
     was just put down; hit: scratch.
 
     at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
-    it, as patch x LANES + place. A bit for each edge (rows,): rim, without two triangles in one layer; bent, and
-    those that are bent; ridge, and those that stay ridges in this search (ridges.py)."""
+    it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
+    triangles in one layer; bent, and those that are bent; ridge, and those that stay ridges in this search
+    (ridges.py)."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]

@@ -135,14 +135,14 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
-    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times inverse masses; act_j,
-    act_m: (m, 4) what it bears in this substep, and of late; act_n: (m, 4) its normal; act_c: its pair; act_p:
-    (m, 4) how far apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch:
-    near_c, pairs of a vertex and a triangle that can touch, and places in the lists of pairs that became free;
-    near_i, their vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third
-    corner, the distance that pushes nothing, and the inverse mass; inside, the least barycentric coordinate;
-    chain, the one before of the same vertex; top, of the chain down from here the one that the vertex is most
-    inside of; better; new_vt, new_ee, key, row, kept, kept_normal."""
+    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_j, act_m: (m, 4)
+    what it bears in this substep, and of late; act_n: (m, 4) its normal; act_c: its pair; act_p: (m, 4) how far
+    apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch: near_c, pairs
+    of a vertex and a triangle that can touch, and places in the lists of pairs that became free; near_i, their
+    vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the
+    distance that pushes nothing, and the inverse mass; inside, the least barycentric coordinate; chain, the one
+    before of the same vertex; top, of the chain down from here the one that the vertex is most inside of; better;
+    new_vt, new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
