@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from skills.cloth.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
@@ -22,6 +23,8 @@ __all__ = ["turned_over"]
 
 TURN_S, HOLD_S = 1.2, 0.2
 """Time of the half turn, which starts and ends gently, and of being held where it ends."""
+UNTANGLING_S = 1.0
+"""Time for what still crosses then to part, at most."""
 LOOP = 3.0
 """Half the width of the strip at the line that is left to itself, in bending lengths: a crease's loop is one and
 a half high. From 2 to 5 the results differ by less than from mesh to mesh."""
@@ -53,6 +56,23 @@ def turned_over(
         v[guided] = (path.at(share * share * (3.0 - 2.0 * share)) - x[guided]) / settings.frame
         simulation.set_positions(x, v)
         simulation.advance()
+    return _untangled(mesh, material, simulation.positions, guided, settings)
+
+
+def _untangled(
+    mesh: ClothMesh, material: Material, x: Array, guided: NDArray[np.int64], settings: SolverSettings
+) -> Array:
+    """x (n, 3) itself, or what becomes of it in at most UNTANGLING_S while what is guided stays in its place: put
+    down anew in each frame, as above, cloth forgets how long it crosses, and is not helped out of it."""
+    if not count_crossings(x, mesh.triangles):
+        return x
+    fixed = np.zeros(len(x), dtype=bool)
+    fixed[guided] = True
+    simulation = ClothSimulation(mesh, material, x, settings, fixed=fixed)
+    for _ in range(round(UNTANGLING_S * settings.frame_rate)):
+        simulation.advance()
+        if not count_crossings(simulation.positions, mesh.triangles):
+            break
     return simulation.positions
 
 
