@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.vectors import dot, load, store
+from skills.cloth.vectors import dot, load, members, spread, store
 
 # A phase is the time from one narrow phase to the next: 1 / PHASES [s], but no less than PHASE substeps.
 PHASE, PHASES = 4, 240
@@ -81,16 +81,16 @@ def release_overlaps(n, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
     """Shift apart what overlapped when the substep began, as it was then and as it is."""
     most = OVERLAP_SPEED * h
     for c in range(n):
-        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
-        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        i, j, k, m = members(act_i, c)
+        bi, bj, bk, bm = spread(load(act_b, c))
         pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
         normal = load(act_n, c)
         overlap = act_d[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
         if overlap <= 0.0:
             continue
         apart = (min(OVERLAP_SHARE * overlap, most) * act_w[c]) * normal
-        si, sj = act_s[c, 0] * apart, act_s[c, 1] * apart
-        sk, sm = act_s[c, 2] * apart, act_s[c, 3] * apart
+        si, sj, sk, sm = spread(load(act_s, c))
+        si, sj, sk, sm = si * apart, sj * apart, sk * apart, sm * apart
         store(xp, i, pi + si)
         store(xp, j, pj + sj)
         store(xp, k, pk + sk)
@@ -106,18 +106,19 @@ def apply_impulses(n, act_i, act_b, act_s, act_n, act_m, act_j, act_p, act_g, x,
     """What the contacts have borne of late, to begin a substep with. act_p: how far apart the two sides of each
     contact were at its beginning, act_g: (m,) and how far along the normal."""
     for c in range(n):
-        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
-        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        i, j, k, m = members(act_i, c)
+        bi, bj, bk, bm = spread(load(act_b, c))
         p = bi * load(xp, i) + bj * load(xp, j) + bk * load(xp, k) + bm * load(xp, m)
         store(act_p, c, p)
         act_g[c] = dot(load(act_n, c), p)
         borne = load(act_m, c)
         store(act_j, c, borne)
         if dot(borne, borne) > 0.0:
-            store(x, i, load(x, i) + act_s[c, 0] * borne)
-            store(x, j, load(x, j) + act_s[c, 1] * borne)
-            store(x, k, load(x, k) + act_s[c, 2] * borne)
-            store(x, m, load(x, m) + act_s[c, 3] * borne)
+            si, sj, sk, sm = spread(load(act_s, c))
+            store(x, i, load(x, i) + si * borne)
+            store(x, j, load(x, j) + sj * borne)
+            store(x, k, load(x, k) + sk * borne)
+            store(x, m, load(x, m) + sm * borne)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -132,8 +133,8 @@ def solve_contacts(n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, ac
         c = (parts - part) * length - one - place if back else part * length + place
         if c >= count:
             continue
-        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
-        bi, bj, bk, bm = act_b[c, 0], act_b[c, 1], act_b[c, 2], act_b[c, 3]
+        i, j, k, m = members(act_i, c)
+        bi, bj, bk, bm = spread(load(act_b, c))
         pi, pj, pk, pm = load(x, i), load(x, j), load(x, k), load(x, m)
         normal, before = load(act_n, c), load(act_j, c)
         r = bi * pi + bj * pj + bk * pk + bm * pm
@@ -151,10 +152,11 @@ def solve_contacts(n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, ac
         after = press * normal + share * along
         store(act_j, c, after)
         more = after - before
-        store(x, i, pi + act_s[c, 0] * more)
-        store(x, j, pj + act_s[c, 1] * more)
-        store(x, k, pk + act_s[c, 2] * more)
-        store(x, m, pm + act_s[c, 3] * more)
+        si, sj, sk, sm = spread(load(act_s, c))
+        store(x, i, pi + si * more)
+        store(x, j, pj + sj * more)
+        store(x, k, pk + sk * more)
+        store(x, m, pm + sm * more)
 
 
 @njit(nogil=True)

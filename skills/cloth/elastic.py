@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.vectors import dot, load, store
+from skills.cloth.vectors import dot, load, spread, store
 from skills.vocabulary import Material
 
 __all__ = [
@@ -219,14 +219,15 @@ def solve_hinges(n, hinge, weight, part, x):
     """One sweep over the first n packed hinges; part: w K / (sum w K^2 + compliance / h^2) of each vertex."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
-        ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
         # all is read before anything is written: four different vertices
         pa, pb, pc, pd = load(x, a), load(x, b), load(x, c), load(x, d)
+        ka, kb, kc, kd = spread(load(weight, k))
+        sa, sb, sc, sd = spread(load(part, k))
         r = ka * pa + kb * pb + kc * pc + kd * pd
-        store(x, a, pa - part[k, 0] * r)
-        store(x, b, pb - part[k, 1] * r)
-        store(x, c, pc - part[k, 2] * r)
-        store(x, d, pd - part[k, 3] * r)
+        store(x, a, pa - sa * r)
+        store(x, b, pb - sb * r)
+        store(x, c, pc - sc * r)
+        store(x, d, pd - sd * r)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -119,7 +119,7 @@ def _compile(sources: str) -> Callable[..., int]:
                 impulse[:] = 0.0
                 count[BEGUN] = 1
             if count[PACKED] == 0:
-                pack(body, rules, state)
+                pack(body, state)
             busy = np.empty((0, 2), np.int32)
             if len(cap_r):
                 busy = near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)

@@ -2,10 +2,10 @@
 """LANES single precision numbers as one register, for compiled code.
 
 `load_lanes(a, i, j)` reads a[i, j] of an array (m, k, LANES) of singles, `all_lanes(s)` is s in every place;
-a + b, a - b, a * b, a / b, `size` (absolute value), `least`, `most`, `root` compute place by place, and
-`not_above(a, b)` is a bit for each place where a <= b. Written as loops the same became instructions half as wide,
-between which bits were collected one by one. Products and sums may be contracted, as everywhere in the solver.
-That the last axis of an array is LANES long nothing checks.
+a + b, a - b, a * b, a / b, `size` (absolute value), `least`, `most` compute place by place, and
+`not_above(a, b)` is a bit for each place where a <= b; `lowest` finds the first of them. Written as loops the same
+became instructions half as wide, between which bits were collected one by one. Products and sums may be
+contracted, as everywhere in the solver. That the last axis of an array is LANES long nothing checks.
 """
 
 from __future__ import annotations
@@ -15,18 +15,22 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.core.errors import TypingError
+from numba.cpython.unsafe.numbers import trailing_zeros
 from numba.extending import models, overload, register_model
 
 from skills.cloth.registers import elementwise, operation, place_of
 
-__all__ = ["LANES", "all_lanes", "least", "load_lanes", "most", "not_above", "root", "size"]
+__all__ = ["LANES", "all_lanes", "least", "load_lanes", "lowest", "most", "not_above", "size"]
 
 LANES = 16
 _REGISTER = ir.VectorType(ir.FloatType(), LANES)
 _WHOLE = ir.VectorType(ir.IntType(32), LANES)
 _FLAGS = ("contract", "nnan", "nsz")
+
+lowest: Any = (
+    trailing_zeros  # place of the lowest bit of a number; an intrinsic of numba's, which its own sets use
+)
 
 
 class _Lanes(types.Type):
@@ -94,18 +98,6 @@ def size(typingctx, a):
     def generate(context, builder, signature, arguments):
         bits = builder.and_(builder.bitcast(arguments[0], _WHOLE), ir.Constant(_WHOLE, [0x7FFFFFFF] * LANES))
         return builder.bitcast(bits, _REGISTER)
-
-    return _lanes(_lanes), generate
-
-
-@operation
-def root(typingctx, a):
-    """Square root."""
-
-    def generate(context, builder, signature, arguments):
-        kind = ir.FunctionType(_REGISTER, [_REGISTER])
-        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f32")
-        return builder.call(function, arguments)
 
     return _lanes(_lanes), generate
 

@@ -7,17 +7,19 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.contact import PARKED
-from skills.cloth.patch_bounds import fit_patches
+from skills.cloth.patch_bounds import fit_patches, fit_ridges
 from skills.cloth.patch_search import search_pairs
 from skills.cloth.ridges import stay_ridges
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
-from skills.cloth.vectors import load, store, vector
+from skills.cloth.vectors import load, store
 
-SLACK = 0.0005  # [m] that a corner may stray from its straight course before its patch is searched anew
+SLACK = 0.001  # [m] that a corner may stray from its straight course before its patch is searched anew
 CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
-STALE_SHARE = 0.5  # of the slack: a patch that strayed by so much is searched along with those that must be
+STALE_SHARE = 0.4  # of the slack: a patch that strayed by so much is searched along with those that must be
 HORIZON = 6  # phases for which the search looks ahead
-NEXT_PLACE = np.uint64(1)
+NONE, ONE = np.uint64(0), np.uint64(1)
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
+ROOMY = 4  # places of the table for each of its pairs: few begin where others are
 RENEW = 4  # phases after which a patch is searched along with others
 
 
@@ -106,6 +108,7 @@ def search(body, rules, state, pairs):
     )
     patches.ridge[:] = patches.bent
     stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
+    fit_ridges(patches, state.course, state.slack)
     n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if not _have_room(n_vt, count[VT], pairs.vt, patches.stale, patches.of_vertex, patches.of_tri):
         return False
@@ -159,40 +162,30 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
     """The new pairs in the places of those of stale patches, with the side of those that were there. Pairs that
     sleep and know no side leave, too."""
     vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
-    borne, memory, nothing, free = pairs.vt_j, pairs.kept, vector(0.0, 0.0, 0.0), pairs.near_c
+    borne, memory, free, key, row = pairs.vt_j, pairs.kept, pairs.near_c, pairs.key, pairs.row
     stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)
-    n, kept, places = count[VT], 0, 0
+    n, kept, places, now = np.uint64(count[VT]), NONE, NONE, count[NOW]
     for c in range(n):  # without a guess about which pairs these are
         old = stale[of_vertex[vt[c, 0]]] | stale[of_tri[vt[c, 1]]]
         free[places] = c
-        places += old | ((side[c] == 0) & (due[c] == PARKED))
+        places += np.uint64(old | ((side[c] == 0) & (due[c] == PARKED)))
     for k in range(places):
-        c = free[k]
-        if side[c] != 0:
-            scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[c, 0], vt[c, 1], side[c]
-            store(memory, kept, load(borne, c))
-            kept += 1
-    key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
-    for c in range(kept):
-        at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
-        while key[at] >= 0:
-            at = (at + NEXT_PLACE) & mask
-        key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
-    for c in range(n_new):
-        at = _first(new[c, 0] * width + new[c, 1], mask)
-        while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
-            at = (at + NEXT_PLACE) & mask
-        r = row[at] if key[at] >= 0 else -1
-        bore = load(memory, r) if r >= 0 else nothing
-        o = free[c] if c < places else n
-        n += c >= places
-        vt[o, 0], vt[o, 1] = new[c, 0], new[c, 1]
-        side[o] = scratch[r, 2] if r >= 0 else 0
-        store(borne, o, bore)
-        due[o] = count[NOW]
-    for c in range(places - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
-        n -= 1
-        o = free[c]
+        o = np.uint64(free[k])
+        scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[o, 0], vt[o, 1], side[o]
+        store(memory, kept, load(borne, o))
+        kept += np.uint64(side[o] != 0)
+    shift = _note(scratch, np.int64(kept), width, key, row)
+    for c in range(np.uint64(n_new)):
+        at = _find(new[c, 0] * width + new[c, 1], key, shift)
+        found, r = key[at] >= 0, np.uint64(row[at])
+        o = np.uint64(free[c]) if c < places else n
+        n += np.uint64(c >= places)
+        vt[o, 0], vt[o, 1], due[o] = new[c, 0], new[c, 1], now
+        side[o] = np.int8(scratch[r, 2]) if found else 0
+        store(borne, o, (1.0 if found else 0.0) * load(memory, r))
+    for c in range(int(places) - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
+        n -= ONE
+        o = np.uint64(free[c])
         if o < n:
             vt[o, 0], vt[o, 1], side[o], due[o] = vt[n, 0], vt[n, 1], side[n], due[n]
             store(borne, o, load(borne, n))
@@ -204,42 +197,31 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
     scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
-    stale, of_edge, nothing = patches.stale, patches.of_edge.view(np.uint32), vector(0.0, 0.0, 0.0)
-    free, n, kept, places = pairs.near_c, count[EE], 0, 0
+    stale, of_edge = patches.stale, patches.of_edge.view(np.uint32)
+    free, key, row = pairs.near_c, pairs.key, pairs.row
+    n, kept, places, now = np.uint64(count[EE]), NONE, NONE, count[NOW]
     for c in range(n):
         old = stale[of_edge[ee[c, 0]]] | stale[of_edge[ee[c, 1]]]
         free[places] = c
-        places += old | ((not near[c]) & (due[c] == PARKED))
+        places += np.uint64(old | ((not near[c]) & (due[c] == PARKED)))
     for k in range(places):
-        c = free[k]
-        if near[c]:
-            scratch[kept, 0], scratch[kept, 1] = ee[c, 0], ee[c, 1]
-            store(memory, kept, load(borne, c))
-            store(kept_normal, kept, load(normal, c))
-            kept += 1
-    key, row, mask = pairs.key, pairs.row, _empty_table(pairs.key, kept)
-    for c in range(kept):
-        at = _first(scratch[c, 0] * width + scratch[c, 1], mask)
-        while key[at] >= 0:
-            at = (at + NEXT_PLACE) & mask
-        key[at], row[at] = scratch[c, 0] * width + scratch[c, 1], c
-    for c in range(n_new):
-        at = _first(new[c, 0] * width + new[c, 1], mask)
-        while key[at] >= 0 and key[at] != new[c, 0] * width + new[c, 1]:
-            at = (at + NEXT_PLACE) & mask
-        r = row[at] if key[at] >= 0 else -1
-        bore = load(memory, r) if r >= 0 else nothing
-        o = free[c] if c < places else n
-        n += c >= places
-        ee[o, 0], ee[o, 1] = new[c, 0], new[c, 1]
-        near[o] = r >= 0
-        store(borne, o, bore)
-        if r >= 0:
-            store(normal, o, load(kept_normal, r))
-        due[o] = count[NOW]
-    for c in range(places - 1, n_new - 1, -1):
-        n -= 1
-        o = free[c]
+        o = np.uint64(free[k])
+        scratch[kept, 0], scratch[kept, 1] = ee[o, 0], ee[o, 1]
+        store(memory, kept, load(borne, o))
+        store(kept_normal, kept, load(normal, o))
+        kept += np.uint64(near[o])
+    shift = _note(scratch, np.int64(kept), width, key, row)
+    for c in range(np.uint64(n_new)):
+        at = _find(new[c, 0] * width + new[c, 1], key, shift)
+        found, r = key[at] >= 0, np.uint64(row[at])
+        o = np.uint64(free[c]) if c < places else n
+        n += np.uint64(c >= places)
+        ee[o, 0], ee[o, 1], near[o], due[o] = new[c, 0], new[c, 1], found, now
+        store(borne, o, (1.0 if found else 0.0) * load(memory, r))
+        store(normal, o, (1.0 if found else 0.0) * load(kept_normal, r))
+    for c in range(int(places) - 1, n_new - 1, -1):
+        n -= ONE
+        o = np.uint64(free[c])
         if o < n:
             ee[o, 0], ee[o, 1], near[o], due[o] = ee[n, 0], ee[n, 1], near[n], due[n]
             store(borne, o, load(borne, n))
@@ -248,16 +230,25 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
 
 
 @njit(nogil=True)
-def _empty_table(key, kept):
-    """A table with room for so many keys; -> its length less one."""
-    size = 64
-    while size < 2 * kept:
-        size *= 2
-    key[:size] = -1
-    return np.uint64(size - 1)
+def _note(pair, n, width, key, row):
+    """A table (linear probing) of the rows of n pairs, found by first * width + second; -> the shift of its keys.
+    In places without a key row is 0."""
+    bits = 6
+    while (1 << bits) < ROOMY * n and (2 << bits) <= len(key):
+        bits += 1
+    key[: 1 << bits], row[: 1 << bits] = -1, 0
+    shift = np.uint64(64 - bits)
+    for c in range(n):
+        k = pair[c, 0] * width + pair[c, 1]
+        at = _find(k, key, shift)
+        key[at], row[at] = k, c
+    return shift
 
 
 @njit(nogil=True, forceinline=True)
-def _first(k, mask):
-    """Where key k is looked for first."""
-    return np.uint64(k * 2654435761) & mask
+def _find(k, key, shift):
+    """Where key k is in the table, or the empty place where it would be (multiplicative hashing, Knuth 6.4)."""
+    at, mask = (np.uint64(k) * GOLDEN) >> shift, (ONE << (np.uint64(64) - shift)) - ONE
+    while key[at] >= 0 and key[at] != k:
+        at = (at + ONE) & mask
+    return at

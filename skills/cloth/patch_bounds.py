@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.lanes import LANES
+from skills.cloth.lanes import LANES, lowest
 from skills.cloth.patches import FAR
 from skills.cloth.ridges import find_ridges
 
-__all__ = ["fit_patches"]
+__all__ = ["fit_patches", "fit_ridges"]
 
 WIDE = np.uint32(LANES)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
@@ -84,19 +84,17 @@ def _fit_triangles(k, tris, at, place, course, slack, geo):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _fit_edges(row, edges, at, place, course, slack, geo):
-    for a in range(LANES):
-        if edges[row, a] < 0:
-            break
-        i, j = at[row, 0, a], at[row, 1, a]
-        length2 = differs = ZERO
-        for d in range(3):
-            along = place[d, j] - place[d, i]
-            geo[row, d, a], geo[row, d + 3, a] = place[d, i], along
-            geo[row, d + 7, a] = HALF * (course[d, i] + course[d, j])
-            length2 += along * along
-            differs += (HALF * (course[d, j] - course[d, i])) ** 2
-        geo[row, 6, a], geo[row, 10, a], geo[row, 11, a] = length2 + TINY, np.sqrt(differs), slack
+def _fit_edge(i, j, place, course, slack, geo, row, a):
+    """An edge between corners i and j into place a of a row."""
+    length2 = differs = ZERO
+    for d in range(3):
+        along = place[d, j] - place[d, i]
+        geo[row, d, a], geo[row, d + 3, a] = place[d, i], along
+        geo[row, d + 7, a] = HALF * (course[d, i] + course[d, j])
+        length2 += along * along
+        differs += (HALF * (course[d, j] - course[d, i])) ** 2
+    geo[row, 6, a], geo[row, 10, a], geo[row, 11, a] = length2 + TINY, np.sqrt(differs), slack
+    geo[row, 12, a] = ONE / (length2 + TINY)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -118,7 +116,7 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
     are bent, of the patches that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
     place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
     tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
-    edge, edge_at, edge_geo = patches.edge, patches.edge_at.view(np.uint32), patches.edge_geo
+    edge = patches.edge
     vertex, vertex_at, vertex_geo = patches.vertex, patches.vertex_at.view(np.uint32), patches.vertex_geo
     edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
     beside, beside_start = patches.beside, patches.beside_start
@@ -137,8 +135,6 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
         _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
         _fit_triangles(k, tri, tri_at, place, course, slack[k], tri_geo)
         _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
-        for row in range(edge_start[k], edge_start[k + 1]):
-            _fit_edges(row, edge, edge_at, place, course, slack[k], edge_geo)
         for row in range(vertex_start[k], vertex_start[k + 1]):
             _fit_vertices(row, vertex, vertex_at, place, course, slack[k], vertex_geo)
     for k in range(len(moving)):
@@ -148,6 +144,42 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
             for row in range(edge_start[k], edge_start[k + 1]):
                 bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
     _fit_groups(box, len(moving), ahead, patches.group)
+
+
+@njit(nogil=True, error_model="numpy")
+def fit_ridges(patches, course, slack):
+    """Geometry of the edges that are ridges, those of a patch side by side in its rows: of patches that were
+    fitted (`fit_patches`), or of which others have become ridges."""
+    edge, edge_at, start = patches.edge, patches.edge_at.view(np.uint32), patches.edge_start
+    ridge, before, place, fitted = patches.ridge, patches.ridge_before, patches.place, patches.fitted
+    ridges, ridge_edge, geo = patches.ridges, patches.ridge_edge, patches.edge_geo
+    for k in range(len(fitted)):
+        first, last = start[k], start[k + 1]
+        if not (fitted[k] or _differ(first, last, ridge, before)):
+            continue
+        n = np.uint32(0)
+        for row in range(first, last):
+            before[row] = bits = ridge[row]
+            while bits:
+                a = lowest(bits)
+                bits &= bits - 1
+                if edge[row, a] < 0:
+                    continue
+                to, at = np.uint32(first) + n // WIDE, n % WIDE
+                i, j = edge_at[row, 0, a], edge_at[row, 1, a]
+                _fit_edge(i, j, place, course, slack[k], geo, to, at)
+                ridge_edge[to, at] = edge[row, a]
+                n += np.uint32(1)
+        ridges[k] = n
+
+
+@njit(nogil=True, forceinline=True)
+def _differ(first, last, a, b):
+    """Whether two arrays do from first to last."""
+    found = False
+    for row in range(first, last):
+        found = found or a[row] != b[row]
+    return found
 
 
 @njit(nogil=True, forceinline=True)

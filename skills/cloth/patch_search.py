@@ -12,14 +12,11 @@ other cost anything.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import int32, njit
-from numba.cpython.unsafe.numbers import trailing_zeros
 
 from skills.cloth.contact import EDGE_SHARE, RELEASE
-from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, root, size
+from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, lowest, most, not_above, size
 from skills.cloth.patches import FAR, LEAF
 
 __all__ = ["search_pairs"]
@@ -34,8 +31,6 @@ ROUNDING = 2e-5  # [m] of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-20)  # instead of 0: for points and lines
 BEYOND = np.float32(FAR)
-
-lowest: Any = trailing_zeros  # place of the lowest bit; an intrinsic of numba's, which its own sets use
 
 
 @njit(nogil=True, forceinline=True)
@@ -150,17 +145,18 @@ def _edges_near(geo, r, c, other, near, horizon):
     g = dx * rx + dy * ry + dz * rz
     h = dx * bx + dy * by + dz * bz
     s = least(most((h * f - g * e) / most(a * e - h * h, all_lanes(TINY)), zero), one)
-    t = least(most((h * s + f) / e, zero), one)
-    s = least(most((h * t - g) / a, zero), one)
+    t = least(most((h * s + f) * load_lanes(geo, other, 12), zero), one)
+    s = least(most((h * t - g) * all_lanes(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-    # along the line between the closest points both lie apart by its length, wherever they move beside it
+    # along the line between the closest points, d long, both lie apart by d wherever they move beside it: they are
+    # within reach when d^2 <= reach d + along. No root is needed for 2 reach d <= reach^2 + d^2, which is about so
     du = all_lanes(geo[r, 7, c]) - load_lanes(geo, other, 7)
     dv = all_lanes(geo[r, 8, c]) - load_lanes(geo, other, 8)
     dw = all_lanes(geo[r, 9, c]) - load_lanes(geo, other, 9)
-    along = size(rx * du + ry * dv + rz * dw)
-    d2 = rx * rx + ry * ry + rz * rz
+    along = sweep * size(rx * du + ry * dv + rz * dw)
     reach = all_lanes(near + geo[r, 11, c] + horizon * geo[r, 10, c]) + load_lanes(geo, other, 11)
-    return not_above(d2, (reach + sweep * load_lanes(geo, other, 10)) * root(d2) + sweep * along)
+    reach = reach + sweep * load_lanes(geo, other, 10)
+    return not_above(rx * rx + ry * ry + rz * rz, reach * reach + along + along)
 
 
 @njit(nogil=True)
@@ -174,8 +170,8 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
     layer, beside, beside_start, normal = patches.layer, patches.beside, patches.beside_start, patches.normal
     vertex, vertex_start, vertex_geo = patches.vertex, patches.vertex_start, patches.vertex_geo
     tris, tri_geo = patches.tri, patches.tri_geo
-    ridge = patches.ridge
-    owned, edge_start, edge_geo = patches.edge, patches.edge_start, patches.edge_geo
+    ridges, ridge_edge = patches.ridges, patches.ridge_edge
+    edge_start, edge_geo = patches.edge_start, patches.edge_geo
     close, close_edges = np.float32(near + ROUNDING), np.float32(EDGE_SHARE * near + ROUNDING)
     ahead = np.float32(horizon)
     own = np.empty(9, np.float32)
@@ -205,8 +201,9 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
             n_vt,
         )
         n_ee = _near_edges(
-            a, hit, n, owned, edge_start, edge_geo, ridge, box, slab, close_edges, ahead, edge, tests, ee, n_ee
-        )
+            a, hit, n, ridges, ridge_edge, edge_start, edge_geo, box, slab, close_edges, ahead, edge, tests, ee,
+            n_ee
+        )  # fmt: skip
     return n_vt, n_ee
 
 
@@ -242,70 +239,77 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, tests, vt, n):
     """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
-    m, tri = 0, tri.view(np.uint32)
+    m, one, tri, room = np.uint64(0), np.uint64(1), tri.view(np.uint32), np.uint64(TESTS - ROOM)
     for turn in range(2 * met):
-        b = hit[turn // 2]
+        b = hit[np.uint64(turn // 2)]
         p, q = (a, b) if turn % 2 == 0 else (b, a)
         again = turn % 2 == 1 and a == b
-        for r in range(start[p], start[p] if again else start[p + 1]):
-            points = _points_within(geo, r, box, slab, q, near, horizon)
+        first, end = np.uint64(start[np.uint64(p)]), np.uint64(start[np.uint64(p) + one])
+        for r in range(first, first if again else end):
+            points = _points_within(geo, r, box, slab, np.uint64(q), near, horizon)
             while points:
                 tests[m, 0], tests[m, 1], tests[m, 2] = r, lowest(points), q
                 points &= points - 1
-                m += 1
-        if m + ROOM > len(tests) or turn + 1 == 2 * met:
+                m += one
+        if m > room or turn + 1 == 2 * met:
             for k in range(m):
                 tests[k, 3] = _triangles_near(tri_geo, tests[k, 2], geo, tests[k, 0], tests[k, 1], near, horizon)
             for k in range(m):
                 i, q, bits = vertex[tests[k, 0], tests[k, 1]], tests[k, 2], int32(tests[k, 3])
                 while bits:
-                    t = tris[q, lowest(bits)]
+                    t = tris[q, np.uint64(lowest(bits))]
                     bits &= bits - 1
                     if min(i, t) < 0:  # an empty place: bounds that are no numbers tell nothing
                         continue
-                    if i != tri[t, 0] and i != tri[t, 1] and i != tri[t, 2]:
+                    of = np.uint64(t)
+                    if i != tri[of, 0] and i != tri[of, 1] and i != tri[of, 2]:
                         if n < len(vt):
-                            vt[n, 0], vt[n, 1] = i, t
+                            vt[np.uint64(n), 0], vt[np.uint64(n), 1] = i, t
                         n += 1
-            m = 0
+            m = np.uint64(0)
     return n
 
 
+@njit(nogil=True, forceinline=True)
+def _filled(n, row):
+    """A bit for each place of a row that is in use when n places are, from row 0 on."""
+    return int32((1 << min(max(n - row * LANES, 0), LANES)) - 1)
+
+
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _near_edges(a, hit, met, owned, start, geo, ridge, box, slab, near, horizon, edge, tests, ee, n):
-    """Edges of patch a that can meet edges of patches hit[:met]."""
-    m = 0
+def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, edge, tests, ee, n):
+    """Edges of patch a that can meet edges of patches hit[:met]: ridges alone."""
+    m, one, room = np.uint64(0), np.uint64(1), np.uint64(TESTS - ROOM)
+    own, own_rows = np.uint64(start[a]), -(-ridges[a] // LANES)
+    own_end = own + np.uint64(own_rows)
     for turn in range(met):
-        b = hit[turn]
-        for r in range(start[a], start[a + 1]):
-            if ridge[r] == 0:
-                continue
-            within = ridge[r] & _edges_within(geo, r, box, slab, b, near, horizon)
+        b = np.uint64(hit[np.uint64(turn)])
+        first, rows = np.uint64(start[b]), -(-ridges[b] // LANES)
+        for r in range(own_rows):
+            within = _filled(ridges[a], r) & _edges_within(geo, own + np.uint64(r), box, slab, b, near, horizon)
             while within:
                 c = lowest(within)
                 within &= within - 1
-                for other in range(start[b], start[b + 1]):
-                    tests[m, 0], tests[m, 1], tests[m, 2] = r, c, other
-                    m += 1 if ridge[other] != 0 else 0
-        if m + ROOM > len(tests) or turn + 1 == met:
+                for other in range(rows):
+                    tests[m, 0], tests[m, 1], tests[m, 2] = own + np.uint64(r), c, first + np.uint64(other)
+                    tests[m, 3] = _filled(ridges[b], other)
+                    m += one
+        if m > room or turn + 1 == met:
             for k in range(m):
-                other = tests[k, 2]
-                tests[k, 3] = ridge[other] & _edges_near(geo, tests[k, 0], tests[k, 1], other, near, horizon)
+                tests[k, 3] &= _edges_near(geo, tests[k, 0], tests[k, 1], tests[k, 2], near, horizon)
             for k in range(m):
                 r, c, other, bits = tests[k, 0], tests[k, 1], tests[k, 2], int32(tests[k, 3])
-                e = owned[r, c]
+                e = np.uint64(ridge_edge[r, c])
                 i, j = edge[e, 0], edge[e, 1]
                 while bits:
-                    o = lowest(bits)
+                    o = np.uint64(lowest(bits))
                     bits &= bits - 1
-                    f = owned[other, o]
-                    if min(e, f) < 0:
-                        continue
+                    f = np.uint64(ridge_edge[other, o])
                     apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
                     # two of one patch are met once
-                    if apart and (other > r or other < start[a] or (other == r and o > c)):
+                    if apart and (other < own or other >= own_end or other > r or (other == r and o > c)):
                         if n < len(ee):
-                            ee[n, 0], ee[n, 1] = min(e, f), max(e, f)
+                            ee[np.uint64(n), 0], ee[np.uint64(n), 1] = min(e, f), max(e, f)
                         n += 1
-            m = 0
+            m = np.uint64(0)
     return n

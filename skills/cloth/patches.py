@@ -22,7 +22,7 @@ from skills.cloth.mesh import ClothMesh
 
 __all__ = ["FAR", "LEAF", "Patches", "build_patches"]
 
-LEAF = 10  # triangles of a patch, at most: with its edges just about one row
+LEAF = 10  # triangles of a patch, at most: with 16, which a row holds, jeans crossed themselves on the way
 FAR = 1e6  # [m] where the unused places of a row are
 
 
@@ -40,14 +40,15 @@ class Patches(NamedTuple):
     each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
     normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
     tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
-    slack; edge_geo (rows, 12, LANES): start, direction, squared length, and the same of its motion; vertex_geo
-    (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose geometry
-    was just put down; hit: scratch.
+    slack; edge_geo (rows, 13, LANES): start, direction, squared length, the same of its motion, and one over the
+    squared length; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose
+    geometry was just put down; hit: scratch.
 
     at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
     it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
     triangles in one layer; bent, and those that are bent; ridge, and those that stay ridges in this search
-    (ridges.py)."""
+    (ridges.py); ridge_before: what that was when edge_geo was put down. It has ridges alone, from the first row of
+    each patch on: ridges (m,) of them, ridge_edge (rows, LANES) which they are."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
@@ -80,6 +81,9 @@ class Patches(NamedTuple):
     rim: NDArray[np.int32]
     bent: NDArray[np.int32]
     ridge: NDArray[np.int32]
+    ridge_before: NDArray[np.int32]
+    ridges: NDArray[np.int32]
+    ridge_edge: NDArray[np.int32]
     fitted: NDArray[np.bool_]
     stale: NDArray[np.bool_]
     hit: NDArray[np.int32]
@@ -118,8 +122,8 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     box[:, :3] = FAR
     tri_geo = np.zeros((m, 15, LANES), np.float32)
     tri_geo[:, :3], tri_geo[:, 3:6] = FAR, -FAR
-    edge_geo = np.zeros((len(owned), 12, LANES), np.float32)
-    edge_geo[:, :3], edge_geo[:, 3:7] = FAR, 1.0
+    edge_geo = np.zeros((len(owned), 13, LANES), np.float32)
+    edge_geo[:, :3], edge_geo[:, 3:7], edge_geo[:, 12] = FAR, 1.0, 1.0
     vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
     vertex_geo[:, :3] = FAR
     edge_beside, rim = _beside_edges(mesh, edge, owned, slot)
@@ -155,6 +159,9 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         rim,
         rim.copy(),
         rim.copy(),
+        np.zeros_like(rim),
+        np.zeros(m, np.int32),
+        np.full_like(owned, -1),
         np.zeros(m, np.bool_),
         np.zeros(m, np.bool_),
         np.zeros(m, np.int32),

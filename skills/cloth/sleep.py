@@ -148,58 +148,68 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa
 
 
 @njit(nogil=True)
-def pack(body, rules, state):
+def pack(body, state):
     """Lists of what is awake, and of its fringe behind: vertices, and constraints with such an end, with their
     shares ready. The shares are those of the free masses: what a vertex feels must not change when its neighbour
     falls asleep."""
-    count, free, near = state.counts, state.free, state.near
-    near[:] = state.awake
+    count, free, near, w = state.counts, state.free, state.near, body.w
+    awake, awake_list = state.awake, state.awake_list
+    near[:] = awake
     _grow(body.ring_start, body.ring, near, FRINGE)
     n = 0
     for i in range(len(free)):
-        free[i] = body.w[i] if near[i] else 0.0
-        if state.awake[i]:
-            state.awake_list[n] = i
+        free[i] = w[i] if near[i] else 0.0
+        if awake[i]:
+            awake_list[n] = i
             n += 1
     count[AWAKE] = n
     for i in range(len(free)):
-        if free[i] > 0.0 and not state.awake[i]:
-            state.awake_list[n] = i
+        if free[i] > 0.0 and not awake[i]:
+            awake_list[n] = i
             n += 1
     count[MOVABLE] = n
-    n, edge = 0, body.edge.view(np.uint32)
-    inv_h2 = 1.0 / rules.h**2
-    for e in range(len(body.length)):
-        i, j = edge[e, 0], edge[e, 1]
-        if free[i] > 0.0 or free[j] > 0.0:
-            inv = 1.0 / (body.w[i] + body.w[j] + body.compliance[e] * inv_h2)
-            state.edge[n, 0], state.edge[n, 1] = i, j
-            state.inverse_square[n] = 1.0 / body.length[e] ** 2
-            state.wi[n], state.wj[n] = free[i] * inv, free[j] * inv
-            state.rate[n] = body.damping[e]
-            n += 1
-    count[EDGES] = n
-    n, hinge = 0, body.hinge.view(np.uint32)
-    grow = 1.0 + rules.bend_gamma
-    for e in range(len(body.bend)):
-        a, b, c, d = hinge[e, 0], hinge[e, 1], hinge[e, 2], hinge[e, 3]
-        if max(max(free[a], free[b]), max(free[c], free[d])) > 0.0:
-            den = 0.0
-            for m in range(4):
-                state.hinge[n, m] = hinge[e, m]
-                state.weight[n, m] = body.weight[e, m]
-                den += grow * body.w[hinge[e, m]] * body.weight[e, m] ** 2
-            inv = grow / (den + body.bend[e] * inv_h2)
-            for m in range(4):
-                state.part[n, m] = free[hinge[e, m]] * body.weight[e, m] * inv
-            if len(body.rub.most):
-                state.which[n] = e
-            n += 1
-    count[HINGES] = n
+    count[EDGES] = _pack_edges(
+        body.edge.view(np.uint32), body.edge_inverse, body.inverse_square, body.damping, free, state.edge,
+        state.inverse_square, state.wi, state.wj, state.rate
+    )  # fmt: skip
+    count[HINGES] = _pack_hinges(
+        body.hinge.view(np.uint32), body.hinge_inverse, body.weight, free, state.which, state.hinge, state.weight,
+        state.part
+    )  # fmt: skip
     count[WATCHED] = _watch(
         body.patches.corner, body.patches.corner_start, state.awake, state.moving, state.watched
     )
     count[PACKED] = 1
+
+
+@njit(nogil=True)
+def _pack_edges(edge, inverse, inverse_square, damping, free, to_edge, to_inverse_square, to_wi, to_wj, to_rate):
+    """Edges with a free end; -> their number."""
+    n = np.uint64(0)
+    for e in range(np.uint64(len(edge))):  # without a guess about which they are
+        i, j = edge[e, 0], edge[e, 1]
+        to_edge[n, 0], to_edge[n, 1] = i, j
+        to_inverse_square[n], to_rate[n] = inverse_square[e], damping[e]
+        to_wi[n], to_wj[n] = free[i] * inverse[e], free[j] * inverse[e]
+        n += np.uint64(free[i] + free[j] > 0.0)
+    return n
+
+
+@njit(nogil=True)
+def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_part):
+    """Hinges with a free vertex; -> their number. which: which they are."""
+    n = np.uint64(0)
+    for e in range(np.uint64(len(hinge))):
+        some = free[hinge[e, 0]] + free[hinge[e, 1]] + free[hinge[e, 2]] + free[hinge[e, 3]]
+        which[n] = e
+        n += np.uint64(some > 0.0)
+    for k in range(n):
+        one = np.uint64(which[k])
+        for m in range(4):
+            i = hinge[one, m]
+            to_hinge[k, m], to_weight[k, m] = i, weight[one, m]
+            to_part[k, m] = free[i] * weight[one, m] * inverse[one]
+    return n
 
 
 @njit(nogil=True)

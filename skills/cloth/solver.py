@@ -117,10 +117,8 @@ class ClothSimulation:
         self.time = 0.0
         check_cloth(material, self.settings, mesh)
         self.substeps, self.stretch_error = choose_substeps(mesh, material, self.settings)
-        self._body = _body(mesh, material, self.settings, self.substeps)
-        if fixed is not None:
-            self._body.w[fixed] = 0.0
         self._rules = _rules(mesh, material, self.settings, self.substeps, self.pads, table)
+        self._body = _body(mesh, material, self.settings, self._rules, fixed)
         n = len(mesh.rest)
         rubbing = len(self._body.rub.most)
         self._state = new_state(n, len(mesh.edges), len(mesh.hinges), rubbing, self._body.patches)
@@ -335,25 +333,27 @@ def _copied(saved: Array) -> Array:
     return rows_of(saved) if saved.dtype == float and saved.shape[1:] == (WIDTH,) else saved.copy()
 
 
-def _body(mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int) -> Body:
-    h = settings.frame / substeps
-    w = 1.0 / (material.areal_mass * mesh.vertex_area)
+def _body(
+    mesh: ClothMesh, material: Material, settings: SolverSettings, rules: Rules, fixed: NDArray[np.bool_] | None
+) -> Body:
+    h, w = rules.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
-    rate = np.minimum(
-        0.4, settings.stretch_damping * e.stiffness * phase_length(h, substeps) * h * w[e.edge].sum(axis=1)
-    )
+    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * rules.phase * h * w[e.edge].sum(axis=1))
+    if fixed is not None:
+        w[fixed] = 0.0
+    grow = 1.0 + rules.bend_gamma
     topology = topology_of(mesh)
     return Body(
         w,
         e.edge,
         topology.edge_tri,
         e.rim,
-        e.length,
-        e.compliance,
+        1.0 / e.length**2,
+        1.0 / (w[e.edge].sum(axis=1) + e.compliance / h**2),
         rate,
         e.hinge,
         e.weight,
-        e.bend,
+        grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),
         build_rub(mesh, material, h, settings.residual_curvature),
         mesh.triangles.copy(),
         topology.tri_edge,

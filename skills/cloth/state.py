@@ -26,18 +26,19 @@ PACE, BEGUN = 17, 18
 class Body(NamedTuple):
     """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
     the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
-    rim: (e,) edges of hems and seams."""
+    rim: (e,) edges of hems and seams. inverse_square: (e,) of the lengths at rest [1/m2]; edge_inverse: (e,)
+    1 / (w_i + w_j + compliance / h^2), hinge_inverse: (h,) the same with the squares of the weights K."""
 
     w: Array
     edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     rim: NDArray[np.bool_]
-    length: Array
-    compliance: Array
+    inverse_square: Array
+    edge_inverse: Array
     damping: Array
     hinge: NDArray[np.int32]
     weight: Array
-    bend: Array
+    hinge_inverse: Array
     rub: Rub
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
@@ -244,7 +245,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         hinge=np.zeros((hinges, 4), np.uint32),
         weight=f(hinges, 4),
         part=f(hinges, 4),
-        which=np.zeros(rubbing, np.int32),
+        which=np.zeros(hinges, np.int32),
         slip=f(rubbing),
         held=f(rubbing + 1),
         axis=f(rubbing, 6),

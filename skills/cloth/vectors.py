@@ -2,9 +2,11 @@
 """Points and directions as one register of four doubles, for compiled code.
 
 Arrays of them have four columns (`rows`), the fourth of which is zero and stays so. `load` and `store` move a row,
-`store_singles` puts one down in single precision;
-a + b, a - b, -a, s * a (s a float), `dot`, `cross` and `vector` compute. Products and sums may be contracted, as
-everywhere in the solver. An array of fewer columns would be read and written beyond its rows: nothing checks that.
+`store_singles` puts one down in single precision; a + b, a - b, -a, s * a (s a float), `dot`, `cross` and `vector`
+compute. Four weights in a row are no vector, but can be loaded as one: `spread` makes a register of each, which
+a * b multiplies by a vector; `members` are the four vertices that they belong to. Products and sums may be
+contracted, as everywhere in the solver. An array of fewer columns would be read and written beyond its rows:
+nothing checks that.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from numba.extending import models, overload, register_model
 from robots.ports import Array
 from skills.cloth.registers import elementwise, operation, place_of
 
-__all__ = ["WIDTH", "cross", "dot", "load", "rows", "rows_of", "store", "store_singles", "vector"]
+__all__ = [
+    "WIDTH", "cross", "dot", "load", "members", "rows", "rows_of", "spread", "store", "store_singles", "vector",
+]  # fmt: skip
 
 WIDTH = 4
 _REGISTER = ir.VectorType(ir.DoubleType(), WIDTH)
@@ -65,8 +69,9 @@ def rows_of(a: Array) -> Array:
 
 
 def _row(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
-    """Where row i of an array begins."""
-    return place_of(context, builder, kind, array, [i, context.get_constant(types.intp, 0)], _REGISTER)
+    """Where row i of an array begins: rows are WIDTH long, which its shape would only tell by a product."""
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.gep(builder.bitcast(data, ir.PointerType(_REGISTER)), [i])
 
 
 @operation
@@ -80,6 +85,25 @@ def load(typingctx, array, i):
         return read
 
     return _vector(array, types.intp), generate
+
+
+@operation
+def members(typingctx, array, i):
+    """The four numbers in row i of an array (n, 4) of unsigned 32-bit integers."""
+    fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.uint32
+    if not fits or array.layout != "C":
+        raise TypingError(f"members are rows of a C-ordered array (n, 4) of unsigned integers, not of {array}")
+
+    def generate(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        first = builder.mul(arguments[1], context.get_constant(types.intp, 4))
+        read = [
+            builder.load(builder.gep(data, [builder.add(first, context.get_constant(types.intp, k))]))
+            for k in range(4)
+        ]
+        return context.make_tuple(builder, signature.return_type, read)
+
+    return types.UniTuple(types.uint32, 4)(array, types.intp), generate
 
 
 @operation
@@ -142,6 +166,20 @@ def _all(typingctx, s):
 
 
 @operation
+def spread(typingctx, v):
+    """Four registers: each place of v in all places of one."""
+
+    def generate(context, builder, signature, arguments):
+        def everywhere(k: int) -> Any:
+            order = ir.Constant(ir.VectorType(_INDEX, WIDTH), [k] * WIDTH)
+            return builder.shuffle_vector(arguments[0], ir.Constant(_REGISTER, ir.Undefined), order)
+
+        return context.make_tuple(builder, signature.return_type, [everywhere(k) for k in range(WIDTH)])
+
+    return types.UniTuple(_vector, WIDTH)(_vector), generate
+
+
+@operation
 def _turned(typingctx, v):
     """(y, z, x)."""
 
@@ -188,6 +226,8 @@ def _subtract(a, b):
 def _scale(a, b):
     if isinstance(a, types.Float) and b == _vector:
         return lambda a, b: _times(_all(a), b)
+    if a == _vector and b == _vector:
+        return lambda a, b: _times(a, b)
     return None
 
 

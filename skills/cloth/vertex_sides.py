@@ -16,12 +16,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import GIVE_UP, RELEASE, STRAY
+from skills.cloth.contact import GIVE_UP, MAX_WAIT, RELEASE, STRAY
 from skills.cloth.lanes import LANES
 
 __all__ = [
-    "AWAY", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES", "TO_SECOND",
-    "TO_THIRD", "TO_VERTEX", "VERDICT", "WITHIN", "judge_sides",
+    "AWAY", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES", "TO_SECOND",
+    "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
 ]  # fmt: skip
 
 LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
@@ -29,11 +29,11 @@ LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is 
 # Rows that are read: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less
 # the corner's; the side that is remembered.
 TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
-# Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; by how much it is farther
-# than pairs are that are apart; how far it may go until the next look. The contact: its normal, the weights of the
-# second and third corner, the least barycentric coordinate, and the distance that can be kept without a push from
-# what it does not touch.
-VERDICT, GAP, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST = 13, 14, 15, 16, 19, 20, 21, 22
+# Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; how many looks later one
+# that is away must be looked at again (whole ones: `later` in contact.py), 0 for others; how far it may go until
+# the next look. The contact: its normal, the weights of the second and third corner, the least barycentric
+# coordinate, and the distance that can be kept without a push from what it does not touch.
+VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST = 13, 14, 15, 16, 19, 20, 21, 22
 ROWS = 23
 AWAY, TOUCHES = 1.0, 2.0
 
@@ -96,7 +96,8 @@ def judge_sides(work, thick, span):
         # what comes fast may be through by the next look: it has its side from now on
         work[SIDE * LANES + k] = side if touches else (ZERO if far & (gap > release) else kept)
         work[VERDICT * LANES + k] = np.float32(AWAY) if far else (np.float32(TOUCHES) if touches else ZERO)
-        work[GAP * LANES + k] = gap - release
+        wait = ONE + min(max(gap - release - reach, ZERO) / reach, np.float32(MAX_WAIT))
+        work[WAIT * LANES + k] = wait if far else ZERO
         work[REACH * LANES + k] = reach
         work[NORMAL * LANES + k] = inverse * wx if stops else side * nx
         work[(NORMAL + 1) * LANES + k] = inverse * wy if stops else side * ny

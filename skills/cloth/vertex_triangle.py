@@ -12,13 +12,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import LEAST_SHARE, PARKED, is_due, later
+from skills.cloth.contact import LEAST_SHARE, PARKED, is_due
 from skills.cloth.corners import common_corner
 from skills.cloth.lanes import LANES
 from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
-    AWAY,
-    GAP,
     LEAST,
     NORMAL,
     REACH,
@@ -32,12 +30,14 @@ from skills.cloth.vertex_sides import (
     TO_VERTEX,
     TOUCHES,
     VERDICT,
+    WAIT,
     WITHIN,
     judge_sides,
 )
 
 BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
 AT_BEND = -2  # instead of a better row
+ONE, FULL = np.uint64(1), np.uint64(LANES)
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 
 
@@ -46,8 +46,8 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
     """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
     rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
     near, farthest = _find_near(
-        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.near_c,
-        pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
+        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.better,
+        pairs.near_c, pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
     )  # fmt: skip
     _meet_once(
         near, pairs.vt, pairs.near_c, pairs.near_i, pairs.near_n, pairs.inside, pairs.chain, pairs.top,
@@ -58,64 +58,95 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
         pairs.near_b, pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d,
         pairs.act_w
     )  # fmt: skip
-    return rows, farthest
+    return np.int64(rows), farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
-    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, near_c, near_i, near_n, near_b, inside,
-    chain, top, last
+    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near_c, near_i, near_n, near_b,
+    inside, chain, top, last
 ):  # fmt: skip
     """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
-    Those of each vertex are chained up from `last`."""
-    work, of = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.int64)
-    nothing = vector(0.0, 0.0, 0.0)
-    members, tri = pair.view(np.uint32), tri.view(np.uint32)
-    n, farthest, c, span = 0, np.float32(0.0), 0, np.float32(pace * h)
-    while c < count:
-        filled = 0
-        while c < count and filled < LANES:
-            if is_due(due[c], now, pace):
-                i, t = members[c, 0], members[c, 1]
-                p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-                if w[i] + w[p] + w[q] + w[r] == 0.0:
-                    due[c] = PARKED
-                else:
-                    corner = load(x, p)
-                    store_singles(work, TO_SECOND * LANES + filled, LANES, load(x, q) - corner)
-                    store_singles(work, TO_THIRD * LANES + filled, LANES, load(x, r) - corner)
-                    store_singles(work, TO_VERTEX * LANES + filled, LANES, load(x, i) - corner)
-                    store_singles(work, SLIDE * LANES + filled, LANES, load(v, i) - load(v, p))
-                    work[SIDE * LANES + filled] = side[c]
-                    of[filled] = c
-                    filled += 1
-            c += 1
-        judge_sides(work, np.float32(thick), span)
-        for k in range(filled):
+    Those of each vertex are chained up from `last`. asked: scratch, the pairs that are looked at now."""
+    work, of, hit = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
+    pair, tri = pair.view(np.uint32), tri.view(np.uint32)
+    farthest, n, c = np.float32(0.0), np.uint64(0), np.uint64(0)
+    end = _find_due(count, now, pace, due, asked)
+    while c < end:
+        filled = np.uint64(0)
+        while c < end and filled < FULL:
+            o = np.uint64(asked[c])
+            i, t = pair[o, 0], pair[o, 1]
+            p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+            if w[i] + w[p] + w[q] + w[r] == 0.0:
+                due[o] = PARKED
+            else:
+                corner = load(x, p)
+                store_singles(work, np.uint64(TO_SECOND * LANES) + filled, LANES, load(x, q) - corner)
+                store_singles(work, np.uint64(TO_THIRD * LANES) + filled, LANES, load(x, r) - corner)
+                store_singles(work, np.uint64(TO_VERTEX * LANES) + filled, LANES, load(x, i) - corner)
+                store_singles(work, np.uint64(SLIDE * LANES) + filled, LANES, load(v, i) - load(v, p))
+                work[np.uint64(SIDE * LANES) + filled] = side[o]
+                of[filled] = o
+                filled += ONE
+            c += ONE
+        judge_sides(work, np.float32(thick), np.float32(pace * h))
+        hits = np.uint64(0)
+        for k in range(filled):  # without a guess about which of them touch
             o = of[k]
-            side[o] = np.int8(work[SIDE * LANES + k])
-            verdict, reach = work[VERDICT * LANES + k], work[REACH * LANES + k]
-            i, t = members[o, 0], members[o, 1]
-            b1, b2 = float(work[SECOND * LANES + k]), float(work[THIRD * LANES + k])
-            b0 = 1.0 - b1 - b2
-            den = w[i] + b0 * b0 * w[tri[t, 0]] + b1 * b1 * w[tri[t, 1]] + b2 * b2 * w[tri[t, 2]]
-            if verdict != TOUCHES or den == 0.0:
-                store(memory, o, nothing)
-                if verdict == AWAY:
-                    due[o] = later(now, pace, work[GAP * LANES + k], reach)
-                continue
-            near_c[n], near_i[n, 0] = o, i
-            for m in range(3):
-                near_i[n, m + 1], near_n[n, m] = tri[t, m], work[(NORMAL + m) * LANES + k]
-            near_b[n, 0], near_b[n, 1], near_b[n, 2], near_b[n, 3] = b1, b2, work[LEAST * LANES + k], den
-            within, before = work[WITHIN * LANES + k], last[i]
-            inside[n], chain[n], last[i] = within, before, n
-            most = top[before] if before >= 0 else n
-            most_inside = within > inside[most] or (within == inside[most] and t < pair[near_c[most], 1])
-            top[n] = n if most_inside else most
-            n += 1
-            farthest = max(farthest, reach)
+            side[o] = np.int8(work[np.uint64(SIDE * LANES) + k])
+            due[o] = now + pace * int(work[np.uint64(WAIT * LANES) + k])
+            touches = work[np.uint64(VERDICT * LANES) + k] == TOUCHES
+            store(memory, o, (1.0 if touches else 0.0) * load(memory, o))
+            hit[hits] = k
+            hits += np.uint64(touches)
+        n, farthest = _put_down(
+            hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, inside, chain,
+            top, last
+        )  # fmt: skip
     return n, farthest
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _put_down(
+    hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, inside, chain, top,
+    last
+):  # fmt: skip
+    """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`."""
+    for m in range(hits):
+        k = hit[m]
+        o = of[k]
+        i, t = pair[o, 0], pair[o, 1]
+        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+        b1, b2 = float(work[np.uint64(SECOND * LANES) + k]), float(work[np.uint64(THIRD * LANES) + k])
+        b0 = 1.0 - b1 - b2
+        den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
+        if den == 0.0:
+            store(memory, o, vector(0.0, 0.0, 0.0))
+            continue
+        near_c[n], near_i[n, 0], near_i[n, 1], near_i[n, 2], near_i[n, 3] = o, i, p, q, r
+        for d in range(3):
+            near_n[n, d] = work[np.uint64((NORMAL + d) * LANES) + k]
+        near_b[n, 0], near_b[n, 1], near_b[n, 3] = b1, b2, den
+        near_b[n, 2] = work[np.uint64(LEAST * LANES) + k]
+        within, before = work[np.uint64(WITHIN * LANES) + k], last[i]
+        inside[n], chain[n], last[i] = within, before, n
+        most = np.uint64(top[np.uint64(before)]) if before >= 0 else n
+        most_inside = within > inside[most] or (within == inside[most] and t < pair[np.uint64(near_c[most]), 1])
+        top[n] = n if most_inside else most
+        n += ONE
+        farthest = max(farthest, work[np.uint64(REACH * LANES) + k])
+    return n, farthest
+
+
+@njit(nogil=True, forceinline=True)
+def _find_due(count, now, pace, due, asked):
+    """Which of the pairs are to be looked at now; -> their number."""
+    n = np.uint64(0)
+    for c in range(np.uint64(count)):
+        asked[n] = c
+        n += np.uint64(is_due(due[c], now, pace))
+    return n
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -126,27 +157,30 @@ def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last
     is joined to another one at an angle are AT_BEND."""
     for c in range(n):
         better[c] = -1
-        most, h = inside[c], top[last[near_i[c, 0]]]
-        if most > BORDER or (h == c and most >= 0.0):
+        own = inside[c]
+        h = np.uint64(top[np.uint64(last[np.uint64(near_i[c, 0])])])
+        if own > BORDER or (h == c and own >= 0.0):
             continue
         if h != c and _stands_for(h, c, near_i, near_n, inside):
             better[c] = h
             continue
-        best, o = c, last[near_i[c, 0]]
-        while o >= 0:
-            first = inside[o] == most and pair[near_c[o], 1] < pair[near_c[best], 1]
-            more = inside[o] > most or first
-            if o != c and (more or (inside[c] < 0.0 and better[c] != AT_BEND)) and _joined(o, c, near_i):
-                alike = _alike(o, c, near_n)
-                if inside[c] < 0.0 and alike <= ALIKE:
-                    better[c] = AT_BEND
-                if more and alike > _least_alike(o, c, inside):
-                    best, most = o, inside[o]
-            o = chain[o]
+        best, most, of_best, at_bend = np.uint64(c), own, pair[np.uint64(near_c[c]), 1], False
+        link = last[np.uint64(near_i[c, 0])]
+        while link >= 0:  # without a guess about each
+            o = np.uint64(link)
+            joined, alike = _joined(o, c, near_i) & (o != c), _alike(o, c, near_n)
+            within, of = inside[o], pair[np.uint64(near_c[o]), 1]
+            at_bend = at_bend | (joined & (alike <= ALIKE))
+            more = (within > most) | ((within == most) & (of < of_best))
+            taken = joined & more & (alike > _least_alike(o, c, inside))
+            best, most, of_best = (o if taken else best), (within if taken else most), (of if taken else of_best)
+            link = chain[o]
         if best != c:
             better[c] = best
+        elif at_bend and own < 0.0:
+            better[c] = AT_BEND
     for c in range(n):
-        last[near_i[c, 0]] = -1
+        last[np.uint64(near_i[c, 0])] = -1
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -187,12 +221,13 @@ def _enter(
     nothing = vector(0.0, 0.0, 0.0)
     for c in range(near):
         if better[c] >= 0:
-            o = better[c]
+            o = np.uint64(better[c])
             while better[o] >= 0:
-                o = better[o]
-            store(memory, near_c[o], load(memory, near_c[o]) + load(memory, near_c[c]))
-            store(memory, near_c[c], nothing)
-    n = 0
+                o = np.uint64(better[o])
+            mine, its = np.uint64(near_c[c]), np.uint64(near_c[o])
+            store(memory, its, load(memory, its) + load(memory, mine))
+            store(memory, mine, nothing)
+    n, near_i = np.uint64(0), near_i.view(np.uint32)
     for c in range(near):
         if better[c] >= 0:
             continue
@@ -205,8 +240,9 @@ def _enter(
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
         act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
         store(act_n, n, vector(float(near_n[c, 0]), float(near_n[c, 1]), float(near_n[c, 2])))
-        store(act_m, n, load(memory, near_c[c]))
-        store(memory, near_c[c], nothing)
-        act_c[n], act_d[n], act_w[n] = near_c[c], aim, 1.0 / den
-        n += 1
+        pair = np.uint64(near_c[c])
+        store(act_m, n, load(memory, pair))
+        store(memory, pair, nothing)
+        act_c[n], act_d[n], act_w[n] = pair, aim, 1.0 / den
+        n += ONE
     return n

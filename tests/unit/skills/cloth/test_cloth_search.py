@@ -8,7 +8,7 @@ from skills.cloth.elastic import turns
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.pairs import HORIZON as PHASES_FORESEEN
 from skills.cloth.pairs import _expire
-from skills.cloth.patch_bounds import fit_patches
+from skills.cloth.patch_bounds import fit_patches, fit_ridges
 from skills.cloth.patch_search import search_pairs
 from skills.cloth.patches import build_patches
 from skills.cloth.ridges import EVERY_EDGE
@@ -76,8 +76,16 @@ def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
     return vt, ee, near
 
 
-@pytest.mark.parametrize("stale_share", [1.0, 0.4])
-def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
+def bits_of(patches, chosen):
+    """A bit for each of the edges that are chosen (e,), as patches keep them."""
+    bits = np.zeros(patches.edge.shape, np.int32)
+    bits.ravel()[patches.at_edge[chosen]] = 1
+    return (bits << np.arange(bits.shape[1])).sum(axis=1).astype(np.int32)
+
+
+@pytest.mark.parametrize(("stale_share", "ridge_share"), [(1.0, 1.0), (0.4, 1.0), (1.0, 0.5), (0.4, 0.2)])
+def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share):
+    """And of edges those that are ridges, no others."""
     mesh, x = two_sheets()
     rng = np.random.default_rng(2)
     edges, triangles = mesh.edges.astype(np.int32), mesh.triangles
@@ -92,7 +100,15 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     fit_patches(
         patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
     )
-    patches.ridge[:] = patches.bent
+    ridge = rng.random(len(edges)) < ridge_share
+    patches.ridge[:] = bits_of(
+        patches, np.ones(len(edges), bool)
+    )  # first all, then fewer: nothing is left of them
+    fit_ridges(patches, course, slack)
+    np.testing.assert_array_equal(patches.ridge, patches.bent)
+    patches.fitted[:] = False
+    patches.ridge[:] = bits_of(patches, ridge)
+    fit_ridges(patches, course, slack)
     n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
@@ -102,7 +118,9 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share):
     lost_vt, lost_ee, near = missing_pairs(
         mesh, edges, places, found_vt, found_ee, lambda vertices: stale[vertices].any()
     )
-    assert near > 20 and not lost_vt and not lost_ee
+    assert near > 20 and not lost_vt
+    assert all(ridge[e] and ridge[f] for e, f in found_ee) and len(found_ee) > 20 * ridge_share**2
+    assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
 
 
 def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
@@ -174,25 +192,28 @@ def bent_edges(sim, x):
 
 def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
     """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
-    mesh, x = two_sheets()
-    x[:, 2] = 3.0 * x[:, 2] + np.where(mesh.layer == 1, 0.035, 0.012)
-    sim = ClothSimulation(mesh, MATERIAL, x, SolverSettings(frame_rate=240, substeps=PHASE, drag=0.0))
-    upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
-    sim.set_positions(x, upper * [0.3, 0.2, -0.8] + 0.05 * np.random.default_rng(3).standard_normal(x.shape))
-    sim.advance(1)  # they begin in each other
-    edges, near, missing = sim._body.edge, 0, 0
-    for _ in range(40):
-        before = sim.positions
-        sim.advance(1)
-        found = {tuple(p) for p in sim._pairs.ee[: sim._state.counts[EE]].tolist()}
-        bent, awake = bent_edges(sim, before), ~sim.asleep
-        every, lost = (
-            missing_pairs(mesh, edges, [before], set(), listed, lambda v, awake=awake: awake[v].any())[1]
-            for listed in (set(), found)
-        )
-        near += sum(bent[e] and bent[f] for e, f in every)
-        missing += sum(bent[e] and bent[f] for e, f in lost)
-    assert near > 50 and missing <= 0.02 * near
+    near = missing = 0
+    for seed in range(3, 7):
+        mesh, x = two_sheets()
+        x[:, 2] = 3.0 * x[:, 2] + np.where(mesh.layer == 1, 0.035, 0.012)
+        sim = ClothSimulation(mesh, MATERIAL, x, SolverSettings(frame_rate=240, substeps=PHASE, drag=0.0))
+        upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
+        shaken = 0.05 * np.random.default_rng(seed).standard_normal(x.shape)
+        sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shaken)
+        sim.advance(1)  # they begin in each other
+        edges = sim._body.edge
+        for _ in range(40):
+            before = sim.positions
+            sim.advance(1)
+            found = {tuple(p) for p in sim._pairs.ee[: sim._state.counts[EE]].tolist()}
+            bent, awake = bent_edges(sim, before), ~sim.asleep
+            every, lost = (
+                missing_pairs(mesh, edges, [before], set(), listed, lambda v, awake=awake: awake[v].any())[1]
+                for listed in (set(), found)
+            )
+            near += sum(bent[e] and bent[f] for e, f in every)
+            missing += sum(bent[e] and bent[f] for e, f in lost)
+    assert near > 300 and missing <= 0.02 * near
 
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])

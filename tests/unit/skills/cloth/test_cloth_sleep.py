@@ -1,13 +1,16 @@
-"""What sleeps beside what is awake does not move it, and folds come to rest."""
+"""What sleeps beside what is awake does not move it, and folds come to rest; what is packed for the sweeps."""
 
 import numpy as np
 import pytest
 
-from benchmarks.cloth.scenes import RELEASE, SETTLE, frames_of, planned_folds, towel_half, towel_mesh
+from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, frames_of, planned_folds, towel_half, towel_mesh
+from skills.cloth.elastic import build_elastic
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
+from skills.cloth.sleep import pack
 from skills.cloth.solver import ClothSimulation
-from skills.cloth.state import PACKED
+from skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +69,38 @@ def test_the_fourth_column_stays_zero_through_a_fold():
     for rows in (state.x, state.xp, state.v, state.u, state.press, pairs.vt_j, pairs.ee_j, pairs.normal,
                  pairs.act_n, pairs.act_m, pairs.act_j, pairs.act_p):  # fmt: skip
         assert not rows[:, 3].any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
+def test_packed_is_what_has_a_free_end_with_its_shares(share):
+    """Free is what is awake, and two rings about it but what is fixed; shares are the closed form's, with the mass
+    of a neighbour that sleeps."""
+    mesh = mesh_from_contour(np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]]), 0.025)
+    rng = np.random.default_rng(4)
+    n = len(mesh.rest)
+    s = ClothSimulation(mesh, MATERIAL, fixed=rng.random(n) < 0.1)
+    body, state, w = s._body, s._state, s._body.w
+    state.awake[:] = (rng.random(n) < share) & (w > 0.0)
+    pack(body, state)
+    near = state.awake.copy()
+    for _ in range(2):
+        near[mesh.edges[near[mesh.edges].any(axis=1)]] = True
+    free = np.where(near, w, 0.0)
+    awake, movable = state.counts[AWAKE], state.counts[MOVABLE]
+    assert set(state.awake_list[:awake].tolist()) == set(np.flatnonzero(state.awake).tolist())
+    assert sorted(state.awake_list[:movable].tolist()) == np.flatnonzero(free > 0.0).tolist()
+    h = s._rules.h
+    elastic = build_elastic(mesh, MATERIAL, 1.0 / (MATERIAL.areal_mass * mesh.vertex_area), h, 0.6)
+    asked = (free[elastic.edge] > 0.0).any(axis=1)
+    edges, grow = state.counts[EDGES], 1.0 + s._rules.bend_gamma
+    np.testing.assert_array_equal(state.edge[:edges], elastic.edge[asked])
+    np.testing.assert_allclose(state.inverse_square[:edges] * elastic.length[asked] ** 2, 1.0)
+    inverse = 1.0 / (w[elastic.edge].sum(axis=1) + elastic.compliance / h**2)
+    shares = (free[elastic.edge] * inverse[:, None])[asked]
+    np.testing.assert_allclose(np.column_stack([state.wi[:edges], state.wj[:edges]]), shares)
+    asked = (free[elastic.hinge] > 0.0).any(axis=1)
+    hinges, k = state.counts[HINGES], elastic.weight
+    np.testing.assert_array_equal(state.hinge[:hinges], elastic.hinge[asked])
+    np.testing.assert_array_equal(state.which[:hinges], np.flatnonzero(asked))
+    inverse = grow / (grow * (w[elastic.hinge] * k**2).sum(axis=1) + elastic.bend / h**2)
+    np.testing.assert_allclose(state.part[:hinges], (free[elastic.hinge] * k * inverse[:, None])[asked])

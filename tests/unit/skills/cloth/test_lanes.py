@@ -6,7 +6,7 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from skills.cloth.corners import common_corner
-from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, root, size
+from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, size
 from skills.cloth.vectors import load, rows, store_singles
 
 
@@ -27,8 +27,6 @@ def bits_of(given, k):
         made = least(a, b)
     elif k == 6:
         made = most(a, b)
-    elif k == 7:
-        made = root(size(a))
     else:
         made = all_lanes(given[0, 0, 3])
     return not_above(made, limit)
@@ -36,7 +34,7 @@ def bits_of(given, k):
 
 OPERATIONS = [
     lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: a / b, lambda a, b: np.abs(a),
-    np.minimum, np.maximum, lambda a, b: np.sqrt(np.abs(a)), lambda a, b: np.full(LANES, a[3]),
+    np.minimum, np.maximum, lambda a, b: np.full(LANES, a[3]),
 ]  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from skills.cloth.vectors import WIDTH, cross, dot, load, rows, store, vector
+from skills.cloth.vectors import WIDTH, cross, dot, load, members, rows, spread, store, vector
 
 
 @njit
@@ -39,6 +39,29 @@ def first(given, out):
 def test_other_arrays_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         first(wrong, rows(1))
+
+
+@njit
+def weighed(x, member, weight, out):
+    for c in range(len(member)):
+        i, j, k, m = members(member, c)
+        a, b, d, e = spread(load(weight, c))
+        store(out, c, a * load(x, i) + b * load(x, j) + d * load(x, k) + e * load(x, m))
+
+
+def test_four_vertices_are_weighed_by_four_weights():
+    rng = np.random.default_rng(1)
+    x, out, weight = rows(20), rows(9), rng.normal(size=(9, 4))
+    x[:, :3] = rng.normal(size=(20, 3))
+    member = rng.integers(0, 20, size=(9, 4)).astype(np.uint32)
+    weighed(x, member, weight, out)
+    np.testing.assert_allclose(out, np.einsum("ck,ckd->cd", weight, x[member]), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 4), np.int32), np.zeros(4, np.uint32), np.zeros((2, 4))])
+def test_other_arrays_have_no_members(wrong):
+    with pytest.raises(TypingError, match="unsigned integers"):
+        weighed(rows(1), wrong, rows(1), rows(1))
 
 
 @pytest.mark.parametrize("n", [1, 7, 1000])

@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from skills.cloth import vertex_sides as sides
-from skills.cloth.contact import RELEASE, STRAY
+from skills.cloth.contact import MAX_WAIT, RELEASE, STRAY
 from skills.cloth.lanes import LANES
 
 THICK, SPAN, EDGE = 0.003, 0.004, 0.025
@@ -128,7 +128,8 @@ def test_what_is_away_has_no_side_and_is_told_by_how_much():
     far = verdict == sides.AWAY
     assert far.sum() > 200
     assert (away[far] > THICK + reach[far] - 1e-7).all()
-    np.testing.assert_allclose(out[sides.GAP][far], away[far] - RELEASE * THICK, atol=1e-6)
+    wait = 1.0 + np.clip((away - RELEASE * THICK) / reach - 1.0, 0.0, MAX_WAIT)
+    np.testing.assert_allclose(out[sides.WAIT], np.where(far, wait, 0.0), atol=1e-3)
     assert (side[far & (away > RELEASE * THICK + 1e-6)] == 0.0).all()
 
 
