@@ -28,9 +28,8 @@ _REGISTER = ir.VectorType(ir.FloatType(), LANES)
 _WHOLE = ir.VectorType(ir.IntType(32), LANES)
 _FLAGS = ("contract", "nnan", "nsz")
 
-lowest: Any = (
-    trailing_zeros  # place of the lowest bit of a number; an intrinsic of numba's, which its own sets use
-)
+# place of the lowest bit of a number; an intrinsic of numba's, which its own sets use
+lowest: Any = trailing_zeros
 
 
 class _Lanes(types.Type):

@@ -51,7 +51,9 @@ def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int, each: 
     script, told = tmp_path / "maker.py", tmp_path / "pid"
     script.write_text(MAKER)
     environment = {**os.environ, "PYTHONPATH": os.getcwd()}
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a child inherits that it is ignored, as under nohup
     maker = subprocess.Popen([sys.executable, str(script), str(told), *each], env=environment)
+    signal.signal(signal.SIGHUP, before)
     until = time.monotonic() + 30.0
     while not (told.exists() and told.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
