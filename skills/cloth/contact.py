@@ -8,6 +8,9 @@ is apart and is kept while it is near: a pair that was pressed through is pushed
 comes so fast that it could be through by the next narrow phase has the next one earlier; where nothing does it
 is later.
 
+A substep sweeps over the contacts until the last sweep moved none by much: twice where they rest on each other,
+more often where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
+
 Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
 contact has borne in the substep.
@@ -22,6 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from skills.cloth.vectors import dot, load, members, spread, store
 
@@ -33,7 +37,9 @@ HASTE_WAY = (
 LEISURE_WAY = 1.0  # if none may go farther in two phases, it comes after two
 RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is let go
-EDGE_SHARE = 0.5  # edge-edge contact distance, of the thickness
+# edge-edge contact distance: a share of the thickness, but in thin cloth, where a snag can pull so little through
+# in a substep, this many metres, up to another share: layers lie a thickness apart, and their edges must not push
+EDGE_SHARE, EDGE_DISTANCE, MOST_EDGE_SHARE = 0.5, 0.001, 0.8
 # a contact among vertices of which few may move is as heavy as this share of the lightest: one that can hardly
 # act on it would be flung
 LEAST_SHARE = 0.25
@@ -44,8 +50,16 @@ MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: 
 # neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
 # so many parts of the list in turn
 PARTS = 4
+LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep,
+TOLERANCE = 0.03  # x thickness: with no more of them when the last one moved no contact by more
 OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
 OVERLAP_SPEED = 0.4  # at most so fast [m/s]
+
+
+@register_jitable
+def edge_distance(thick: float) -> float:
+    """Contact distance of edges [m] of cloth so thick [m]."""
+    return max(EDGE_SHARE * thick, min(MOST_EDGE_SHARE * thick, EDGE_DISTANCE))
 
 
 def phase_length(h: float, substeps: int) -> int:
@@ -122,11 +136,14 @@ def apply_impulses(n, act_i, act_b, act_s, act_n, act_m, act_j, act_p, act_g, x,
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_contacts(n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, act_g, x, friction, back):
+def solve_contacts(
+    n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, act_g, x, friction, back, tolerance
+):  # fmt: skip
     """One sweep through PARTS of the list in turn, or `back` from its end: no approach below the contact distance,
     nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each contact has
-    borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls."""
-    one, parts, count = np.uint64(1), np.uint64(PARTS), np.uint64(n)
+    borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
+    moved the sides of one by more than `tolerance` [m]"""
+    one, parts, count, moved = np.uint64(1), np.uint64(PARTS), np.uint64(n), False
     length = (count + parts - one) // parts
     for row in range(PARTS * ((n + PARTS - 1) // PARTS)):
         part, place = np.uint64(row) % parts, np.uint64(row) // parts
@@ -152,11 +169,13 @@ def solve_contacts(n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, ac
         after = press * normal + share * along
         store(act_j, c, after)
         more = after - before
+        moved = moved | (dot(more, more) > (tolerance * inv) ** 2)
         si, sj, sk, sm = spread(load(act_s, c))
         store(x, i, pi + si * more)
         store(x, j, pj + sj * more)
         store(x, k, pk + sk * more)
         store(x, m, pm + sm * more)
+    return moved
 
 
 @njit(nogil=True)

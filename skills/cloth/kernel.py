@@ -22,9 +22,12 @@ from numba import njit
 
 from skills.cloth.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact import (
-    EDGE_SHARE,
+    LEAST_SWEEPS,
+    MOST_SWEEPS,
+    TOLERANCE,
     apply_impulses,
     average_impulses,
+    edge_distance,
     next_narrow_phase,
     release_overlaps,
     remember_impulses,
@@ -66,7 +69,6 @@ from skills.cloth.untangle import GLANCE, untangle
 from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
-SWEEPS = 3  # over the contacts in a substep
 COMPILED = (
     "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py",
     "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py",
@@ -140,7 +142,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         )  # fmt: skip
                         count[ACTIVE_VT] = n
                         n, edges_farthest = narrow_edge_edge(
-                            count[EE], n, count[NOW], pace, h, EDGE_SHARE * thick, body.edge, body.rim, x,
+                            count[EE], n, count[NOW], pace, h, edge_distance(thick), body.edge, body.rim, x,
                             v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
@@ -194,15 +196,18 @@ def _compile(sources: str) -> Callable[..., int]:
                             count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, x, xp,
                             v, press, low, floor, table_rub
                         )  # fmt: skip
-                    for sw in range(SWEEPS):
+                    sweep, moved = 0, True
+                    while sweep < LEAST_SWEEPS or (moved and sweep < MOST_SWEEPS):
                         press_on_table(
                             sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
-                        solve_contacts(
+                        moved = solve_contacts(
                             count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w,
                             act_j, act_p, act_g, x, rules.mu_layers,
-                            (s * SWEEPS + sw) % 2 == 1,  # there in one substep and back in the next
+                            (s + sweep) % 2 == 1,  # there in one substep and back in the next
+                            TOLERANCE * thick,
                         )  # fmt: skip
+                        sweep += 1
                     average_impulses(count[ACTIVE], act_j, act_m)
                     if len(busy):
                         push_by_capsules(

@@ -9,7 +9,7 @@ from numba import njit
 from skills.cloth.contact import PARKED
 from skills.cloth.patch_bounds import fit_patches, fit_ridges
 from skills.cloth.patch_search import search_pairs
-from skills.cloth.ridges import stay_ridges
+from skills.cloth.ridges import note_ridges, stay_ridges
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 from skills.cloth.vectors import load, store
 
@@ -116,7 +116,7 @@ def search(body, rules, state, pairs):
         return False
     _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
     _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
-    state.expired[:] = False
+    note_ridges(patches.stale, patches.edge_start, patches.ridge, state.ridge, state.expired)
     state.turned[:] = False
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int32, njit
 
-from skills.cloth.contact import EDGE_SHARE, RELEASE
+from skills.cloth.contact import RELEASE, edge_distance
 from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, lowest, most, not_above, size
 from skills.cloth.patches import FAR, LEAF
 
@@ -172,7 +172,7 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
     tris, tri_geo = patches.tri, patches.tri_geo
     ridges, ridge_edge = patches.ridges, patches.ridge_edge
     edge_start, edge_geo = patches.edge_start, patches.edge_geo
-    close, close_edges = np.float32(near + ROUNDING), np.float32(EDGE_SHARE * near + ROUNDING)
+    close, close_edges = np.float32(near + ROUNDING), np.float32(RELEASE * edge_distance(thick) + ROUNDING)
     ahead = np.float32(horizon)
     own = np.empty(9, np.float32)
     tests = np.empty((TESTS, 4), np.uint32)

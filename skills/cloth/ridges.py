@@ -4,12 +4,13 @@
 An edge between two triangles in about one plane is no feature of the surface. Contacts of vertices and triangles
 keep the ends of an edge that crosses it a thickness above these triangles, and what is straight between them is
 about as far away. With an angle a between the triangles, and a crossing edge of length l, it can be nearer by
-a l / 4 (a roof's ridge over the middle of its eaves): up to a = 2 thickness / l the two stay half a thickness
-apart, which is all that a contact of edges asks for. So both edges of a pair have to be ridges or rims; where one
+a l / 4 (a roof's ridge over the middle of its eaves): up to a = 4 (thickness - d) / l the two stay apart by the
+distance d of a contact of edges. So both edges of a pair have to be ridges or rims; where one
 is flat the contact can bear nothing. Of the pairs of a folded shirt a third is left.
 
-Bent is what is so in the middle of the time that a search looks ahead. An edge that bends faster than the
-margin allows counts from the next search on, a frame later; vertices and triangles keep it apart meanwhile.
+Bent is what is so in the middle of the time that a search looks ahead. A patch in which other edges have become
+ridges since it was searched is searched anew when any patch is. An edge that bends faster than the margin allows
+counts from then on, a frame later; vertices and triangles keep it apart meanwhile.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from skills.cloth.contact import edge_distance
 from skills.cloth.lanes import LANES
 
-__all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "stay_ridges"]
+__all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 1.0  # of thickness / length: the angle of a ridge. Half of what may be: it can grow until the next search
+SHARE = 0.5  # of the angle that may be is that of a ridge: it can grow until the next search
 MOST_ANGLE = 0.5  # [rad] beyond it an edge is a ridge however thick the cloth is for its mesh
 EVERY_EDGE = np.float32(2.0)  # in place of the cosine: all are ridges
 WIDE = np.uint32(LANES)
@@ -30,7 +32,7 @@ WIDE = np.uint32(LANES)
 def flat_cosine(thickness: float, edge: float) -> float:
     """Cosine of the angle between two triangles at which the edge between them becomes a ridge; `edge`: mean
     length of the mesh's edges [m]."""
-    return float(np.cos(min(MOST_ANGLE, SHARE * thickness / edge)))
+    return float(np.cos(min(MOST_ANGLE, SHARE * 4.0 * (thickness - edge_distance(thickness)) / edge)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -54,3 +56,16 @@ def stay_ridges(n, pair, near, at, ridge):
             for m in range(2):
                 slot = at[pair[c, m]]
                 ridge[slot // LANES] |= np.int32(1 << (slot % LANES))
+
+
+@njit(nogil=True)
+def note_ridges(stale, start, ridge, searched, expired):
+    """Puts down the ridges with which stale patches were searched (rows,), and marks the others that have more
+    ridges than that: they are to go along with the next search."""
+    for k in range(len(stale)):
+        expired[k] = False
+        for row in range(start[k], start[k + 1]):
+            if stale[k]:
+                searched[row] = ridge[row]
+            elif ridge[row] & ~searched[row]:
+                expired[k] = True

@@ -98,6 +98,7 @@ class State(NamedTuple):
     born: NDArray[np.int32]
     moving: NDArray[np.bool_]
     expired: NDArray[np.bool_]
+    ridge: NDArray[np.int32]
     watched: NDArray[np.int32]
     turned: NDArray[np.bool_]
     wa: Array
@@ -221,6 +222,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         born=np.zeros(m, np.int32),
         moving=np.zeros(m, np.bool_),
         expired=np.ones(m, np.bool_),
+        ridge=np.zeros_like(patches.rim),
         watched=np.zeros(m, np.int32),
         turned=np.zeros(n, np.bool_),
         wa=f(n),

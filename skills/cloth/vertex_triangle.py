@@ -17,6 +17,7 @@ from skills.cloth.corners import common_corner
 from skills.cloth.lanes import LANES
 from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
+    BORDER,
     LEAST,
     NORMAL,
     REACH,
@@ -35,7 +36,6 @@ from skills.cloth.vertex_sides import (
     judge_sides,
 )
 
-BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
 AT_BEND = -2  # instead of a better row
 ONE, FULL = np.uint64(1), np.uint64(LANES)
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skills.cloth.contact import EDGE_SHARE, PHASE, RELEASE
+from skills.cloth.contact import PHASE, RELEASE, edge_distance
 from skills.cloth.elastic import turns
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.pairs import HORIZON as PHASES_FORESEEN
@@ -70,7 +70,7 @@ def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
     for e in np.flatnonzero(of == 0):
         for f in np.flatnonzero((np.abs(middle - middle[e]) < 0.03).all(axis=1) & (of == 1)):
             apart = min(nearest(y[edges[e]], y[edges[f]]) for y in places)
-            if asked([*edges[e], *edges[f]]) and apart <= EDGE_SHARE * RELEASE * THICK:
+            if asked([*edges[e], *edges[f]]) and apart <= RELEASE * edge_distance(THICK):
                 near += 1
                 ee += [] if (min(e, f), max(e, f)) in found_ee else [(e, f)]
     return vt, ee, near

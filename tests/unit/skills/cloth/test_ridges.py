@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.cloth.contact import EDGE_SHARE
+from skills.cloth.contact import edge_distance
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patches import build_patches
@@ -86,7 +86,7 @@ def test_where_an_edge_is_flat_the_vertices_keep_edges_apart(seed, length, thick
     over[:, 2] = -slope * np.abs(over[:, 0]) + thick * np.hypot(1.0, slope) * rng.uniform(1.0, 1.2, 2)
     if np.linalg.norm(over[1] - over[0]) > length:  # longer than any edge of the mesh
         return
-    assert distance(np.zeros(3), np.array([0.0, length, 0.0]), *over) > EDGE_SHARE * thick
+    assert distance(np.zeros(3), np.array([0.0, length, 0.0]), *over) > edge_distance(thick)
 
 
 def test_edges_that_are_near_to_each_other_stay_ridges():
