@@ -5,9 +5,9 @@ to. LANES pairs at once, in single precision, relative to a corner of the triang
 The side of a pair follows the geometry as long as it is apart and is kept while it is near. A vertex that is not
 over the triangle meets the nearest point of its border, from the side that it is remembered on or clearly is on:
 else it could slip through over a corner that points at it. While it is farther from the border than cloth is
-thick, it may slide on over the triangle, but sink no deeper towards its plane. Where it has slid out past the
-border it sinks slowly until it is free. Let go at once, what presses it would throw it past the border in less
-than the time to the next look, and the edges that are to hold from then on would take its side for theirs.
+thick, it may slide on over the triangle, but sink no deeper towards its plane. One that has slid out past the
+border goes down around it, as if it were round. Let go at once, what presses on it would throw it past the border
+before the next look, and the edges that are to hold from then on would take its wrong side for their own.
 
 All is in one flat array, of which each quantity takes a row of LANES: only of constant distances in one array the
 compiler knows that no row is another one, and makes one instruction of sixteen.
@@ -27,8 +27,8 @@ __all__ = [
 ]  # fmt: skip
 
 BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
-SLIP = 2.0 * STRAY  # [m] farther from the border than a contact's distance a vertex that was held is let go
-SINK = 0.1  # x thickness a look: by so much it may sink in the second half of this way
+SLIP = 0.5 * STRAY  # [m] more than a contact's distance from the border, a vertex goes down around it,
+SINK = 0.1  # x thickness a look at most
 LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
 
 # Rows that are read: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less
@@ -87,10 +87,10 @@ def judge_sides(work, thick, span):
         e2 = ZERO if on_a else (u if on_c else t)
         wx, wy, wz = px - e1 * ax - e2 * bx, py - e1 * ay - e2 * by, pz - e1 * az - e2 * bz
         away = np.sqrt(wx * wx + wy * wy + wz * wz)
+        out = away * away - d * d  # past the border, squared
+        slips = beside & (remembered != ZERO) & (out > np.float32(SLIP) * (thick + thick + np.float32(SLIP)))
         # the gap cannot close within the span: the pair is apart, whichever side
-        slips = beside & (remembered != ZERO) & (away > thick + np.float32(STRAY))
-        held = thick + (ZERO if remembered == ZERO else np.float32(SLIP))
-        far = (abs(d) > release + reach) | (beside & (away > held + reach))
+        far = (abs(d) > release + reach) | (beside & (away > thick + reach))
         gap = away if beside else abs(d)
         let_go = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
         kept = ZERO if let_go else remembered
@@ -112,5 +112,6 @@ def judge_sides(work, thick, span):
         work[SECOND * LANES + k] = e1 if beside else b1
         work[THIRD * LANES + k] = e2 if beside else b2
         work[WITHIN * LANES + k] = min(within, np.float32(-2.0 * BORDER)) if slips else within
-        kept_up = min(thick, side * d) - (np.float32(SINK) * thick if slips else ZERO)
-        work[LEAST * LANES + k] = kept_up if beside & (not stops) else thick
+        high = min(thick, side * d)
+        lower = max(high - np.float32(SINK) * thick, min(high, np.sqrt(max(thick * thick - out, ZERO))))
+        work[LEAST * LANES + k] = (lower if slips else high) if beside & (not stops) else thick

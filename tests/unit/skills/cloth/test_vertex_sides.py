@@ -146,3 +146,28 @@ def test_a_triangle_without_area_touches_nothing():
     triangle = np.array([[[0.0, 0.0, 0.0], [EDGE, 0.0, 0.0], [0.5 * EDGE, 0.0, 0.0]]])
     verdict, *_ = judge(triangle, np.array([[0.5 * EDGE, 0.0, 0.001]]))
     assert verdict[0] != sides.TOUCHES
+
+
+@pytest.mark.parametrize("edge", [0.015, 0.025, 0.045])
+def test_a_loaded_vertex_that_slides_off_a_border_does_not_drop(edge):
+    """It falls as far as it may at each look, an eighth of the thickness at most, until it is beside the border,
+    and hardly rises again: what is pushed up and let down in turn would shake."""
+    triangle = np.array([[0.0, 0.0, 0.0], [edge, 0.0, 0.0], [0.5 * edge, 0.9 * edge, 0.0]])
+    vertex, heights = np.array([0.45 * edge, 0.0, THICK]), [THICK]
+    while vertex[1] > -1.5 * THICK:
+        vertex[1] -= 2e-5
+        verdict, _, normal, weights, least, rows = judge(triangle[None], vertex[None], remembered=np.ones(1))
+        if verdict[0] == sides.TOUCHES:
+            aim = least[0] if rows[sides.WITHIN][0] < -sides.BORDER else THICK
+            room = normal[0] @ (vertex - weights[0] @ triangle) - aim
+            if room > 0.0:
+                vertex[2] -= room / normal[0, 2]
+            else:
+                vertex -= room * normal[0]
+        else:
+            vertex[2] = 0.0
+        heights.append(vertex[2])
+    step = np.diff(heights)
+    assert heights[-1] < 1e-3 * THICK
+    assert step.min() > -0.125 * THICK
+    assert step.max() < 0.01 * THICK
