@@ -1,0 +1,109 @@
+"""Sweeps over contacts: where they lead to, against least distance programming, and when they are enough."""
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+from scipy.sparse import coo_array
+from scipy.spatial.transform import Rotation
+
+from skills.cloth.contact import edge_distance, solve_contacts
+from skills.cloth.vectors import rows
+
+THICK = 0.003
+
+
+class Contacts:
+    """n contacts of a vertex and a triangle, or of two edges, among m vertices; some overlap, some are apart."""
+
+    def __init__(self, seed, n, m):
+        rng = np.random.default_rng(seed)
+        self.n, self.w = n, rng.uniform(500.0, 2000.0, m)
+        self.w[rng.random(m) < 0.1] = 0.0  # asleep
+        self.members = np.array([rng.choice(m, 4, replace=False) for _ in range(n)], np.uint32)
+        over = rng.dirichlet(np.ones(3), n)
+        s, t = rng.uniform(0.1, 0.9, (2, n))
+        face = np.column_stack([np.ones(n), -over])
+        edges = np.column_stack([1.0 - s, s, t - 1.0, -t])
+        self.weight = np.where(rng.random((n, 1)) < 0.5, face, edges)
+        self.share = self.weight * self.w[self.members]
+        self.normal = rows(n)
+        self.normal[:, :3] = Rotation.random(n, random_state=seed).as_matrix()[:, 0]
+        self.den = (self.weight * self.share).sum(axis=1)
+        self.inverse = 1.0 / np.maximum(self.den, 1.0)
+        self.borne, self.apart = rows(n), rows(n)
+        self.x = rows(m)
+        self.x[:, :3] = 0.02 * rng.standard_normal((m, 3))
+        self.aim = self.gaps() + 0.3 * THICK * rng.standard_normal(n)
+        self.before = self.aim + 1.0  # no overlap is older
+
+    def gaps(self):
+        between = np.einsum("nk,nkd->nd", self.weight, self.x[self.members])
+        return np.einsum("nd,nd->n", self.normal, between)
+
+    def sweep(self, tolerance, friction=0.0, back=False):
+        return solve_contacts(
+            self.n, self.members, self.weight, self.share, self.normal, self.aim, self.inverse, self.borne,
+            self.apart, self.before, self.x, friction, back, tolerance,
+        )  # fmt: skip
+
+
+def least_motion(contacts):
+    """Where the vertices go when no contact is too near, and what is moved, by its mass, as little as can be
+    (Lawson & Hanson 1974, chapter 23)."""
+    n, m = contacts.n, len(contacts.w)
+    entries = contacts.weight[:, :, None] * contacts.normal[:, None, :3]
+    column = 3 * contacts.members.astype(int)[:, :, None] + np.arange(3)
+    row = np.broadcast_to(np.arange(n)[:, None, None], column.shape)
+    jacobian = coo_array((entries.ravel(), (row.ravel(), column.ravel())), shape=(n, 3 * m)).toarray()
+    root = np.sqrt(np.repeat(contacts.w, 3))
+    lack = contacts.aim - contacts.gaps()
+    scale = np.abs(lack).max()
+    y = np.append(np.zeros(3 * m), 1.0)
+    e = np.vstack([(jacobian * root).T / np.sqrt(contacts.w.max()), lack / scale])
+    r = e @ nnls(e, y, maxiter=100 * n)[0] - y
+    moved = -r[:-1] / r[-1] * scale / np.sqrt(contacts.w.max())
+    return contacts.x[:, :3] + (root * moved).reshape(m, 3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sweeps_lead_to_the_least_motion_that_keeps_all_apart(seed):
+    contacts = Contacts(seed, 30, 60)
+    wanted = least_motion(contacts)
+    start = contacts.x[:, :3].copy()
+    sweeps = 0
+    while contacts.sweep(1e-12, back=sweeps % 2 == 1):
+        sweeps += 1
+        assert sweeps < 20000
+    assert np.linalg.norm(wanted - start, axis=1).max() > 0.1 * THICK
+    np.testing.assert_allclose(contacts.x[:, :3], wanted, atol=1e-7)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_a_sweep_tells_whether_it_moved_the_sides_of_a_contact(friction):
+    """By the overlap that it undoes, and by what friction holds."""
+    contacts = Contacts(7, 1, 4)
+    contacts.w[:] = 1000.0
+    contacts.share = contacts.weight * contacts.w[contacts.members]
+    contacts.inverse = 1.0 / (contacts.weight * contacts.share).sum(axis=1)
+    contacts.aim = contacts.gaps() + 0.1 * THICK
+    begun = contacts.x.copy()
+    between = np.einsum("nk,nkd->nd", contacts.weight, contacts.x[contacts.members])
+    contacts.apart[:] = between + 0.1 * THICK * contacts.normal  # it came nearer by so much, straight
+    contacts.before = contacts.gaps() + 0.1 * THICK
+    assert contacts.sweep(0.099 * THICK, friction)
+    assert contacts.gaps() == pytest.approx(contacts.aim, abs=1e-12)
+    assert not contacts.sweep(1e-9 * THICK, friction)
+    contacts.x[:], contacts.borne[:] = begun, 0.0
+    assert not contacts.sweep(0.101 * THICK, friction)
+    across = np.cross(contacts.normal[0, :3], [0.3, 0.5, 0.8])
+    contacts.x[contacts.members[0, 0], :3] += (
+        0.02 * THICK * across / np.linalg.norm(across) / contacts.weight[0, 0]
+    )
+    assert contacts.sweep(0.019 * THICK, friction) == (friction > 0.0)
+
+
+def test_edges_push_nearer_than_layers_lie_and_farther_than_a_snag_pulls():
+    for thick in np.linspace(0.0003, 0.01, 98):
+        assert 0.5 * thick <= edge_distance(thick) <= 0.8 * thick
+    assert edge_distance(0.0012) > 0.75 * 0.0012
+    assert edge_distance(0.003) == 0.0015
