@@ -142,9 +142,9 @@ class Pairs(NamedTuple):
     apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch: near_c, pairs
     of a vertex and a triangle that can touch, and places in the lists of pairs that became free; near_i, their
     vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the
-    distance that pushes nothing, and the inverse mass; inside, the least barycentric coordinate; chain, the one
-    before of the same vertex; top, of the chain down from here the one that the vertex is most inside of; better;
-    new_vt, new_ee, key, row, kept, kept_normal."""
+    distance that pushes nothing, and the inverse mass; gap, how far away; inside, the least barycentric
+    coordinate; chain, the one before of the same vertex; top, of the chain down from here the one that the vertex
+    is most inside of; better; new_vt, new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -174,6 +174,7 @@ class Pairs(NamedTuple):
     act_g: Array
     chain: NDArray[np.int32]
     better: NDArray[np.int32]
+    gap: NDArray[np.float32]
     inside: NDArray[np.float32]
     top: NDArray[np.int32]
     near_c: NDArray[np.int32]
@@ -290,6 +291,7 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         act_g=np.zeros(m),
         chain=np.zeros(m, np.int32),
         better=np.zeros(m, np.int32),
+        gap=np.zeros(m, np.float32),
         inside=np.zeros(m, np.float32),
         top=np.zeros(m, np.int32),
         near_c=np.zeros(m, np.int32),

@@ -22,7 +22,7 @@ from skills.cloth.contact import GIVE_UP, MAX_WAIT, RELEASE, STRAY
 from skills.cloth.lanes import LANES
 
 __all__ = [
-    "AWAY", "BORDER", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES",
+    "AWAY", "BORDER", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES",
     "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
 ]  # fmt: skip
 
@@ -37,9 +37,9 @@ TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
 # Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; how many looks later one
 # that is away must be looked at again (whole ones: `later` in contact.py), 0 for others; how far it may go until
 # the next look. The contact: its normal, the weights of the second and third corner, the least barycentric
-# coordinate, and the distance that can be kept without a push from what it does not touch.
-VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST = 13, 14, 15, 16, 19, 20, 21, 22
-ROWS = 23
+# coordinate, the distance that can be kept without a push from what it does not touch, and how far away it is.
+VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
+ROWS = 24
 AWAY, TOUCHES = 1.0, 2.0
 
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # tiny: instead of 0
@@ -111,6 +111,7 @@ def judge_sides(work, thick, span):
         work[(NORMAL + 2) * LANES + k] = inverse * wz if stops else side * nz
         work[SECOND * LANES + k] = e1 if beside else b1
         work[THIRD * LANES + k] = e2 if beside else b2
+        work[GAP * LANES + k] = away if beside else side * d
         work[WITHIN * LANES + k] = min(within, np.float32(-2.0 * BORDER)) if slips else within
         high = min(thick, side * d)
         lower = max(high - np.float32(SINK) * thick, min(high, np.sqrt(max(thick * thick - out, ZERO))))

@@ -18,6 +18,7 @@ from skills.cloth.lanes import LANES
 from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
     BORDER,
+    GAP,
     LEAST,
     NORMAL,
     REACH,
@@ -39,6 +40,9 @@ from skills.cloth.vertex_sides import (
 AT_BEND = -2  # instead of a better row
 ONE, FULL = np.uint64(1), np.uint64(LANES)
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+NEARLY = (
+    0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem or a crease
+)
 
 
 @njit(nogil=True)
@@ -47,11 +51,12 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
     rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
     near, farthest = _find_near(
         count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.better,
-        pairs.near_c, pairs.near_i, pairs.near_n, pairs.near_b, pairs.inside, pairs.chain, pairs.top, last
+        pairs.near_c, pairs.near_i, pairs.near_n, pairs.near_b, pairs.gap, pairs.inside, pairs.chain, pairs.top,
+        last
     )  # fmt: skip
     _meet_once(
-        near, pairs.vt, pairs.near_c, pairs.near_i, pairs.near_n, pairs.inside, pairs.chain, pairs.top,
-        pairs.better, last
+        near, np.float32(NEARLY * thick), pairs.vt, pairs.near_c, pairs.near_i, pairs.near_n, pairs.gap,
+        pairs.inside, pairs.chain, pairs.top, pairs.better, last
     )  # fmt: skip
     rows = _enter(
         near, thick, w, pairs.better, pairs.inside, pairs.vt_j, pairs.near_c, pairs.near_i, pairs.near_n,
@@ -64,7 +69,7 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near_c, near_i, near_n, near_b,
-    inside, chain, top, last
+    gap, inside, chain, top, last
 ):  # fmt: skip
     """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
     Those of each vertex are chained up from `last`. asked: scratch, the pairs that are looked at now."""
@@ -101,16 +106,16 @@ def _find_near(
             hit[hits] = k
             hits += np.uint64(touches)
         n, farthest = _put_down(
-            hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, inside, chain,
-            top, last
+            hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, gap, inside,
+            chain, top, last
         )  # fmt: skip
     return n, farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _put_down(
-    hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, inside, chain, top,
-    last
+    hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, gap, inside, chain,
+    top, last
 ):  # fmt: skip
     """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`."""
     for m in range(hits):
@@ -128,7 +133,7 @@ def _put_down(
         for d in range(3):
             near_n[n, d] = work[np.uint64((NORMAL + d) * LANES) + k]
         near_b[n, 0], near_b[n, 1], near_b[n, 3] = b1, b2, den
-        near_b[n, 2] = work[np.uint64(LEAST * LANES) + k]
+        near_b[n, 2], gap[n] = work[np.uint64(LEAST * LANES) + k], work[np.uint64(GAP * LANES) + k]
         within, before = work[np.uint64(WITHIN * LANES) + k], last[i]
         inside[n], chain[n], last[i] = within, before, n
         most = np.uint64(top[np.uint64(before)]) if before >= 0 else n
@@ -150,18 +155,18 @@ def _find_due(count, now, pace, due, asked):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last):
+def _meet_once(n, nearly, pair, near_c, near_i, near_n, gap, inside, chain, top, better, last):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, and no border of those beside it: the rows of these get a `better` one. On the border itself they are the
-    same contact, so that none jumps, and which one stays hangs on positions alone. Those beside a triangle that
-    is joined to another one at an angle are AT_BEND."""
+    of, and no border of those beside it: the rows of these get a `better` one, but none that is farther away by
+    more than `nearly` [m]. On the border itself they are the same contact, so that none jumps, and which one stays
+    hangs on positions alone. Those beside a triangle that is joined to another one at an angle are AT_BEND."""
     for c in range(n):
         better[c] = -1
         own = inside[c]
         h = np.uint64(top[np.uint64(last[np.uint64(near_i[c, 0])])])
         if own > BORDER or (h == c and own >= 0.0):
             continue
-        if h != c and _stands_for(h, c, near_i, near_n, inside):
+        if h != c and _stands_for(h, c, nearly, near_i, near_n, gap, inside):
             better[c] = h
             continue
         best, most, of_best, at_bend = np.uint64(c), own, pair[np.uint64(near_c[c]), 1], False
@@ -172,7 +177,7 @@ def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last
             within, of = inside[o], pair[np.uint64(near_c[o]), 1]
             at_bend = at_bend | (joined & (alike <= ALIKE))
             more = (within > most) | ((within == most) & (of < of_best))
-            taken = joined & more & (alike > _least_alike(o, c, inside))
+            taken = joined & more & (alike > _least_alike(o, c, nearly, gap, inside))
             best, most, of_best = (o if taken else best), (within if taken else most), (of if taken else of_best)
             link = chain[o]
         if best != c:
@@ -184,9 +189,9 @@ def _meet_once(n, pair, near_c, near_i, near_n, inside, chain, top, better, last
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _stands_for(o, c, near_i, near_n, inside):
+def _stands_for(o, c, nearly, near_i, near_n, gap, inside):
     """Whether a vertex that is more inside of row o's triangle need not meet that of row c."""
-    return _joined(o, c, near_i) and _alike(o, c, near_n) > _least_alike(o, c, inside)
+    return _joined(o, c, near_i) and _alike(o, c, near_n) > _least_alike(o, c, nearly, gap, inside)
 
 
 @njit(nogil=True, forceinline=True)
@@ -202,10 +207,11 @@ def _alike(o, c, near_n):
 
 
 @njit(nogil=True, forceinline=True)
-def _least_alike(o, c, inside):
+def _least_alike(o, c, nearly, gap, inside):
     """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
-    not stand in its way."""
-    return 0.0 if inside[c] < -BORDER <= inside[o] else ALIKE
+    not stand in its way. Over both, of one sheet they are equally far; of two layers only one is met."""
+    over_both = ALIKE if gap[o] <= gap[c] + nearly else 2.0
+    return 0.0 if inside[c] < -BORDER <= inside[o] else over_both
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)

@@ -20,9 +20,9 @@ def fan(lift: float = 0.0):
     return x, tri
 
 
-def contacts(x, tri, order, borne=None):
+def contacts(x, tri, order, borne=None, speed=0.0):
     """Contacts of the last vertex with all triangles, in this order: triangles, barycentres, what they bear."""
-    pairs, kept = narrow(x, tri, order, borne)
+    pairs, kept = narrow(x, tri, order, borne, speed)
     return [int(pairs.vt[c, 1]) for c in pairs.act_c[:kept]], pairs.act_b[:kept], pairs.act_m[:kept, :3]
 
 
@@ -34,14 +34,15 @@ def pushes(x, tri):
     return pairs.act_d[:kept] - gap
 
 
-def narrow(x, tri, order, borne=None):
+def narrow(x, tri, order, borne=None, speed=0.0):
+    """speed: of the last vertex, upwards [m/s]."""
     m, n = len(order), len(x)
     pairs = new_pairs(m, 0)
     pairs.vt[:, 0], pairs.vt[:, 1] = n - 1, order
     pairs.vt_j[:, :3] = 0.0 if borne is None else borne[order]
-    place, last = rows(n), np.full(n, -1, np.int32)
-    place[:, :3] = x
-    kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, rows(n), np.ones(n), pairs, last)
+    place, v, last = rows(n), rows(n), np.full(n, -1, np.int32)
+    place[:, :3], v[-1, 2] = x, speed
+    kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
     assert (last == -1).all()  # ready for the next time
     assert not pairs.act_n[:, 3].any()
     return pairs, kept
@@ -170,3 +171,19 @@ def test_a_hem_is_borne_by_the_hem_below(beside, borne):
     push = pushes(np.array([*hem, vertex]), np.array([[0, 1, 2], [1, 3, 4]], np.int32))
     assert len(push) == 1
     np.testing.assert_allclose(push, THICK - vertex[2] if borne else 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+@pytest.mark.parametrize("inside", [0.0002, -0.0002])
+def test_under_two_layers_that_are_joined_at_a_hem_a_vertex_meets_the_nearer_one(order, inside):
+    """At its border too, although it is farther inside of the other one, which is about parallel and could be
+    reached until the next look."""
+    x = np.array([
+        [0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0],
+        [0.02, -0.004, THICK], [0.01, 0.02, THICK], [0.012, inside, -THICK],
+    ])  # fmt: skip
+    tri = np.array([[0, 1, 2], [0, 3, 4]], np.int32)
+    borne = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])
+    kept, _, push = contacts(x, tri, order, borne, speed=1.0)
+    assert 0 in kept
+    np.testing.assert_allclose(push[kept.index(0)], borne[0])
