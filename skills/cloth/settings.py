@@ -45,7 +45,7 @@ class SolverSettings:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference_drop: float = 0.6
     stretch_damping: float = 0.002
-    bend_damping: float = 0.015
+    bend_damping: float = 0.014
     drag: float = 0.05
     max_speed: float = 4.0
     sleep_distance: float = 1e-3
