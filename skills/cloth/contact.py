@@ -8,8 +8,8 @@ is apart and is kept while it is near: a pair that was pressed through is pushed
 comes so fast that it could be through by the next narrow phase has the next one earlier; where nothing does it
 is later.
 
-A substep sweeps over the contacts until the last sweep moved none by much: twice where they rest on each other,
-more often where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
+A substep sweeps over the contacts until a sweep moves none by much: twice where they rest on each other, up to six
+times where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
 
 Overlap that is older than the substep is released little by little, as a shift of where the cloth is and was: no
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
@@ -50,8 +50,8 @@ MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: 
 # neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
 # so many parts of the list in turn
 PARTS = 4
-LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep,
-TOLERANCE = 0.03  # x thickness: with no more of them when the last one moved no contact by more
+LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
+TOLERANCE = 0.03  # x thickness: from LEAST_SWEEPS on, one that moved no contact by more is the last
 OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
 OVERLAP_SPEED = 0.4  # at most so fast [m/s]
 

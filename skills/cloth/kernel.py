@@ -204,7 +204,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         moved = solve_contacts(
                             count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w,
                             act_j, act_p, act_g, x, rules.mu_layers,
-                            (s + sweep) % 2 == 1,  # there in one substep and back in the next
+                            (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
                             TOLERANCE * thick,
                         )  # fmt: skip
                         sweep += 1

@@ -14,7 +14,9 @@ from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WA
 from skills.cloth.vectors import load, store
 
 SLACK = 0.001  # [m] that a corner may stray from its straight course before its patch is searched anew
-CALM_SLACK = 0.15  # of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs
+# of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs, above some 1.8 mm
+# (edge_distance in contact.py)
+CALM_SLACK = 0.15
 STALE_SHARE = 0.4  # of the slack: a patch that strayed by so much is searched along with those that must be
 HORIZON = 6  # phases for which the search looks ahead
 NONE, ONE = np.uint64(0), np.uint64(1)
@@ -116,7 +118,7 @@ def search(body, rules, state, pairs):
         return False
     _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
     _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
-    note_ridges(patches.stale, patches.edge_start, patches.ridge, state.ridge, state.expired)
+    note_ridges(patches.stale, patches.edge_start, patches.ridge, state.ridge_searched, state.expired)
     state.turned[:] = False
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1

@@ -9,8 +9,8 @@ distance d of a contact of edges. So both edges of a pair have to be ridges or r
 is flat the contact can bear nothing. Of the pairs of a folded shirt a third is left.
 
 Bent is what is so in the middle of the time that a search looks ahead. A patch in which other edges have become
-ridges since it was searched is searched anew when any patch is. An edge that bends faster than the margin allows
-counts from then on, a frame later; vertices and triangles keep it apart meanwhile.
+ridges since it was searched goes along with the search after that. An edge that bends faster than the margin
+allows counts from then on, a frame later; vertices and triangles keep it apart meanwhile.
 """
 
 from __future__ import annotations

@@ -188,7 +188,7 @@ class ClothSimulation:
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._rules.sleep_frames
         s.base[:], s.course[:] = s.x[self._body.patches.corner, :3].T, 0.0
-        s.ridge[:] = -1  # all of them
+        s.ridge_searched[:] = -1  # nothing is searched only because it has not been yet
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
         s.counts[AWAKE] = 0
         if len(s.slip):

@@ -80,7 +80,8 @@ class State(NamedTuple):
     press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
     low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
-    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch).
+    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch);
+    ridge_searched: (rows,) bits of its edges that were ridges when it last was (ridges.py).
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
     with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1. Of hinges that rub, else of no
     length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
@@ -98,7 +99,7 @@ class State(NamedTuple):
     born: NDArray[np.int32]
     moving: NDArray[np.bool_]
     expired: NDArray[np.bool_]
-    ridge: NDArray[np.int32]
+    ridge_searched: NDArray[np.int32]
     watched: NDArray[np.int32]
     turned: NDArray[np.bool_]
     wa: Array
@@ -142,9 +143,9 @@ class Pairs(NamedTuple):
     apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch: near_c, pairs
     of a vertex and a triangle that can touch, and places in the lists of pairs that became free; near_i, their
     vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the
-    distance that pushes nothing, and the inverse mass; gap, how far away; inside, the least barycentric
-    coordinate; chain, the one before of the same vertex; top, of the chain down from here the one that the vertex
-    is most inside of; better; new_vt, new_ee, key, row, kept, kept_normal."""
+    distance that pushes nothing, and the inverse mass; gap and inside, GAP and WITHIN of vertex_sides.py; chain,
+    the one before of the same vertex; top, of the chain down from here the one that the vertex is most inside of;
+    better; new_vt, new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -223,7 +224,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         born=np.zeros(m, np.int32),
         moving=np.zeros(m, np.bool_),
         expired=np.ones(m, np.bool_),
-        ridge=np.zeros_like(patches.rim),
+        ridge_searched=np.zeros_like(patches.rim),
         watched=np.zeros(m, np.int32),
         turned=np.zeros(n, np.bool_),
         wa=f(n),

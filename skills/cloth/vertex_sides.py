@@ -27,8 +27,9 @@ __all__ = [
 ]  # fmt: skip
 
 BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
-SLIP = 0.5 * STRAY  # [m] more than a contact's distance from the border, a vertex goes down around it,
-SINK = 0.1  # x thickness a look at most
+# A vertex goes down around a border from where it is past it by so much that, a thickness high, it is SLIP [m]
+# farther away than a thickness; by SINK x thickness a look at most.
+SLIP, SINK = 0.5 * STRAY, 0.1
 LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
 
 # Rows that are read: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less
@@ -36,8 +37,9 @@ LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is 
 TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
 # Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; how many looks later one
 # that is away must be looked at again (whole ones: `later` in contact.py), 0 for others; how far it may go until
-# the next look. The contact: its normal, the weights of the second and third corner, the least barycentric
-# coordinate, the distance that can be kept without a push from what it does not touch, and how far away it is.
+# the next look. The contact: its normal, the weights of the second and third corner; the least barycentric
+# coordinate, below -BORDER in any case where the vertex goes down around the border; the distance that can be kept
+# without a push from what it does not touch; how far away it is, over the triangle less than 0 on the wrong side.
 VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
 ROWS = 24
 AWAY, TOUCHES = 1.0, 2.0

@@ -40,9 +40,8 @@ from skills.cloth.vertex_sides import (
 AT_BEND = -2  # instead of a better row
 ONE, FULL = np.uint64(1), np.uint64(LANES)
 ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
-NEARLY = (
-    0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem or a crease
-)
+NEARLY = 0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem
+NEVER = 2.0  # more than any cosine
 
 
 @njit(nogil=True)
@@ -157,9 +156,10 @@ def _find_due(count, now, pace, due, asked):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _meet_once(n, nearly, pair, near_c, near_i, near_n, gap, inside, chain, top, better, last):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, and no border of those beside it: the rows of these get a `better` one, but none that is farther away by
-    more than `nearly` [m]. On the border itself they are the same contact, so that none jumps, and which one stays
-    hangs on positions alone. Those beside a triangle that is joined to another one at an angle are AT_BEND."""
+    of, and no border of those beside it: the rows of these get a `better` one, but where it is over both none that
+    is farther away by more than `nearly` [m]. On the border itself they are the same contact, so that none jumps,
+    and which one stays hangs on positions alone. Those beside a triangle that is joined to another one at an angle
+    are AT_BEND."""
     for c in range(n):
         better[c] = -1
         own = inside[c]
@@ -209,8 +209,8 @@ def _alike(o, c, near_n):
 @njit(nogil=True, forceinline=True)
 def _least_alike(o, c, nearly, gap, inside):
     """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
-    not stand in its way. Over both, of one sheet they are equally far; of two layers only one is met."""
-    over_both = ALIKE if gap[o] <= gap[c] + nearly else 2.0
+    not stand in its way, whichever is nearer. Over both, o must not hide c if it is of a layer behind it."""
+    over_both = ALIKE if gap[o] <= gap[c] + nearly else NEVER
     return 0.0 if inside[c] < -BORDER <= inside[o] else over_both
 
 

@@ -9,7 +9,7 @@ from skills.cloth.contact import edge_distance
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.patch_bounds import fit_patches
 from skills.cloth.patches import build_patches
-from skills.cloth.ridges import EVERY_EDGE, flat_cosine, stay_ridges
+from skills.cloth.ridges import EVERY_EDGE, flat_cosine, note_ridges, stay_ridges
 from skills.cloth.state import new_pairs
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])
@@ -98,3 +98,19 @@ def test_edges_that_are_near_to_each_other_stay_ridges():
     np.testing.assert_array_equal(ridge, [1, 2, 0])
     stay_ridges(3, pairs.ee, pairs.near, at, ridge)
     np.testing.assert_array_equal(ridge, [1, 2, 1 | 1 << 15])
+
+
+def test_patches_in_which_others_became_ridges_go_along_with_the_next_search():
+    """Three rows of edges: two of a patch that is not searched now, one of one that is."""
+    start, stale = np.array([0, 2, 3], np.int32), np.array([False, True])
+
+    def noted(ridge, searched, stale=stale):
+        searched, expired = np.array(searched, np.int32), np.array([True, True])
+        note_ridges(stale, start, np.array(ridge, np.int32), searched, expired)
+        return searched.tolist(), expired.tolist()
+
+    assert noted([5, 2, 7], [5, 2, 1]) == ([5, 2, 7], [False, False])
+    assert noted([5, 3, 7], [5, 2, 1]) == ([5, 2, 7], [True, False])  # one more
+    assert noted([4, 2, 0], [5, 2, 1]) == ([5, 2, 0], [False, False])  # one less
+    assert noted([5, 3, 7], [-1, -1, -1]) == ([-1, -1, 7], [False, False])
+    assert noted([5, 3, 7], [0, 0, 0], np.array([True, False])) == ([5, 3, 0], [False, True])

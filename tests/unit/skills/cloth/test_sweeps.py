@@ -102,7 +102,7 @@ def test_a_sweep_tells_whether_it_moved_the_sides_of_a_contact(friction):
     assert contacts.sweep(0.019 * THICK, friction) == (friction > 0.0)
 
 
-def test_edges_push_nearer_than_layers_lie_and_farther_than_a_snag_pulls():
+def test_edges_push_only_what_is_nearer_than_layers_lie():
     for thick in np.linspace(0.0003, 0.01, 98):
         assert 0.5 * thick <= edge_distance(thick) <= 0.8 * thick
     assert edge_distance(0.0012) > 0.75 * 0.0012
