@@ -47,23 +47,24 @@ def poked(reach, turned=0.3):
 
 @pytest.mark.parametrize("reach", [0.02, 0.05])
 def test_a_bulge_that_was_pushed_through_a_sheet_goes_back(reach):
-    """The upper sheet ends where it would have without, to 2 mm: nothing is torn, nothing hangs on the memory of
-    sides. Of 72 starts that differed by 1e-6 m two still had a bulge after 2 s, none after 4 s; of 28 one lay 2.7
-    mm off."""
-    mesh, begun, _ = poked(reach)
-    assert count_crossings(begun, mesh.triangles) >= 5
-    undisturbed = ClothSimulation(mesh, MATERIAL, two_sheets()[1])
-    undisturbed.advance(240)
-    elsewhere = 0
-    for start in range(6):
-        moved = 1e-6 * start * np.random.default_rng(start).random(begun.shape)
-        s = ClothSimulation(mesh, MATERIAL, begun + moved)
+    """Nothing is torn, nothing hangs on the memory of sides: in none of two dozen scenes something crosses after
+    4 s (mostly after 2 s). In three of four at least the upper sheet ends where it would have without, to 2 mm;
+    else friction keeps it elsewhere, by 6 mm at most. Scenes differ by how far the sheets are turned: starts that
+    differ by 1e-6 m are no independent draws here, most end alike, well or not."""
+    turns, elsewhere = np.linspace(0.15, 0.6, 24), 0
+    for turned in turns:
+        mesh, begun, _ = poked(reach, turned)
+        assert count_crossings(begun, mesh.triangles) >= 5
+        undisturbed, s = (ClothSimulation(mesh, MATERIAL, x) for x in (two_sheets(turned)[1], begun))
+        undisturbed.advance(240)
         s.advance(240)
-        elsewhere += np.linalg.norm(s.positions - undisturbed.positions, axis=1).max() > 0.002
+        off = np.linalg.norm(s.positions - undisturbed.positions, axis=1).max()
+        assert off < 0.006
+        elsewhere += off > 0.002
         if count_crossings(s.positions, mesh.triangles) > 0:
             s.advance(240)
         assert count_crossings(s.positions, mesh.triangles) == 0
-    assert elsewhere <= 1
+    assert elsewhere <= len(turns) // 4
 
 
 def without(s, frames):
