@@ -248,5 +248,4 @@ def _scenes(
         material = replace(MATERIAL, **made)
         mesh, folds = shirt_folds(material, speed)
         yield "shirt", (mu, thickness, speed), mesh, material, folds
-        mesh, material, folds = planned_folds("pants", speed)
-        yield "pants", (mu, thickness, speed), mesh, replace(material, **made), folds
+        yield "pants", (mu, thickness, speed), *planned_folds("pants", speed, **made)

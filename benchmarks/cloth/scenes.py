@@ -125,9 +125,11 @@ def sides_folds() -> list[Paths]:
     ]
 
 
-def planned_folds(name: str, speed: float = 1.0) -> tuple[ClothMesh, Material, list[Paths]]:
-    """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets."""
-    garment = load_garment(name)
+def planned_folds(name: str, speed: float = 1.0, **made: float) -> tuple[ClothMesh, Material, list[Paths]]:
+    """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets. made: what its fabric
+    has instead of the shipped one's; how high the hands lay it follows from that."""
+    shipped = load_garment(name)
+    garment = replace(shipped, material=replace(shipped.material, **made))
     mesh, folds = _planned(garment, garment.mesh_edge_m, speed)
     return mesh, garment.material, folds
 

@@ -7,7 +7,8 @@ way. The geometry is that in the middle of the horizon: half of the time has to 
 
 A smooth stretch of cloth cannot touch itself: a patch is not searched against itself or a neighbour when all their
 normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
-other cost anything.
+other cost anything. In a notch cloth meets itself edge to edge, however flat it is: what has borders on both sides
+of one is always searched (their test of the contour, made once, of the mesh: patches.py).
 """
 
 from __future__ import annotations
@@ -167,7 +168,7 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
     near = RELEASE * thick
     n_vt = n_ee = 0
     stale, box, hit, slab, group = patches.stale, patches.box, patches.hit, patches.slab, patches.group
-    layer, beside, beside_start, normal = patches.layer, patches.beside, patches.beside_start, patches.normal
+    layer, smooth, smooth_start, normal = patches.layer, patches.smooth, patches.smooth_start, patches.normal
     vertex, vertex_start, vertex_geo = patches.vertex, patches.vertex_start, patches.vertex_geo
     tris, tri_geo = patches.tri, patches.tri_geo
     ridges, ridge_edge = patches.ridges, patches.ridge_edge
@@ -181,7 +182,7 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
             continue
         for c in range(9):
             own[c] = box[a // LANES, c, a % LANES]
-        n = _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, close, ahead, hit)
+        n = _meeting(a, box, group, own, stale, layer, smooth, smooth_start, normal, close, ahead, hit)
         n_vt = _near_triangles(
             a,
             hit,
@@ -208,7 +209,7 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
 
 
 @njit(nogil=True, forceinline=True)
-def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, near, horizon, hit):
+def _meeting(a, box, group, own, stale, layer, smooth, smooth_start, normal, near, horizon, hit):
     """Patches that patch a can meet into `hit`, but those of one smooth region with it, and those that are stale
     too and come first; -> their number."""
     m = len(stale)
@@ -226,10 +227,10 @@ def _meeting(a, box, group, own, stale, layer, beside, beside_start, normal, nea
             if b >= m or (b < a and stale[b]):
                 continue
             if layer[a] == layer[b]:
-                adjacent = False
-                for k in range(beside_start[a], beside_start[a + 1]):
-                    adjacent = adjacent or beside[k] == b
-                if adjacent and _smooth(normal, a, b):
+                joined = False
+                for k in range(smooth_start[a], smooth_start[a + 1]):
+                    joined = joined or smooth[k] == b
+                if joined and _smooth(normal, a, b):
                     continue
             hit[n] = b
             n += 1

@@ -16,14 +16,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
+from robots.ports import Array
 from skills.cloth.lanes import LANES
 from skills.cloth.mesh import ClothMesh
 
 __all__ = ["FAR", "LEAF", "Patches", "build_patches"]
 
-LEAF = 10  # triangles of a patch, at most: with 16, which a row holds, jeans crossed themselves on the way
+LEAF = LANES  # triangles of a patch, at most: a row of them
 FAR = 1e6  # [m] where the unused places of a row are
+FACING = 0.1  # sine of the angle by which the middles of two sides of a border have to face each other
 
 
 class Patches(NamedTuple):
@@ -33,7 +37,8 @@ class Patches(NamedTuple):
     in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
     edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners. Each primitive belongs to one patch (of_tri,
     of_edge, of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and beside each
-    patch, as patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex.
+    patch, as patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex, itself
+    too; smooth, smooth_start: of these, those that cannot touch it while all their normals lean one way.
 
     Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
     the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
@@ -65,6 +70,8 @@ class Patches(NamedTuple):
     ring_start: NDArray[np.int32]
     beside: NDArray[np.int32]
     beside_start: NDArray[np.int32]
+    smooth: NDArray[np.int32]
+    smooth_start: NDArray[np.int32]
     of_vertex: NDArray[np.int32]
     of_tri: NDArray[np.int32]
     of_edge: NDArray[np.int32]
@@ -90,14 +97,15 @@ class Patches(NamedTuple):
 
 
 def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
-    """Splits of each layer along its longer side; `edge`: (e, 2) in the order that pairs refer to."""
+    """Splits of each layer along its longer side, and where it is not in one piece; `edge`: (e, 2) in the order
+    that pairs refer to."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
     patches: list[NDArray[np.intp]] = []
 
     def split(tris: NDArray[np.intp]) -> None:
         count = -(-len(tris) // LEAF)
         if count <= 1:
-            patches.append(tris)
+            patches.extend(_connected(mesh, tris))
             return
         axis = int(np.argmax(np.ptp(centre[tris], axis=0)))
         order = tris[np.argsort(centre[tris, axis], kind="stable")]
@@ -116,7 +124,9 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     slot = np.zeros(len(of_tri), np.intp)
     slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
     ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, patches)])
-    beside, beside_start = _rows(_beside(mesh, patches))
+    near = _beside(mesh, patches)
+    beside, beside_start = _rows(near)
+    smooth, smooth_start = _rows(_smooth_beside(mesh, patches, near))
     groups = -(-m // LANES)
     box = np.zeros((groups, 9, LANES), np.float32)
     box[:, :3] = FAR
@@ -143,6 +153,8 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         ring_start,
         beside,
         beside_start,
+        smooth,
+        smooth_start,
         of_vertex,
         of_tri,
         of_edge,
@@ -279,3 +291,49 @@ def _beside(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np
         for key in own:
             at.setdefault(key, set()).add(k)
     return [np.array(sorted(set.union(*(at[key] for key in own))), np.intp) for own in keys]
+
+
+def _smooth_beside(
+    mesh: ClothMesh, patches: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
+) -> list[NDArray[np.intp]]:
+    """Of the patches `beside` each, those that have no borders facing one another: in a notch, as between the legs
+    of pants, cloth meets cloth edge to edge, as flat as it may be. A border is a patch's if one end of it is."""
+    end, middle, outward, layer = _borders(mesh)
+    rims = []
+    for tris in patches:
+        own = np.isin(end, mesh.triangles[tris]).any(axis=1) & (layer == mesh.triangle_layer[tris[0]])
+        rims.append((middle[own], outward[own]))
+
+    def facing(a: int, b: int) -> bool:
+        (mine, my_way), (its, its_way) = rims[a], rims[b]
+        between = its[None] - mine[:, None]
+        least = FACING * np.linalg.norm(between, axis=2)
+        ahead, behind = np.einsum("abk,ak->ab", between, my_way), -np.einsum("abk,bk->ab", between, its_way)
+        return bool(((ahead > least) & (behind > least)).any())
+
+    return [np.array([b for b in near if not facing(a, int(b))], np.intp) for a, near in enumerate(beside)]
+
+
+def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int32]]:
+    """The sides of triangles where a layer ends: their ends (k, 2), their middles and outward normals (k, 2, in
+    material coordinates), and the layer (k,)."""
+    ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    layer, opposite = np.repeat(mesh.triangle_layer, 3), np.roll(mesh.triangles, -2, axis=1).ravel()
+    side = np.column_stack([np.sort(ends, axis=1), layer])
+    _, which, count = np.unique(side, axis=0, return_inverse=True, return_counts=True)
+    alone = count[which.ravel()] == 1
+    ends, layer, opposite = ends[alone], layer[alone], opposite[alone]
+    start, end = mesh.rest[ends[:, 0]], mesh.rest[ends[:, 1]]
+    middle, along = 0.5 * (start + end), end - start
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    inward = ((mesh.rest[opposite] - middle) * normal).sum(axis=1) > 0.0
+    return ends, middle, np.where(inward[:, None], -normal, normal), layer
+
+
+def _connected(mesh: ClothMesh, tris: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """The parts of some triangles that have no vertex in common, as on both sides of a notch."""
+    corners, which = np.unique(mesh.triangles[tris], return_inverse=True)
+    rows = np.repeat(np.arange(len(tris)), 3)
+    touches = csr_array((np.ones(len(rows)), (rows, which.ravel())), (len(tris), len(corners)))
+    parts, part = connected_components(touches @ touches.T, directed=False)
+    return [tris[part == k] for k in range(parts)]

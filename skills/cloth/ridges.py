@@ -61,11 +61,13 @@ def stay_ridges(n, pair, near, at, ridge):
 @njit(nogil=True)
 def note_ridges(stale, start, ridge, searched, expired):
     """Puts down the ridges with which stale patches were searched (rows,), and marks the others that have more
-    ridges than that: they are to go along with the next search."""
+    ridges than that: they are to go along with the next search. What is no ridge now is left out of this search:
+    it counts as new when it bends again."""
     for k in range(len(stale)):
         expired[k] = False
         for row in range(start[k], start[k + 1]):
             if stale[k]:
                 searched[row] = ridge[row]
-            elif ridge[row] & ~searched[row]:
-                expired[k] = True
+            else:
+                expired[k] |= (ridge[row] & ~searched[row]) != 0
+                searched[row] &= ridge[row]

@@ -123,6 +123,52 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("half", "overlap"), [((0.01, 0.01), -5e-4), ((0.01, 0.01), 0.04), ((0.0, 0.05), 0.04)])
+def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, half, overlap):
+    """The legs of pants on a table, drawn together until their seams all but touch, edge to edge, or one lies on
+    the other. half: of the notch's width, at its end and where it opens [m]."""
+    out, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    seam = [(0.0, half[0]), (0.2, half[1])]
+    leg = [(-0.1, 0.12), (0.2, 0.12), *seam[::-1]]
+    outline = [*leg, *((x, -y) for x, y in reversed(leg) if y > 0.0)]
+    mesh = mesh_from_contour(np.array(outline)[::-1] @ np.array([out, across]), 0.02)
+    along, side = mesh.rest @ out, np.sign(mesh.rest @ across) * (mesh.rest @ out > 0.01)
+    closed = np.clip((along - 0.05) / 0.05, 0.0, 1.0)
+    way = closed * (half[0] + (half[1] - half[0]) * along / 0.2 + 0.5 * overlap)
+    x = np.column_stack(
+        [mesh.rest - (side * way)[:, None] * across, closed * (side > 0.0) * (overlap > 0.0) * THICK]
+    )
+    edges = mesh.edges.astype(np.int32)
+    patches = build_patches(mesh, edges)
+    m, corner = len(patches.tri), patches.corner
+    patches.stale[:] = True
+    base, still = x[corner].T.astype(np.float32), np.zeros((3, len(corner)), np.float32)
+    born, moving, slack = np.zeros(m, np.int32), np.zeros(m, bool), np.full(m, SLACK, np.float32)
+    fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
+    fit_ridges(patches, still, slack)
+    vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
+    n_vt, n_ee = search_pairs(patches, mesh.triangles, edges, THICK, 0.0, vt, ee)
+    found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
+
+    def near(a, b, limit):
+        return side[a].all() and (side[b] == -side[a[0]]).all() and nearest(x[a], x[b]) <= limit
+
+    touching = [
+        (i, t) for t, tri in enumerate(mesh.triangles) for i in range(len(x))
+        if near(np.array([i]), tri, RELEASE * THICK)
+    ]  # fmt: skip
+    seams = np.flatnonzero(
+        mesh.on_rim & (side[edges] != 0.0).all(axis=1) & (side[edges[:, 0]] == side[edges[:, 1]])
+    )
+    meeting = [
+        (e, f) for k, e in enumerate(seams) for f in seams[k + 1 :]
+        if near(edges[e], edges[f], RELEASE * edge_distance(THICK))
+    ]  # fmt: skip
+    assert len(touching) > 2 and len(meeting) > (0 if overlap > 0.0 else 2)
+    assert not [p for p in touching if p not in found_vt] and not [p for p in meeting if p not in found_ee]
+
+
 def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
     """Which layer of a sheet can touch itself is told by the normals of stale patches and of those beside them."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
