@@ -105,7 +105,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     def split(tris: NDArray[np.intp]) -> None:
         count = -(-len(tris) // LEAF)
         if count <= 1:
-            patches.extend(_connected(mesh, tris))
+            patches.append(tris)
             return
         axis = int(np.argmax(np.ptp(centre[tris], axis=0)))
         order = tris[np.argsort(centre[tris, axis], kind="stable")]
@@ -115,6 +115,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
 
     for k in np.unique(mesh.triangle_layer):
         split(np.flatnonzero(mesh.triangle_layer == k))
+    patches = _in_pieces(mesh, patches)
     m = len(patches)
     vertices, edges = _shares(mesh, edge, patches)
     tri, _, of_tri = _lanes(patches, len(mesh.triangles))
@@ -306,6 +307,8 @@ def _smooth_beside(
 
     def facing(a: int, b: int) -> bool:
         (mine, my_way), (its, its_way) = rims[a], rims[b]
+        if not (len(mine) and len(its)):
+            return False
         between = its[None] - mine[:, None]
         least = FACING * np.linalg.norm(between, axis=2)
         ahead, behind = np.einsum("abk,ak->ab", between, my_way), -np.einsum("abk,bk->ab", between, its_way)
@@ -330,10 +333,14 @@ def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[
     return ends, middle, np.where(inward[:, None], -normal, normal), layer
 
 
-def _connected(mesh: ClothMesh, tris: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """The parts of some triangles that have no vertex in common, as on both sides of a notch."""
-    corners, which = np.unique(mesh.triangles[tris], return_inverse=True)
-    rows = np.repeat(np.arange(len(tris)), 3)
-    touches = csr_array((np.ones(len(rows)), (rows, which.ravel())), (len(tris), len(corners)))
-    parts, part = connected_components(touches @ touches.T, directed=False)
-    return [tris[part == k] for k in range(parts)]
+def _in_pieces(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The patches, in parts that have no vertex in common where they are not of one piece: on both sides of a
+    notch."""
+    t = len(mesh.triangles)
+    of = np.zeros(t, np.int64)
+    for k, tris in enumerate(patches):
+        of[tris] = k
+    corners, corner = np.unique(of[:, None] * len(mesh.rest) + mesh.triangles, return_inverse=True)
+    touches = (np.ones(3 * t), (np.repeat(np.arange(t), 3), t + corner.ravel()))
+    _, part = connected_components(csr_array(touches, shape=(t + len(corners),) * 2), directed=False)
+    return [tris[part[tris] == k] for tris in patches for k in dict.fromkeys(part[tris].tolist())]
