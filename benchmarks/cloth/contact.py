@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import (
@@ -24,6 +23,7 @@ from benchmarks.cloth.scenes import (
     sides_folds,
     timed,
 )
+from benchmarks.cloth.strain import MOST_STRAIN, on_the_line, reach, strains
 from cell.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.crossings import count_crossings
@@ -32,10 +32,6 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
-SHARP = np.deg2rad(60.0)
-"""Hinges bent by more are a crease."""
-BESIDE = 0.040
-"""Cloth so near a pinch or a crease [m], or two edges, is left out of the strain."""
 FRAMES = SolverSettings().frame_rate
 AFTER = round((RELEASE + SETTLE) * FRAMES)
 """Frames of a second, and of what follows the release."""
@@ -52,13 +48,16 @@ VARIANTS = (
 class Folded:
     """crossings: at each fold's end and the most at any frame; residual: the largest displacement [m] of a vertex
     in the last 0.1 s of the first second after the release; strain: the largest at the ends, away from pinches and
-    creases, of edges that are longer or shorter than at rest; tension: of longer ones."""
+    creases, of edges that are longer or shorter than at rest; tension: of longer ones; strained: how many of the
+    edges looked at have more than MOST_STRAIN."""
 
-    end: list[int]
-    most: list[int]
-    residual: list[float]
-    strain: list[float]
-    tension: list[float]
+    end: list[int] = field(default_factory=list)
+    most: list[int] = field(default_factory=list)
+    residual: list[float] = field(default_factory=list)
+    strain: list[float] = field(default_factory=list)
+    tension: list[float] = field(default_factory=list)
+    strained: list[int] = field(default_factory=list)
+    looked_at: list[int] = field(default_factory=list)
 
     def add(self, other: Folded) -> None:
         for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
@@ -69,6 +68,7 @@ class Folded:
         return {
             "end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual),
             "strain_percent": 100.0 * max(self.strain), "tension_percent": 100.0 * max(self.tension),
+            "edges_over_5_percent": sum(self.strained),
         }  # fmt: skip
 
     def line(self) -> str:
@@ -84,20 +84,22 @@ class Folded:
             f"{name}_residual_mm_max": 1e3 * max(self.residual),
             f"{name}_strain_percent_max": 100.0 * max(self.strain),
             f"{name}_tension_percent_max": 100.0 * max(self.tension),
+            f"{name}_edges_over_5_percent": sum(self.strained),
+            f"{name}_edges_looked_at": sum(self.looked_at),
         }
 
 
 def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int = 0) -> Folded:
     """The folds one after the other, looked at in every frame. start: others than 0 begin from vertices that are
     moved by MOVED, each number by another draw."""
-    found = Folded([], [], [], [], [])
+    found = Folded()
     x = mesh.lay_flat(material.thickness)
     if start > 0:
         x += MOVED * np.random.default_rng(start).standard_normal(x.shape)
     pinched: list[Array] = []
     creased = np.zeros(len(x), dtype=bool)
     for paths in folds:
-        creased |= on_the_line(x, paths, _reach(mesh))
+        creased |= on_the_line(x, paths, reach(mesh))
         shots = list(frames_of(mesh, x, material, paths))
         pinched += [mesh.rest[np.argmin(np.linalg.norm(x - path.position[0], axis=1))] for path in paths.values()]
         x = shots[-1]
@@ -110,38 +112,9 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int
         strain = strains(mesh, x, np.array(pinched), creased)
         found.strain.append(float(np.abs(strain).max(initial=0.0)))
         found.tension.append(float(strain.max(initial=0.0)))
+        found.strained.append(int((np.abs(strain) > MOST_STRAIN).sum()))
+        found.looked_at.append(len(strain))
     return found
-
-
-def on_the_line(x: Array, paths: Paths, reach: float) -> NDArray[np.bool_]:
-    """Vertices so near the fold's line: half way between where the hands take the cloth and where they lay it."""
-    start, end = (np.mean([path.position[k, :2] for path in paths.values()], axis=0) for k in (0, -1))
-    across = (end - start) / np.linalg.norm(end - start)
-    return np.asarray(np.abs((x[:, :2] - 0.5 * (start + end)) @ across) < reach)
-
-
-def _reach(mesh: ClothMesh) -> float:
-    return max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
-
-
-def strains(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]) -> Array:
-    """The strain of each edge, (k,), away from the points `pinched` (k, 2, material coordinates), from hinges that
-    are bent sharply, and from `creased` vertices (n,)."""
-    reach = _reach(mesh)
-    away = ~creased
-    for points in (mesh.rest[np.unique(_sharp(mesh, x))], pinched):
-        for p in points:
-            away &= np.linalg.norm(mesh.rest - p, axis=1) > reach
-    edges = mesh.edges[away[mesh.edges].all(axis=1)]
-    now, rest = (np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1) for at in (x, mesh.rest))
-    return np.asarray(now / rest - 1.0)
-
-
-def _sharp(mesh: ClothMesh, x: Array) -> Array:
-    a, b, p, q = (x[mesh.hinges[:, k]] for k in range(4))
-    one, other = np.cross(b - a, p - a), np.cross(q - a, b - a)
-    cos = (one * other).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
-    return mesh.hinges[cos < np.cos(SHARP)]
 
 
 def shirt(quick: bool, tell: Tell) -> dict[str, Any]:
@@ -188,7 +161,7 @@ def sides(quick: bool, tell: Tell) -> dict[str, Any]:
 
 def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
     """Every shipped garment through its plan, along the same kind of arc: the worst of all, and each one."""
-    rows, worst = [], Folded([], [], [], [], [])
+    rows, worst = [], Folded()
     for name in list_garments()[: 2 if quick else None]:
         found = fold_all(*planned_folds(name))
         worst.add(found)
@@ -204,7 +177,7 @@ def starts(quick: bool, tell: Tell) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     for name in ["shirt", *list_garments()][: 2 if quick else None]:
         scene = (mesh, MATERIAL, folds) if name == "shirt" else planned_folds(name)
-        found = Folded([], [], [], [], [])
+        found = Folded()
         for start in range(2 if quick else STARTS):
             found.add(fold_all(*scene, start))
             tell(f"{name}, start {start + 1}: {found.line()} so far")
@@ -226,7 +199,7 @@ def pants(quick: bool, tell: Tell) -> dict[str, Any]:
 
 def variants(quick: bool, tell: Tell) -> dict[str, Any]:
     """Shirt and pants with other friction and thickness, and moved faster: the worst of all, and each one's."""
-    rows, worst = [], Folded([], [], [], [], [])
+    rows, worst = [], Folded()
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
         found = fold_all(mesh, material, folds)
         worst.add(found)

@@ -46,6 +46,8 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
             Row(f"{title}: motion in 0.1 s, 1 s after the release", f"{name}_residual_mm_max", 0.5, unit="mm"),
             Row(f"{title}: strain away from pinch and crease", f"{name}_strain_percent_max", 5, unit="%"),
             Row(f"{title}: of it tension", f"{name}_tension_percent_max", 5, unit="%"),
+            Row(f"{title}: edges strained by more than 5 %", f"{name}_edges_over_5_percent"),
+            Row(f"{title}: of so many looked at", f"{name}_edges_looked_at"),
         )
     ),
     "Self-contact, shirt and shipped garments from six starts that differ by 1e-6 m": (
@@ -116,7 +118,7 @@ def page(figures: Mapping[str, Any]) -> str:
     ]
     head.append(
         "Strain (edges longer or shorter than at rest) is taken 40 mm and two edges away from pinches, fold lines "
-        "and sharp bends."
+        "and hinges bent by more than 60 degrees; edges are counted at the end of every fold."
     )
     if figures.get("remark"):
         head.append(str(figures["remark"]))

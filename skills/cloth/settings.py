@@ -31,8 +31,9 @@ class SolverSettings:
     which the material's stretch_fraction was measured (0.6 where the garment's own is not given). stretch_damping,
     bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
     so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
-    sleep_frames: a vertex that stays so near for so long, and does not gather speed, is at rest and costs nothing
-    until something moves near it (0 frames: nothing ever sleeps; the distance is at most a twelfth of an edge).
+    sleep_frames: a vertex that stays so near for so long, and does not gather speed, or for thrice as long, is at
+    rest and costs nothing until something moves near it (0 frames: nothing ever sleeps; the distance is at most a
+    twelfth of an edge).
     anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
     the cloth's. residual_curvature [1/m]: friction in bending, as the curvature that it can keep in cloth that is
     let go: hysteresis HB over rigidity B of the KES-F test, where the loop is 2 HB high (six denims: 23 to 54,

@@ -16,6 +16,7 @@ from skills.cloth.capsules import squared_distance
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
 STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
+SWINGS = 3  # times the frames of rest: what has not left its place for so long does not topple, it swings
 FRINGE = 2  # rings
 NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 
@@ -33,6 +34,7 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.ref,
         state.last,
         state.quiet,
+        state.kept,
         state.still,
         rules.sleep_distance,
         rules.sleep_frames,
@@ -58,6 +60,7 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.last,
         state.turned,
         state.quiet,
+        state.kept,
         state.awake,
         state.wa,
         body.w,
@@ -69,9 +72,10 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
 
 
 @njit(nogil=True)
-def _find_moving(index, n_awake, x, ref, last, quiet, still, distance, frames, stirred):
+def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
     """Mark awake vertices that left their reference point, which follows them; the others get quieter. What
-    gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean."""
+    gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean. But what
+    has not gone anywhere for long only swings."""
     for c in range(n_awake):
         i = index[c]
         away, step = 0.0, 0.0
@@ -81,8 +85,11 @@ def _find_moving(index, n_awake, x, ref, last, quiet, still, distance, frames, s
             last[i, m] = x[i, m]
         quiet[i] += 1
         still[i] = step < STILL * STILL
+        kept[i] += 1
+        if away > distance * distance:
+            kept[i] = 0
         gathers = quiet[i] >= frames and np.sqrt(step) * frames > 1.5 * np.sqrt(away) + 1e-4
-        if away > distance * distance or gathers:
+        if kept[i] == 0 or (gathers and kept[i] < SWINGS * frames):
             stirred[i] = True
             for m in range(3):
                 ref[i, m] = x[i, m]
@@ -124,7 +131,7 @@ def _grow(start, ring, near, rings):
 
 
 @njit(nogil=True)
-def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa, w):
+def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
     """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
     changed, and whether something woke."""
     changed = woke = False
@@ -133,7 +140,7 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, awake, wa
             quiet[i] = 0
             if awake[i] or w[i] == 0.0:
                 continue
-            awake[i], wa[i], turned[i] = True, w[i], True
+            awake[i], wa[i], turned[i], kept[i] = True, w[i], True, 0
             changed = woke = True
             for m in range(3):
                 ref[i, m] = last[i, m] = xp[i, m] = x[i, m]

@@ -170,7 +170,8 @@ class ClothSimulation:
         for place in (s.x, s.xp, s.u, s.ref, s.last):
             place[:, :3] = x
         s.v[:, :3] = 0.0 if velocities is None else velocities
-        s.quiet[:], s.awake[:], s.expired[:], s.wa[:] = 0, self._body.w > 0.0, True, self._body.w
+        s.quiet[:], s.kept[:] = 0, 0
+        s.awake[:], s.expired[:], s.wa[:] = self._body.w > 0.0, True, self._body.w
         s.turned[:], s.moving[:] = False, False
         s.press[:], s.still[:] = 0.0, False
         s.counts[:] = 0

@@ -82,6 +82,8 @@ class State(NamedTuple):
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
     born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch);
     ridge_searched: (rows,) bits of its edges that were ridges when it last was (ridges.py).
+    ref, last: (n, 3) where each was when it was last found to move, and a frame ago; quiet: (n,) frames since
+    anything near it moved; kept: since it itself left its place.
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
     with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1. Of hinges that rub, else of no
     length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
@@ -106,6 +108,7 @@ class State(NamedTuple):
     free: Array
     press: Array
     quiet: NDArray[np.int32]
+    kept: NDArray[np.int32]
     still: NDArray[np.bool_]
     awake: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
@@ -231,6 +234,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         free=f(n),
         press=rows(n),
         quiet=np.zeros(n, np.int32),
+        kept=np.zeros(n, np.int32),
         still=np.zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
         stirred=np.zeros(n, np.bool_),

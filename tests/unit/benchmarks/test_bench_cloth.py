@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import benchmarks.cloth as bench
-from benchmarks.cloth.contact import on_the_line, strains
 from benchmarks.cloth.results import page
 from benchmarks.cloth.scenes import MATERIAL, frames_of, mirrored, shirt_folds, towel_half, towel_mesh
+from benchmarks.cloth.strain import on_the_line, strains
 from cell.cli import main
 from robots.errors import ConfigurationError
 from skills.cloth.predict import predict_fold
