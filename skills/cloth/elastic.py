@@ -1,13 +1,13 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Stretch over edges and quadratic bending over hinges, as compliant constraints (XPBD).
 
-Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, Y the
-membrane's Young modulus [N/m]; on equilateral triangles that is the exact isotropic membrane with Poisson
-ratio 1/3 (Seung & Nelson 1988). Bending: quadratic hinges with the stencil K of Bergou et al. 2006, each on
-its own: 1/2 * B / (A0 + A1) * |K x|^2, B the flexural rigidity [Nm], K from cotangents; it is linear, so that
-a hinge is three independent linear constraints. Summed over hinges |K x|^2 / (A0 + A1) is the squared
-curvature of a cylinder once; the factor 3 of the paper belongs to elements whose edges are assembled into one
-operator.
+Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, Y the membrane's
+Young modulus [N/m]: on equilateral triangles the exact isotropic membrane with Poisson ratio 1/3 (Seung & Nelson
+1988), on others with a factor for the edge's direction. Bending: quadratic hinges with the stencil K of Bergou et
+al. 2006, each on its own: 1/2 * B / (A0 + A1) * |K x|^2, B the flexural rigidity [Nm], K from cotangents; it is
+linear, so that a hinge is three independent linear constraints. Summed over hinges |K x|^2 / (A0 + A1) is the
+squared curvature of a cylinder once; the factor 3 of the paper belongs to elements whose edges are assembled into
+one operator.
 
 One sweep of XPBD a substep adds a compliance of its own, about h^2 sum(w |grad C|^2) a constraint: it is
 taken off the asked one beforehand, so that a material means the same on any mesh and with any substep.
@@ -40,6 +40,7 @@ SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measu
 FLOOR = 0.02  # of the same unit: no constraint is made stiffer
 STIFFER = 4.0  # the spring of a slider over its hinge: sliding begins at this part of the residual curvature
 TOGETHER = 4.0  # a vertex has twelve hinges: so much they must give way where all rub at once (stable from 3 on)
+MOST_EVENED = (0.5, 2.0)  # by so much the stiffness of an edge is changed for its direction
 FLAT = 1e-12  # [m2] a triangle of less has no normal
 
 
@@ -172,7 +173,25 @@ def _stiffness(
     directional = np.sqrt(anisotropy) ** (along[:, 1] ** 2 - along[:, 0] ** 2)
     outline = np.isin(edge[:, 0], mesh.border) & np.isin(edge[:, 1], mesh.border)
     modulus = membrane_modulus(material, reference_drop)
-    return modulus * mesh.edge_area / length**2 * directional * np.where(outline, seam_factor, 1.0)
+    even = _evened_out(along, mesh.edge_area, mesh.area.sum())
+    return modulus * even * mesh.edge_area / length**2 * directional * np.where(outline, seam_factor, 1.0)
+
+
+def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
+    """(e,) factors with which edges of directions `along` (e, 2), beside triangles of edge_area (e,) [m2] in all,
+    are as stiff in each direction, and together as stiff as the membrane of that `area` [m2]: in the mean over the
+    mesh, where all of it is strained alike.
+
+    No triangulation has as many edges in each direction; coarse ones are up to a tenth stiffer one way than the
+    other. Springs are isotropic when the second and fourth harmonics of their stiffness over direction vanish
+    (they and the sum are the five parts of the tensor, whose Cauchy symmetry is the Poisson ratio of 1/3). A
+    factor of these five harmonics fulfils that; of a mesh with edges in three directions only the sum."""
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    harmonics = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))])
+    moments = harmonics.T @ (edge_area[:, None] * harmonics)
+    lack = np.array([3.0 * area, 0.0, 0.0, 0.0, 0.0]) - harmonics.T @ edge_area
+    factor = np.clip(1.0 + harmonics @ np.linalg.lstsq(moments, lack, rcond=1e-6)[0], *MOST_EVENED)
+    return np.asarray(factor * 3.0 * area / (edge_area @ factor))
 
 
 def shuffled(n: int) -> NDArray[np.int64]:

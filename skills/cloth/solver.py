@@ -339,10 +339,10 @@ def _body(
     mesh: ClothMesh, material: Material, settings: SolverSettings, rules: Rules, fixed: NDArray[np.bool_] | None
 ) -> Body:
     h, w = rules.h, 1.0 / (material.areal_mass * mesh.vertex_area)
+    if fixed is not None:
+        w[fixed] = 0.0  # before the sweep's own compliance is found: it lifts nothing there
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * rules.phase * h * w[e.edge].sum(axis=1))
-    if fixed is not None:
-        w[fixed] = 0.0
     grow = 1.0 + rules.bend_gamma
     topology = topology_of(mesh)
     return Body(

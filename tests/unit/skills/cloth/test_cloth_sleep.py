@@ -174,7 +174,7 @@ def test_packed_is_what_has_a_free_end_with_its_shares(share):
     assert set(state.awake_list[:awake].tolist()) == set(np.flatnonzero(state.awake).tolist())
     assert sorted(state.awake_list[:movable].tolist()) == np.flatnonzero(free > 0.0).tolist()
     h = s._rules.h
-    elastic = build_elastic(mesh, MATERIAL, 1.0 / (MATERIAL.areal_mass * mesh.vertex_area), h, 0.6)
+    elastic = build_elastic(mesh, MATERIAL, w, h, 0.6)
     asked = (free[elastic.edge] > 0.0).any(axis=1)
     edges, grow = state.counts[EDGES], 1.0 + s._rules.bend_gamma
     np.testing.assert_array_equal(state.edge[:edges], elastic.edge[asked])
