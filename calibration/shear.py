@@ -51,7 +51,8 @@ WIDEST_CLIP = 1.5 * CLIP
 EDGE = 0.020
 """[m] edge length of the virtual garment's mesh, where none is given."""
 SUBSTEPS = 40
-"""Of a frame: with fewer the elongation is up to 0.2 percentage points short, with more it is 0.03 longer."""
+"""Of a frame: with fewer, as the predictor takes, the elongation is up to 0.1 percentage points more or less, no
+more than from start to start."""
 DRAG = 4.0
 """[1/s] of the air: enough that the garment hangs still soon. It does not change how long it then is."""
 SETTLE_S = 4.0
