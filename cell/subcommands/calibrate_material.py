@@ -246,6 +246,8 @@ MEASURE: Mapping[str, Callable[[Garment, argparse.Namespace, str, Tell], _Result
 def _paper(options: argparse.Namespace, surface: str, tell: Tell) -> int:
     """The paper's measurements, calibrated here: ours beside the paper's; with --output the garment files too."""
     names = options.garments or list(PAPER)
+    if options.output is not None and not options.output.is_dir():
+        raise ConfigurationError(f"cannot write into {options.output}: no such folder", "make it, or give another")
     for name in names:
         if name not in PAPER:
             raise ConfigurationError(f"the paper's table has no {name!r}", f"it has {', '.join(PAPER)}")

@@ -85,11 +85,10 @@ def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, fra
             last[i, m] = x[i, m]
         quiet[i] += 1
         still[i] = step < STILL * STILL
-        kept[i] += 1
-        if away > distance * distance:
-            kept[i] = 0
+        left = away > distance * distance
+        kept[i] = 0 if left else kept[i] + 1
         gathers = quiet[i] >= frames and np.sqrt(step) * frames > 1.5 * np.sqrt(away) + 1e-4
-        if kept[i] == 0 or (gathers and kept[i] < SWINGS * frames):
+        if left or (gathers and kept[i] < SWINGS * frames):
             stirred[i] = True
             for m in range(3):
                 ref[i, m] = x[i, m]

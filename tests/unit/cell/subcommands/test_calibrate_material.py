@@ -128,3 +128,5 @@ def test_the_papers_table_is_calibrated_and_written(call, tmp_path):
         0.011 * REFERENCE_DROP / row["hang_drop_m"], rel=1e-3
     )
     assert call("paper", "small_towel", "--output", tmp_path)[0] == 64
+    assert call("paper", "small_towel", "--output", tmp_path / "nowhere")[0] == 64
+    assert not (tmp_path / "nowhere").exists()
