@@ -23,7 +23,7 @@ from benchmarks.cloth.scenes import (
     sides_folds,
     timed,
 )
-from benchmarks.cloth.strain import MOST_STRAIN, on_the_line, reach, strains
+from benchmarks.cloth.strain import MOST_STRAIN, TURN, EdgeStrains, edge_strains, on_the_line, reach
 from cell.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.crossings import count_crossings
@@ -37,6 +37,8 @@ AFTER = round((RELEASE + SETTLE) * FRAMES)
 """Frames of a second, and of what follows the release."""
 STARTS, MOVED = 6, 1e-6
 """From how many starts folds are repeated, and by how much they differ [m]."""
+TURNS = (30.0, 45.0, 60.0, 75.0, 90.0)
+"""[degrees] by which cloth may turn and be no crease, for a table of what hangs on that."""
 VARIANTS = (
     # friction (table and layers), thickness [m], speed
     (0.3, 0.003, 1.0), (0.9, 0.003, 1.0), (0.6, 0.002, 1.0), (0.6, 0.004, 1.0), (0.6, 0.003, 2.0),
@@ -46,18 +48,13 @@ VARIANTS = (
 
 @dataclass
 class Folded:
-    """crossings: at each fold's end and the most at any frame; residual: the largest displacement [m] of a vertex
-    in the last 0.1 s of the first second after the release; strain: the largest at the ends, away from pinches and
-    creases, of edges that are longer or shorter than at rest; tension: of longer ones; strained: how many of the
-    edges looked at have more than MOST_STRAIN."""
+    """Of each fold: crossings at its end and the most at any frame; residual: the largest displacement [m] of a
+    vertex in the last 0.1 s of the first second after the release; edges: how strained they are at the end."""
 
     end: list[int] = field(default_factory=list)
     most: list[int] = field(default_factory=list)
     residual: list[float] = field(default_factory=list)
-    strain: list[float] = field(default_factory=list)
-    tension: list[float] = field(default_factory=list)
-    strained: list[int] = field(default_factory=list)
-    looked_at: list[int] = field(default_factory=list)
+    edges: list[EdgeStrains] = field(default_factory=list)
 
     def add(self, other: Folded) -> None:
         for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
@@ -65,27 +62,38 @@ class Folded:
 
     def row(self) -> dict[str, Any]:
         """The worst of its folds, for a table."""
+        strained = self.strained()
+        del strained["edges_looked_at"]
+        shown = {"end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual)}
+        return shown | strained
+
+    def strained(self, turn: float = TURN) -> dict[str, Any]:
+        """Of the edges about which the cloth turns by no more than `turn` [rad]: the largest strain, of edges that
+        are longer or shorter than at rest; tension, of longer ones; how many have more than MOST_STRAIN."""
+        strain = np.concatenate([edges.away(turn) for edges in self.edges])
         return {
-            "end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual),
-            "strain_percent": 100.0 * max(self.strain), "tension_percent": 100.0 * max(self.tension),
-            "edges_over_5_percent": sum(self.strained),
-        }  # fmt: skip
+            "strain_percent": 100.0 * float(np.abs(strain).max(initial=0.0)),
+            "tension_percent": 100.0 * float(strain.max(initial=0.0)),
+            "edges_over_5_percent": int((np.abs(strain) > MOST_STRAIN).sum()),
+            "edges_looked_at": len(strain),
+        }
 
     def line(self) -> str:
         """The same for a person who waits."""
         return f"{max(self.end)} crossings at the end, {max(self.most)} on the way, " + (
-            f"{1e3 * max(self.residual):.2f} mm of motion, strain {100.0 * max(self.strain):.1f} %"
+            f"{1e3 * max(self.residual):.2f} mm of motion, strain {self.strained()['strain_percent']:.1f} %"
         )
 
     def figures(self, name: str) -> dict[str, Any]:
+        strained = self.strained()
         return {
             f"{name}_end_crossings": max(self.end),
             f"{name}_max_crossings": max(self.most),
             f"{name}_residual_mm_max": 1e3 * max(self.residual),
-            f"{name}_strain_percent_max": 100.0 * max(self.strain),
-            f"{name}_tension_percent_max": 100.0 * max(self.tension),
-            f"{name}_edges_over_5_percent": sum(self.strained),
-            f"{name}_edges_looked_at": sum(self.looked_at),
+            f"{name}_strain_percent_max": strained["strain_percent"],
+            f"{name}_tension_percent_max": strained["tension_percent"],
+            f"{name}_edges_over_5_percent": strained["edges_over_5_percent"],
+            f"{name}_edges_looked_at": strained["edges_looked_at"],
         }
 
 
@@ -97,9 +105,9 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int
     if start > 0:
         x += MOVED * np.random.default_rng(start).standard_normal(x.shape)
     pinched: list[Array] = []
-    creased = np.zeros(len(x), dtype=bool)
+    lined = np.zeros(len(x), dtype=bool)
     for paths in folds:
-        creased |= on_the_line(x, paths, reach(mesh))
+        lined |= on_the_line(x, paths, reach(mesh))
         shots = list(frames_of(mesh, x, material, paths))
         pinched += [mesh.rest[np.argmin(np.linalg.norm(x - path.position[0], axis=1))] for path in paths.values()]
         x = shots[-1]
@@ -109,11 +117,7 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int
         second = len(shots) - AFTER + FRAMES - 1  # after the release
         moved = shots[second] - shots[second - FRAMES // 10]
         found.residual.append(float(np.linalg.norm(moved, axis=1).max()))
-        strain = strains(mesh, x, np.array(pinched), creased)
-        found.strain.append(float(np.abs(strain).max(initial=0.0)))
-        found.tension.append(float(strain.max(initial=0.0)))
-        found.strained.append(int((np.abs(strain) > MOST_STRAIN).sum()))
-        found.looked_at.append(len(strain))
+        found.edges.append(edge_strains(mesh, x, np.array(pinched), lined))
     return found
 
 
@@ -185,8 +189,8 @@ def starts(quick: bool, tell: Tell) -> dict[str, Any]:
             "garment": name, "folds": len(found.end), "end_crossed": sum(n > 0 for n in found.end),
             "crossed_over_5": sum(n > 5 for n in found.most), "not_at_rest": sum(r > 5e-4 for r in found.residual),
             "residual_mm_median": 1e3 * float(np.median(found.residual)),
-            "residual_mm_max": 1e3 * max(found.residual), "strain_percent_max": 100.0 * max(found.strain),
-            "tension_percent_max": 100.0 * max(found.tension),
+            "residual_mm_max": 1e3 * max(found.residual), "strain_percent_max": found.strained()["strain_percent"],
+            "tension_percent_max": found.strained()["tension_percent"],
         })  # fmt: skip
     counted = ("folds", "end_crossed", "crossed_over_5", "not_at_rest")
     return {f"starts_{key}": sum(row[key] for row in rows) for key in counted} | {"starts": rows}
@@ -210,7 +214,8 @@ def variants(quick: bool, tell: Tell) -> dict[str, Any]:
     figures["variants_folds"] = len(worst.end)
     figures["variants_folds_that_end_with_crossings"] = sum(n > 0 for n in worst.end)
     figures["variants_folds_not_at_rest"] = sum(r > 5e-4 for r in worst.residual)
-    return figures | {"variants": rows}
+    by_turn = [{"turn_degrees": turn} | worst.strained(np.deg2rad(turn)) for turn in TURNS]
+    return figures | {"variants": rows, "variants_by_turn": by_turn}
 
 
 def _scenes(

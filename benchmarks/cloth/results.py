@@ -117,8 +117,9 @@ def page(figures: Mapping[str, Any]) -> str:
         + (f" on {machine['cpu']}, {machine['cores']} cores." if "cpu" in machine else "."),
     ]
     head.append(
-        "Strain (edges longer or shorter than at rest) is taken 40 mm and two edges away from pinches, fold lines "
-        "and hinges bent by more than 60 degrees; edges are counted at the end of every fold."
+        "Strain (edges longer or shorter than at rest) is taken 40 mm and two edges away from pinches and "
+        "creases: fold lines, and wherever cloth turns by more than 45 degrees within that reach; edges are "
+        "counted at the end of every fold."
     )
     if figures.get("remark"):
         head.append(str(figures["remark"]))
@@ -138,6 +139,7 @@ def page(figures: Mapping[str, Any]) -> str:
 LISTS = {
     "substeps_folds": "Substeps of a frame: speed, and how far a fold ends from that with 48",
     "variants": "Folds with other friction, thickness and speed",
+    "variants_by_turn": "Their strain by what is called a crease: cloth that turns by more within reach",
     "shipped": "The shipped garments",
     "starts": "Each of these, from six starts that differ by 1e-6 m",
     "hang_garment": "Hung garments of the paper's table",

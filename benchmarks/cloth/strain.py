@@ -1,6 +1,15 @@
-"""How much longer or shorter than at rest edges are, away from pinches and creases."""
+"""How much longer or shorter than at rest edges are, away from pinches and creases.
+
+A crease is where cloth turns, over however many hinges: one that is round, or on a fine mesh, has no sharp hinge.
+An edge is beside a crease if within reach of it two triangles of one layer are turned against each other by more
+than TURN. Of a sharp crease that leaves out all within reach; of a round one the arc, and beside it what is
+within reach of as much of the arc as turns by TURN; of an arc with a radius of more than twice the reach over TURN
+nothing.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +19,27 @@ from benchmarks.cloth.scenes import Paths
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 
-__all__ = ["MOST_STRAIN", "on_the_line", "reach", "strains"]
+__all__ = ["MOST_STRAIN", "TURN", "EdgeStrains", "edge_strains", "on_the_line", "reach", "turns"]
 
-SHARP = np.deg2rad(60.0)
-"""Hinges bent by more are a crease."""
+TURN = np.deg2rad(45.0)
+"""Cloth that turns by more within reach is beside a crease: it no longer lies, and does not stand yet."""
 BESIDE = 0.040
 """Cloth so near a pinch or a crease [m], or two edges, is left out of the strain."""
 MOST_STRAIN = 0.05
 """Edges strained by more are counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeStrains:
+    """Of edges away from pinches and fold lines: strain (k,), of longer ones positive; turn (k,) of the cloth
+    within reach of each [rad]."""
+
+    strain: Array
+    turn: Array
+
+    def away(self, turn: float = TURN) -> Array:
+        """Strains of the edges about which the cloth turns by no more [rad]."""
+        return np.asarray(self.strain[self.turn <= turn])
 
 
 def reach(mesh: ClothMesh) -> float:
@@ -33,13 +55,30 @@ def on_the_line(x: Array, paths: Paths, distance: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs((x[:, :2] - 0.5 * (start + end)) @ across) < distance)
 
 
-def strains(mesh: ClothMesh, x: Array, pinched: Array, creased: NDArray[np.bool_]) -> Array:
-    """The strain of each edge, (k,), away from the points `pinched` (k, 2, material coordinates), from hinges that
-    are bent sharply, and from `creased` vertices (n,)."""
-    left_out = creased | _beside(mesh, np.vstack([mesh.rest[np.unique(_sharp(mesh, x))], pinched]))
+def edge_strains(mesh: ClothMesh, x: Array, pinched: Array, lined: NDArray[np.bool_]) -> EdgeStrains:
+    """Of cloth at x (n, 3): edges that are not within reach of the points `pinched` (k, 2, material coordinates)
+    and have no end among the vertices `lined` (n,)."""
+    left_out = lined | _beside(mesh, pinched)
     edges = mesh.edges[~left_out[mesh.edges].any(axis=1)]
     now, rest = (np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1) for at in (x, mesh.rest))
-    return np.asarray(now / rest - 1.0)
+    return EdgeStrains(np.asarray(now / rest - 1.0), turns(mesh, x)[edges].max(axis=1, initial=0.0))
+
+
+def turns(mesh: ClothMesh, x: Array) -> Array:
+    """(n,) the largest angle [rad] between two triangles of one layer whose middles, at rest, are within reach of
+    each vertex; the layer need not be its own: layers are creased together."""
+    p = x[mesh.triangles]
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    middle = mesh.rest[mesh.triangles].mean(axis=1)
+    places, place = np.unique(mesh.rest, axis=0, return_inverse=True)
+    least = np.ones(len(places))  # cosine
+    for layer in np.unique(mesh.triangle_layer):
+        own = np.flatnonzero(mesh.triangle_layer == layer)
+        for k, near in enumerate(cKDTree(middle[own]).query_ball_point(places, reach(mesh))):
+            directions = normal[own[near]]
+            least[k] = min(least[k], (directions @ directions.T).min(initial=1.0))
+    return np.asarray(np.arccos(np.clip(least, -1.0, 1.0))[place.reshape(-1)])
 
 
 def _beside(mesh: ClothMesh, points: Array) -> NDArray[np.bool_]:
@@ -47,10 +86,3 @@ def _beside(mesh: ClothMesh, points: Array) -> NDArray[np.bool_]:
     if len(points) == 0:
         return np.zeros(len(mesh.rest), dtype=bool)
     return np.asarray(cKDTree(points).query(mesh.rest)[0] <= reach(mesh))
-
-
-def _sharp(mesh: ClothMesh, x: Array) -> Array:
-    a, b, p, q = (x[mesh.hinges[:, k]] for k in range(4))
-    one, other = np.cross(b - a, p - a), np.cross(q - a, b - a)
-    cos = (one * other).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
-    return mesh.hinges[cos < np.cos(SHARP)]
