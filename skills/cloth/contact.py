@@ -27,6 +27,21 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from skills.cloth.eights import (
+    EIGHT,
+    all_eight,
+    any_above,
+    dots,
+    gather,
+    least,
+    load_eight,
+    most,
+    over,
+    root,
+    scatter,
+    turned,
+    where_above,
+)  # fmt: skip
 from skills.cloth.vectors import dot, load, members, spread, store
 
 # A phase is the time from one narrow phase to the next: 1 / PHASES [s], but no less than PHASE substeps.
@@ -116,15 +131,14 @@ def release_overlaps(n, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def apply_impulses(n, act_i, act_b, act_s, act_n, act_m, act_j, act_p, act_g, x, xp):
+def apply_impulses(n, act_i, act_b, act_s, act_m, act_j, act_p, x, xp):
     """What the contacts have borne of late, to begin a substep with. act_p: how far apart the two sides of each
-    contact were at its beginning, act_g: (m,) and how far along the normal."""
+    contact were at its beginning."""
     for c in range(n):
         i, j, k, m = members(act_i, c)
         bi, bj, bk, bm = spread(load(act_b, c))
         p = bi * load(xp, i) + bj * load(xp, j) + bk * load(xp, k) + bm * load(xp, m)
         store(act_p, c, p)
-        act_g[c] = dot(load(act_n, c), p)
         borne = load(act_m, c)
         store(act_j, c, borne)
         if dot(borne, borne) > 0.0:
@@ -135,46 +149,88 @@ def apply_impulses(n, act_i, act_b, act_s, act_n, act_m, act_j, act_p, act_g, x,
             store(x, m, load(x, m) + sm * borne)
 
 
+@njit(nogil=True)
+def group_contacts(n, act_i, act_n, act_d, act_w, taken, order, filled, block):
+    """Put the contacts into groups of up to EIGHT without a common vertex, which a sweep solves at once. Where two
+    share a vertex, they are solved in the order in which one contact of each of PARTS of the list comes in turn,
+    and so the sweep's result is that of solving them one by one. -> groups
+
+    order: (m, EIGHT) the contacts of each, filled: (m,) how many of these (the rest repeats the first), block:
+    (m, 5, EIGHT) their normals, contact distances and act_w. taken: (vertices,) scratch."""
+    one, parts, count, full = np.uint64(1), np.uint64(PARTS), np.uint64(n), np.uint64(EIGHT)
+    taken[:] = 0  # the group after the last one of each vertex
+    length, begin, end = (count + parts - one) // parts, np.uint64(0), np.uint64(0)
+    for place in range(length):
+        for part in range(parts):
+            c = part * length + place
+            if c >= count:
+                continue
+            i, j, k, m = members(act_i, c)
+            g = max(begin, np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m]))))
+            while g < end and filled[g] == full:
+                g += one
+            if g == end:
+                filled[g] = 0
+                end += one
+            order[g, np.uint64(filled[g])] = c
+            filled[g] += np.uint8(1)
+            taken[i] = taken[j] = taken[k] = taken[m] = g + one
+            while begin < end and filled[begin] == full:
+                begin += one
+    for row in range(end):
+        for k in range(full):
+            c = np.uint64(order[row, k if k < filled[row] else np.uint64(0)])
+            order[row, k] = c
+            block[row, 0, k], block[row, 1, k], block[row, 2, k] = act_n[c, 0], act_n[c, 1], act_n[c, 2]
+            block[row, 3, k], block[row, 4, k] = act_d[c], act_w[c]
+    return np.int64(end)
+
+
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_contacts(
-    n, act_i, act_b, act_s, act_n, act_d, act_w, act_j, act_p, act_g, x, friction, back, tolerance
+    groups, order, filled, block, act_i, act_b, act_s, act_j, act_p, x, friction, back, tolerance, work
 ):  # fmt: skip
-    """One sweep through PARTS of the list in turn, or `back` from its end: no approach below the contact distance,
+    """One sweep through the groups of contacts, or `back` from their end: no approach below the contact distance,
     nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each contact has
     borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
-    moved the sides of one by more than `tolerance` [m]"""
-    one, parts, count, moved = np.uint64(1), np.uint64(PARTS), np.uint64(n), False
-    length = (count + parts - one) // parts
-    for row in range(PARTS * ((n + PARTS - 1) // PARTS)):
-        part, place = np.uint64(row) % parts, np.uint64(row) // parts
-        c = (parts - part) * length - one - place if back else part * length + place
-        if c >= count:
-            continue
-        i, j, k, m = members(act_i, c)
-        bi, bj, bk, bm = spread(load(act_b, c))
-        pi, pj, pk, pm = load(x, i), load(x, j), load(x, k), load(x, m)
-        normal, before = load(act_n, c), load(act_j, c)
-        r = bi * pi + bj * pj + bk * pk + bm * pm
-        d = dot(normal, r)
-        borne = dot(before, normal)
-        if borne <= 0.0 and d >= act_d[c]:
-            continue
-        dp = act_g[c]
-        inv = act_w[c]
-        press = max(0.0, borne + (min(act_d[c], dp) - d) * inv)
+    moved the sides of one by more than `tolerance` [m]. work: (EIGHT, 4) scratch"""
+    one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, all_eight(0.0), all_eight(1.0)
+    rub, most_way = all_eight(friction), all_eight(tolerance)
+    for row in range(end):
+        g = end - one - row if back else row
+        rx, ry, rz = gather(x, act_i, act_b, order, g)
+        bx, by, bz = turned(act_j, order, g)
+        px, py, pz = turned(act_p, order, g)
+        nx, ny, nz = load_eight(block, g, 0), load_eight(block, g, 1), load_eight(block, g, 2)
+        least_gap, inv = load_eight(block, g, 3), load_eight(block, g, 4)
+        d, dp = dots(nx, ny, nz, rx, ry, rz), dots(nx, ny, nz, px, py, pz)
+        borne = dots(bx, by, bz, nx, ny, nz)
+        press = most(nothing, borne + (least(least_gap, dp) - d) * inv)
         # the tangential motion of this substep, and what friction would have to bear to undo it
-        along = before - borne * normal - inv * (r - load(act_p, c) - (d - dp) * normal)
-        hold = np.sqrt(dot(along, along))
-        share = min(1.0, friction * press / hold) if hold > 0.0 else 0.0
-        after = press * normal + share * along
-        store(act_j, c, after)
-        more = after - before
-        moved = moved | (dot(more, more) > (tolerance * inv) ** 2)
-        si, sj, sk, sm = spread(load(act_s, c))
-        store(x, i, pi + si * more)
-        store(x, j, pj + sj * more)
-        store(x, k, pk + sk * more)
-        store(x, m, pm + sm * more)
+        ax = bx - borne * nx - inv * (rx - px - (d - dp) * nx)
+        ay = by - borne * ny - inv * (ry - py - (d - dp) * ny)
+        az = bz - borne * nz - inv * (rz - pz - (d - dp) * nz)
+        hold = root(dots(ax, ay, az, ax, ay, az))
+        share = where_above(hold, nothing, least(unit, over(rub * press, hold)), nothing)
+        jx, jy, jz = press * nx + share * ax, press * ny + share * ay, press * nz + share * az
+        # nothing changes for one that bears nothing and is apart
+        jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))
+        jy = where_above(borne, nothing, jy, where_above(least_gap, d, jy, by))
+        jz = where_above(borne, nothing, jz, where_above(least_gap, d, jz, bz))
+        mx, my, mz, way = jx - bx, jy - by, jz - bz, most_way * inv
+        moved = moved | any_above(dots(mx, my, mz, mx, my, mz), way * way)
+        scatter(work, jx, jy, jz)
+        for k in range(np.uint64(filled[g])):
+            c = np.uint64(order[g, k])
+            i, j, a, m = members(act_i, c)
+            after = load(work, k)
+            more = after - load(act_j, c)
+            store(act_j, c, after)
+            si, sj, sk, sm = spread(load(act_s, c))
+            store(x, i, load(x, i) + si * more)
+            store(x, j, load(x, j) + sj * more)
+            store(x, a, load(x, a) + sk * more)
+            store(x, m, load(x, m) + sm * more)
     return moved
 
 

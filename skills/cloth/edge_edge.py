@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, is_due, later
+from skills.cloth.contact import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
 from skills.cloth.vectors import cross, dot, load, store, vector
+from skills.cloth.vertex_triangle import find_due
 
 NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _closest_on_segments(a, b, r):
     """Closest points of two segments along a and b that begin r apart (Ericson 2005, 5.1.9): their parameters."""
     aa, bb = dot(a, a) + 1e-30, dot(b, b) + 1e-30
@@ -27,7 +28,7 @@ def _closest_on_segments(a, b, r):
     return s, t
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
     """Normal and gap of two crossing edges on the side that they are remembered to be on."""
     lean = dot(n, load(normal, c)) if near[c] else d
@@ -50,13 +51,14 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
 
     rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
     on the table, have no other normal than the shortest way from one to the other."""
-    pair, near, normal, due, memory = pairs.ee, pairs.near, pairs.normal, pairs.ee_due, pairs.ee_j
-    act_i, act_b, act_s = pairs.act_i, pairs.act_b, pairs.act_s
+    pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
+    due, memory = pairs.ee_due, pairs.ee_j
+    act_i, act_b, act_s, act_n, act_m = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m
+    act_d, act_w, act_c, asked = pairs.act_d, pairs.act_w, pairs.act_c, pairs.some
     release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
-    farthest, span = 0.0, pace * h
-    for c in range(count):
-        if not is_due(due[c], now, pace):
-            continue
+    farthest, span, n = 0.0, pace * h, np.uint64(n)
+    for place in range(find_due(count, now, pace, due, asked)):
+        c = np.uint64(asked[place])
         i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
         k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
         if w[i] + w[j] + w[k] + w[m] == 0.0:
@@ -101,9 +103,9 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
         act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
         act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
         act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = (1 - s) * w[i], s * w[j], (t - 1) * w[k], -t * w[m]
-        store(pairs.act_n, n, direction)
-        store(pairs.act_m, n, borne)
-        pairs.act_d[n], pairs.act_w[n], pairs.act_c[n] = thick, 1.0 / den, c
-        n += 1
+        store(act_n, n, direction)
+        store(act_m, n, borne)
+        act_d[n], act_w[n], act_c[n] = thick, 1.0 / den, c
+        n += np.uint64(1)
         farthest = max(farthest, reach)
-    return n, farthest
+    return np.int64(n), farthest

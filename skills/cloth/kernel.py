@@ -28,12 +28,14 @@ from skills.cloth.contact import (
     apply_impulses,
     average_impulses,
     edge_distance,
+    group_contacts,
     next_narrow_phase,
     release_overlaps,
     remember_impulses,
     solve_contacts,
 )
 from skills.cloth.edge_edge import narrow_edge_edge
+from skills.cloth.eights import EIGHT, blocks
 from skills.cloth.elastic import (
     damp_edges,
     measure_turns,
@@ -70,9 +72,9 @@ from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (
-    "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "elastic.py", "hold.py",
-    "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py", "patch_search.py", "patches.py",
-    "registers.py", "ridges.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
+    "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "eights.py", "elastic.py",
+    "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py", "patch_search.py",
+    "patches.py", "registers.py", "ridges.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
     "vertex_sides.py", "vertex_triangle.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
@@ -106,7 +108,11 @@ def _compile(sources: str) -> Callable[..., int]:
         low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
         act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
         act_d, act_w = pairs.act_d, pairs.act_w
-        act_j, act_m, act_p, act_g = pairs.act_j, pairs.act_m, pairs.act_p, pairs.act_g
+        act_j, act_m, act_p = pairs.act_j, pairs.act_m, pairs.act_p
+        # of the present narrow phase, which each frame begins with
+        groups, taken, work = 0, np.empty(len(x), np.int32), np.empty((EIGHT, 4))
+        order, filled = np.empty((len(act_d), EIGHT), np.uint32), np.empty(len(act_d), np.uint8)
+        block = blocks(len(act_d), 5)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
         soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
@@ -146,6 +152,7 @@ def _compile(sources: str) -> Callable[..., int]:
                             v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
+                        groups = group_contacts(n, act_i, act_n, act_d, act_w, taken, order, filled, block)
                         way = max(farthest, edges_farthest) / (pace * thick)
                         count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
                     if s % rules.phase == 0:
@@ -187,8 +194,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
                     )  # fmt: skip
                     apply_impulses(
-                        count[ACTIVE], act_i, act_b, act_s, act_n, act_m, act_j,
-                        act_p, act_g, x, xp
+                        count[ACTIVE], act_i, act_b, act_s, act_m, act_j, act_p, x, xp
                     )  # fmt: skip
                     sunk = 0
                     if rules.table:
@@ -202,10 +208,10 @@ def _compile(sources: str) -> Callable[..., int]:
                             sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
                         moved = solve_contacts(
-                            count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w,
-                            act_j, act_p, act_g, x, rules.mu_layers,
+                            groups, order, filled, block, act_i, act_b, act_s, act_j, act_p, x,
+                            rules.mu_layers,
                             (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
-                            TOLERANCE * thick,
+                            TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1
                     average_impulses(count[ACTIVE], act_j, act_m)

@@ -21,7 +21,7 @@ STALE_SHARE = 0.4  # of the slack: a patch that strayed by so much is searched a
 HORIZON = 6  # phases for which the search looks ahead
 NONE, ONE = np.uint64(0), np.uint64(1)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
-ROOMY = 4  # places of the table for each of its pairs: few begin where others are
+ROOMY = 8  # places of the table for each of its pairs: few begin where others are
 RENEW = 4  # phases after which a patch is searched along with others
 
 
@@ -55,12 +55,12 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
     for which contacts are made now. Those of which this is true, or soon will be, are marked."""
     must = False
     for row in range(n):
-        k = watched[row]
+        k = np.uint64(watched[row])
         age = now - born[k]
         after = np.float32(age * h)
         most = np.float32(0.0)
-        for c in range(start[k], start[k + 1]):
-            i = corner[c]
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
             dx = np.float32(x[i, 0]) - base[0, c] - after * course[0, c]
             dy = np.float32(x[i, 1]) - base[1, c] - after * course[1, c]
             dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
@@ -111,7 +111,7 @@ def search(body, rules, state, pairs):
     patches.ridge[:] = patches.bent
     stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
     fit_ridges(patches, state.course, state.slack)
-    n_vt, n_ee = search_pairs(patches, body.tri, body.edge, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
+    n_vt, n_ee = search_pairs(patches, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if not _have_room(n_vt, count[VT], pairs.vt, patches.stale, patches.of_vertex, patches.of_tri):
         return False
     if not _have_room(n_ee, count[EE], pairs.ee, patches.stale, patches.of_edge, patches.of_edge):
@@ -142,15 +142,15 @@ def _foresee(
     """New courses for the patches that expired, or have a corner that woke, or move and have one that fell asleep:
     they are stale."""
     for k in range(len(stale)):
-        for c in range(start[k], start[k + 1]):
-            i = corner[c]
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
             expired[k] = expired[k] or (turned[i] and (awake[i] or moving[k]))
         stale[k] = expired[k]
         if not stale[k]:
             continue
         born[k], moving[k] = now, False
-        for c in range(start[k], start[k + 1]):
-            i = corner[c]
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
             calm = still[i] or not awake[i]
             moving[k] = moving[k] or not calm
             for d in range(3):
@@ -180,10 +180,11 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
     for c in range(np.uint64(n_new)):
         at = _find(new[c, 0] * width + new[c, 1], key, shift)
         found, r = key[at] >= 0, np.uint64(row[at])
+        was = np.int8(scratch[r, 2])  # read in any case: a branch would be guessed at
         o = np.uint64(free[c]) if c < places else n
         n += np.uint64(c >= places)
         vt[o, 0], vt[o, 1], due[o] = new[c, 0], new[c, 1], now
-        side[o] = np.int8(scratch[r, 2]) if found else 0
+        side[o] = was * np.int8(found)
         store(borne, o, (1.0 if found else 0.0) * load(memory, r))
     for c in range(int(places) - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
         n -= ONE
@@ -251,6 +252,6 @@ def _note(pair, n, width, key, row):
 def _find(k, key, shift):
     """Where key k is in the table, or the empty place where it would be (multiplicative hashing, Knuth 6.4)."""
     at, mask = (np.uint64(k) * GOLDEN) >> shift, (ONE << (np.uint64(64) - shift)) - ONE
-    while key[at] >= 0 and key[at] != k:
+    while (key[at] >= 0) & (key[at] != k):  # one branch: which of the two it is would be guessed at
         at = (at + ONE) & mask
     return at

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.lanes import LANES, lowest
+from skills.cloth.lanes import LANES, expect_columns, expect_rows, lowest
 from skills.cloth.patches import FAR
 from skills.cloth.ridges import find_ridges
 
@@ -29,15 +29,18 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
         box[g, d + 3, k] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True, forceinline=True)
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_normals(k, ring, start, geo, normal):
     """Bounds of the normals of the triangles in and beside patch k."""
-    for c in range(3):
-        lo, hi = ONE, -ONE
-        for a in range(start[k], start[k + 1]):
-            n = geo[ring[a] // WIDE, 6 + c, ring[a] % WIDE]
-            lo, hi = min(lo, n), max(hi, n)
-        normal[k, c], normal[k, c + 3] = lo, hi
+    x_lo = y_lo = z_lo = ONE
+    x_hi = y_hi = z_hi = -ONE
+    for a in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+        p, i = ring[a] // WIDE, ring[a] % WIDE
+        x, y, z = geo[p, 6, i], geo[p, 7, i], geo[p, 8, i]
+        x_lo, y_lo, z_lo = min(x_lo, x), min(y_lo, y), min(z_lo, z)
+        x_hi, y_hi, z_hi = max(x_hi, x), max(y_hi, y), max(z_hi, z)
+    normal[k, 0], normal[k, 1], normal[k, 2] = x_lo, y_lo, z_lo
+    normal[k, 3], normal[k, 4], normal[k, 5] = x_hi, y_hi, z_hi
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
@@ -123,11 +126,22 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
     ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
     rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
+    expect_rows(box, 9)
+    expect_rows(tri_geo, 15)
+    expect_rows(vertex_geo, 7)
+    expect_rows(tri_at, 3)
+    expect_rows(edge_beside, 2)
+    expect_columns(tri, LANES)
+    expect_columns(edge, LANES)
+    expect_columns(vertex, LANES)
+    expect_columns(vertex_at, LANES)
+    expect_columns(slab, 6)
+    expect_columns(normal, 6)
     for k in range(len(moving)):
         fitted[k] = everything or moving[k] or stale[k]
         if not fitted[k]:
             continue
-        first, last = corner_start[k], corner_start[k + 1]
+        first, last = np.uint64(corner_start[k]), np.uint64(corner_start[k + 1])
         age = np.float32((now - born[k]) * span + horizon)
         for d in range(3):
             for i in range(first, last):
@@ -135,13 +149,13 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
         _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
         _fit_triangles(k, tri, tri_at, place, course, slack[k], tri_geo)
         _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
-        for row in range(vertex_start[k], vertex_start[k + 1]):
+        for row in range(np.uint64(vertex_start[k]), np.uint64(vertex_start[k + 1])):
             _fit_vertices(row, vertex, vertex_at, place, course, slack[k], vertex_geo)
     for k in range(len(moving)):
         if _beside_some(beside, beside_start, stale, k):
             _fit_normals(k, ring, ring_start, tri_geo, normal)
         if _beside_some(beside, beside_start, fitted, k):
-            for row in range(edge_start[k], edge_start[k + 1]):
+            for row in range(np.uint64(edge_start[k]), np.uint64(edge_start[k + 1])):
                 bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
     _fit_groups(box, len(moving), ahead, patches.group)
 
@@ -152,7 +166,11 @@ def fit_ridges(patches, course, slack):
     fitted (`fit_patches`), or of which others have become ridges."""
     edge, edge_at, start = patches.edge, patches.edge_at.view(np.uint32), patches.edge_start
     ridge, before, place, fitted = patches.ridge, patches.ridge_before, patches.place, patches.fitted
-    ridges, ridge_edge, geo = patches.ridges, patches.ridge_edge, patches.edge_geo
+    ridges, ridge_edge, geo, corner = patches.ridges, patches.ridge_edge, patches.edge_geo, patches.corner
+    expect_rows(geo, 13)
+    expect_rows(ridge_edge, 3)
+    expect_rows(edge_at, 2)
+    expect_columns(edge, LANES)
     for k in range(len(fitted)):
         first, last = start[k], start[k + 1]
         if not (fitted[k] or _differ(first, last, ridge, before)):
@@ -168,7 +186,8 @@ def fit_ridges(patches, course, slack):
                 to, at = np.uint32(first) + n // WIDE, n % WIDE
                 i, j = edge_at[row, 0, a], edge_at[row, 1, a]
                 _fit_edge(i, j, place, course, slack[k], geo, to, at)
-                ridge_edge[to, at] = edge[row, a]
+                ridge_edge[to, 0, at] = edge[row, a]
+                ridge_edge[to, 1, at], ridge_edge[to, 2, at] = corner[i], corner[j]
                 n += np.uint32(1)
         ridges[k] = n
 
@@ -186,8 +205,8 @@ def _differ(first, last, a, b):
 def _beside_some(beside, start, which, k):
     """Whether patch k or one beside it is one of these."""
     found = False
-    for row in range(start[k], start[k + 1]):
-        found = found or which[beside[row]]
+    for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+        found |= which[np.uint64(beside[row])]
     return found
 
 

@@ -17,21 +17,41 @@ import numpy as np
 from numba import int32, njit
 
 from skills.cloth.contact import RELEASE, edge_distance
-from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, lowest, most, not_above, size
+from skills.cloth.lanes import (
+    LANES,
+    above,
+    all_lanes,
+    all_whole,
+    differ,
+    expect_columns,
+    expect_rows,
+    greater,
+    how_many,
+    least,
+    lesser,
+    load_lanes,
+    load_whole,
+    most,
+    not_above,
+    packed,
+    places,
+    put_pairs,
+    put_whole,
+    size,
+)
 from skills.cloth.patches import FAR, LEAF
 
 __all__ = ["search_pairs"]
 
-ROOM = (
-    3 * LEAF * -(-3 * LEAF // LANES)
-)  # tests that two patches may need: each edge of one with all rows of the other
-# so many are put down, then made, then read: what a test says would be guessed at before it is known
+ROOM = 3 * LEAF  # tests that two patches may need: each vertex or edge of one with the other
+# so many are put down, then made: how many there are would be guessed at before it is known
 TESTS = 16 * ROOM
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
 ROUNDING = 2e-5  # [m] of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-20)  # instead of 0: for points and lines
 BEYOND = np.float32(FAR)
+NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LANES)  # for indices
 
 
 @njit(nogil=True, forceinline=True)
@@ -161,28 +181,44 @@ def _edges_near(geo, r, c, other, near, horizon):
 
 
 @njit(nogil=True)
-def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
+def search_pairs(patches, thick, horizon, vt, ee):
     """All pairs with a stale patch that can come within release distance within +-horizon [s] of where the patches
-    were fitted, when no corner strays from its course by more than its slack; -> counts, which may exceed the
-    lists' lengths."""
+    were fitted, when no corner strays from its course by more than its slack; -> counts, which exceed the lists'
+    lengths if these are too short."""
     near = RELEASE * thick
-    n_vt = n_ee = 0
+    n_vt = n_ee = NONE
     stale, box, hit, slab, group = patches.stale, patches.box, patches.hit, patches.slab, patches.group
-    layer, smooth, smooth_start, normal = patches.layer, patches.smooth, patches.smooth_start, patches.normal
-    vertex, vertex_start, vertex_geo = patches.vertex, patches.vertex_start, patches.vertex_geo
-    tris, tri_geo = patches.tri, patches.tri_geo
+    smooth, smooth_start, normal = patches.smooth, patches.smooth_start, patches.normal
+    vertex, vertex_start, vertex_geo = patches.vertex.view(np.uint32), patches.vertex_start, patches.vertex_geo
+    face, tri_geo = patches.face, patches.tri_geo
     ridges, ridge_edge = patches.ridges, patches.ridge_edge
     edge_start, edge_geo = patches.edge_start, patches.edge_geo
     close, close_edges = np.float32(near + ROUNDING), np.float32(RELEASE * edge_distance(thick) + ROUNDING)
     ahead = np.float32(horizon)
+    expect_rows(box, 9)
+    expect_rows(tri_geo, 15)
+    expect_rows(edge_geo, 13)
+    expect_rows(vertex_geo, 7)
+    expect_rows(face, 4)
+    expect_rows(ridge_edge, 3)
+    expect_columns(vertex, LANES)
+    expect_columns(slab, 6)
     own = np.empty(9, np.float32)
-    tests = np.empty((TESTS, 4), np.uint32)
+    which, of = np.empty(TESTS + LANES, np.uint32), np.empty(TESTS + LANES, np.uint32)
+    found = np.empty(3 * TESTS, np.int32)
+    done, left_out = np.zeros(len(group), np.int32), np.empty(len(group), np.int32)
+    for a in range(len(stale), len(group) * LANES):  # there are no such patches
+        done[a // LANES] |= int32(1 << (a % LANES))
     for a in range(len(stale)):
         if not stale[a]:
             continue
         for c in range(9):
             own[c] = box[a // LANES, c, a % LANES]
-        n = _meeting(a, box, group, own, stale, layer, smooth, smooth_start, normal, close, ahead, hit)
+        for h in range(len(group)):
+            left_out[h] = done[h]
+        _leave_out_smooth(a, smooth, smooth_start, normal, left_out)
+        n = _meeting(box, group, own, left_out, close, ahead, hit)
+        done[a // LANES] |= int32(1 << (a % LANES))
         n_vt = _near_triangles(
             a,
             hit,
@@ -190,127 +226,136 @@ def search_pairs(patches, tri, edge, thick, horizon, vt, ee):
             vertex,
             vertex_start,
             vertex_geo,
-            tris,
+            face,
             tri_geo,
             box,
             slab,
             close,
             ahead,
-            tri,
-            tests,
+            which,
+            of,
+            found,
             vt,
             n_vt,
         )
         n_ee = _near_edges(
-            a, hit, n, ridges, ridge_edge, edge_start, edge_geo, box, slab, close_edges, ahead, edge, tests, ee,
-            n_ee
+            a, hit, n, ridges, ridge_edge, edge_start, edge_geo, box, slab, close_edges, ahead, which, of,
+            found, ee, n_ee
         )  # fmt: skip
-    return n_vt, n_ee
+    return _counted(n_vt, vt), _counted(n_ee, ee)
 
 
 @njit(nogil=True, forceinline=True)
-def _meeting(a, box, group, own, stale, layer, smooth, smooth_start, normal, near, horizon, hit):
-    """Patches that patch a can meet into `hit`, but those of one smooth region with it, and those that are stale
-    too and come first; -> their number."""
-    m = len(stale)
-    n = 0
+def _counted(n, pairs):
+    """n, or more than there is room for: LANES are written at once, so the last places stay empty."""
+    return np.int64(n) if np.int64(n) <= len(pairs) - LANES else len(pairs) + 1
+
+
+@njit(nogil=True, forceinline=True)
+def _leave_out_smooth(a, smooth, start, normal, left_out):
+    """Marks patches of one smooth region with patch a: a bit for each."""
+    for k in range(start[a], start[a + 1]):
+        b = np.uint64(smooth[k])
+        left_out[b // WIDE] |= int32(_smooth(normal, np.uint64(a), b)) << int32(b % WIDE)
+
+
+@njit(nogil=True, forceinline=True)
+def _meeting(box, group, own, left_out, near, horizon, hit):
+    """Patches that one with the bounds `own` can meet into `hit`, but those left out (a bit for each); -> their
+    number."""
+    n = NONE
     for h in range(len(group)):
         # all of a row at once
         apart = False
         for d in range(3):
             sweep = horizon * abs(group[h, d + 6] - own[d + 6])
             apart = apart | (abs(group[h, d] - own[d]) - sweep > group[h, d + 3] + own[d + 3] + near)
-        bits = int32(0) if apart else _boxes_near(box, h, own, near, horizon)
-        while bits:
-            b = h * LANES + lowest(bits)
-            bits &= bits - 1
-            if b >= m or (b < a and stale[b]):
-                continue
-            if layer[a] == layer[b]:
-                joined = False
-                for k in range(smooth_start[a], smooth_start[a + 1]):
-                    joined = joined or smooth[k] == b
-                if joined and _smooth(normal, a, b):
-                    continue
-            hit[n] = b
-            n += 1
-    return n
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _near_triangles(a, hit, met, vertex, start, geo, tris, tri_geo, box, slab, near, horizon, tri, tests, vt, n):
-    """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
-    m, one, tri, room = np.uint64(0), np.uint64(1), tri.view(np.uint32), np.uint64(TESTS - ROOM)
-    for turn in range(2 * met):
-        b = hit[np.uint64(turn // 2)]
-        p, q = (a, b) if turn % 2 == 0 else (b, a)
-        again = turn % 2 == 1 and a == b
-        first, end = np.uint64(start[np.uint64(p)]), np.uint64(start[np.uint64(p) + one])
-        for r in range(first, first if again else end):
-            points = _points_within(geo, r, box, slab, np.uint64(q), near, horizon)
-            while points:
-                tests[m, 0], tests[m, 1], tests[m, 2] = r, lowest(points), q
-                points &= points - 1
-                m += one
-        if m > room or turn + 1 == 2 * met:
-            for k in range(m):
-                tests[k, 3] = _triangles_near(tri_geo, tests[k, 2], geo, tests[k, 0], tests[k, 1], near, horizon)
-            for k in range(m):
-                i, q, bits = vertex[tests[k, 0], tests[k, 1]], tests[k, 2], int32(tests[k, 3])
-                while bits:
-                    t = tris[q, np.uint64(lowest(bits))]
-                    bits &= bits - 1
-                    if min(i, t) < 0:  # an empty place: bounds that are no numbers tell nothing
-                        continue
-                    of = np.uint64(t)
-                    if i != tri[of, 0] and i != tri[of, 1] and i != tri[of, 2]:
-                        if n < len(vt):
-                            vt[np.uint64(n), 0], vt[np.uint64(n), 1] = i, t
-                        n += 1
-            m = np.uint64(0)
+        if apart:
+            continue
+        bits = _boxes_near(box, h, own, near, horizon) & ~left_out[h]
+        put_whole(hit, n, packed(places(int32(h * LANES)), bits))
+        n += how_many(bits)
     return n
 
 
 @njit(nogil=True, forceinline=True)
-def _filled(n, row):
-    """A bit for each place of a row that is in use when n places are, from row 0 on."""
-    return int32((1 << min(max(n - row * LANES, 0), LANES)) - 1)
+def _put_down(which, of, m, r, bits, b):
+    """Tests from place m on: of what bits tell in row r, with patch b; -> the place behind them."""
+    put_whole(which, m, packed(places(int32(r * WIDE)), bits))
+    put_whole(of, m, all_whole(int32(b)))
+    return m + how_many(bits)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, edge, tests, ee, n):
+def _near_triangles(
+    a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
+):  # fmt: skip
+    """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
+    m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
+    none = all_whole(int32(-1))
+    for turn in range(2 * met):
+        b = np.uint64(hit[turn // TWO])
+        p, q = (np.uint64(a), b) if turn % TWO == 0 else (b, np.uint64(a))
+        again = turn % TWO == 1 and p == q
+        first, end = np.uint64(start[p]), np.uint64(start[p + SINGLE])
+        for r in range(first, first if again else end):
+            m = _put_down(which, of, m, r, _points_within(geo, r, box, slab, q, near, horizon), q)
+        if m > room or turn + SINGLE == TWO * met:
+            for k in range(m):
+                found[k] = _triangles_near(tri_geo, of[k], geo, which[k] // WIDE, which[k] % WIDE, near, horizon)
+            for k in range(m):
+                i, q = int32(vertex[which[k] // WIDE, which[k] % WIDE]), of[k]
+                t, vertices = load_whole(face, q, 0), all_whole(i)
+                # no empty places: bounds that are no numbers tell nothing
+                bits = found[k] & above(t, none) & (int32(0) if i < 0 else int32(-1))
+                for d in range(1, 4):
+                    bits &= differ(load_whole(face, q, d), vertices)
+                put_pairs(vt, min(n, last), vertices, packed(t, bits))
+                n += how_many(bits)
+            m = NONE
+    return n
+
+
+@njit(nogil=True, forceinline=True)
+def _rows(n):
+    """Rows that n places take."""
+    return np.uint64(n + (LANES - 1)) // WIDE
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
     """Edges of patch a that can meet edges of patches hit[:met]: ridges alone."""
-    m, one, room = np.uint64(0), np.uint64(1), np.uint64(TESTS - ROOM)
-    own, own_rows = np.uint64(start[a]), -(-ridges[a] // LANES)
-    own_end = own + np.uint64(own_rows)
+    m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
+    own, own_rows = np.uint64(start[a]), _rows(ridges[a])
+    own_end = all_whole(int32(start[a] * LANES + ridges[a]))
     for turn in range(met):
-        b = np.uint64(hit[np.uint64(turn)])
-        first, rows = np.uint64(start[b]), -(-ridges[b] // LANES)
-        for r in range(own_rows):
-            within = _filled(ridges[a], r) & _edges_within(geo, own + np.uint64(r), box, slab, b, near, horizon)
-            while within:
-                c = lowest(within)
-                within &= within - 1
-                for other in range(rows):
-                    tests[m, 0], tests[m, 1], tests[m, 2] = own + np.uint64(r), c, first + np.uint64(other)
-                    tests[m, 3] = _filled(ridges[b], other)
-                    m += one
-        if m > room or turn + 1 == met:
+        b = np.uint64(hit[turn])
+        for k in range(own_rows if ridges[b] else NONE):
+            r = own + k
+            within = above(own_end, places(int32(r * WIDE))) & _edges_within(geo, r, box, slab, b, near, horizon)
+            m = _put_down(which, of, m, r, within, b)
+        if m > room or turn + SINGLE == met:
+            made = NONE
             for k in range(m):
-                tests[k, 3] &= _edges_near(geo, tests[k, 0], tests[k, 1], tests[k, 2], near, horizon)
+                r, c, first = which[k] // WIDE, which[k] % WIDE, np.uint64(start[of[k]])
+                for other in range(first, first + _rows(ridges[of[k]])):
+                    found[made] = _edges_near(geo, r, c, other, near, horizon)
+                    made += SINGLE
+            made = NONE
             for k in range(m):
-                r, c, other, bits = tests[k, 0], tests[k, 1], tests[k, 2], int32(tests[k, 3])
-                e = np.uint64(ridge_edge[r, c])
-                i, j = edge[e, 0], edge[e, 1]
-                while bits:
-                    o = np.uint64(lowest(bits))
-                    bits &= bits - 1
-                    f = np.uint64(ridge_edge[other, o])
-                    apart = i != edge[f, 0] and i != edge[f, 1] and j != edge[f, 0] and j != edge[f, 1]
-                    # two of one patch are met once
-                    if apart and (other < own or other >= own_end or other > r or (other == r and o > c)):
-                        if n < len(ee):
-                            ee[np.uint64(n), 0], ee[np.uint64(n), 1] = min(e, f), max(e, f)
-                        n += 1
-            m = np.uint64(0)
+                r, c, b = which[k] // WIDE, which[k] % WIDE, of[k]
+                e, i, j = ridge_edge[r, 0, c], ridge_edge[r, 1, c], ridge_edge[r, 2, c]
+                first, end = np.uint64(start[b]), int32(start[b] * LANES + ridges[b])
+                before = int32(which[k]) if b == a else int32(-1)  # two of one patch are met once
+                for other in range(first, first + _rows(ridges[b])):
+                    place = places(int32(other * WIDE))
+                    u, v = load_whole(ridge_edge, other, 1), load_whole(ridge_edge, other, 2)
+                    bits = found[made] & above(place, all_whole(before)) & above(all_whole(end), place)
+                    bits &= differ(u, all_whole(i)) & differ(u, all_whole(j))
+                    bits &= differ(v, all_whole(i)) & differ(v, all_whole(j))
+                    f = packed(load_whole(ridge_edge, other, 0), bits)
+                    put_pairs(ee, min(n, last), lesser(all_whole(e), f), greater(all_whole(e), f))
+                    n += how_many(bits)
+                    made += SINGLE
+            m = NONE
     return n

@@ -35,10 +35,11 @@ class Patches(NamedTuple):
     corner_start[k + 1], a multiple of LANES (the last one is repeated): each patch has a course of its own for
     them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
     in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
-    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners. Each primitive belongs to one patch (of_tri,
-    of_edge, of_vertex), so that a pair is met once. layer: (m,); ring, ring_start: triangles in and beside each
-    patch, as patch x LANES + place in it; beside, beside_start: patches of its layer with a common vertex, itself
-    too; smooth, smooth_start: of these, those that cannot touch it while all their normals lean one way.
+    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners; face (m, 4, LANES): tri, and the vertices of
+    each. Each primitive belongs to one patch (of_tri, of_edge, of_vertex), so that a pair is met once. ring,
+    ring_start: triangles in and beside each patch, as patch x LANES + place in it; beside, beside_start: patches
+    of its layer with a common vertex, itself too; smooth, smooth_start: of these, those that cannot touch it while
+    all their normals lean one way.
 
     Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
     the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
@@ -47,17 +48,16 @@ class Patches(NamedTuple):
     tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
     slack; edge_geo (rows, 13, LANES): start, direction, squared length, the same of its motion, and one over the
     squared length; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose
-    geometry was just put down; hit: scratch.
+    geometry was just put down; hit: (m + LANES,) scratch.
 
     at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
     it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
     triangles in one layer; bent, and those that are bent; ridge, and those that stay ridges in this search
     (ridges.py); ridge_before: what that was when edge_geo was put down. It has ridges alone, from the first row of
-    each patch on: ridges (m,) of them, ridge_edge (rows, LANES) which they are."""
+    each patch on: ridges (m,) of them, ridge_edge (rows, 3, LANES) which they are, and their ends."""
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
-    layer: NDArray[np.int32]
     tri: NDArray[np.int32]
     tri_at: NDArray[np.int32]
     edge: NDArray[np.int32]
@@ -66,6 +66,7 @@ class Patches(NamedTuple):
     vertex: NDArray[np.int32]
     vertex_at: NDArray[np.int32]
     vertex_start: NDArray[np.int32]
+    face: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     beside: NDArray[np.int32]
@@ -141,7 +142,6 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     return Patches(
         corner,
         corner_start,
-        mesh.triangle_layer[[tris[0] for tris in patches]].astype(np.int32),
         tri,
         find(of_tri[tri][..., None], mesh.triangles[tri]).transpose(0, 2, 1).copy(),
         owned,
@@ -150,6 +150,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         vertex,
         find(of_vertex[vertex], vertex),
         vertex_start,
+        _with_corners(tri, mesh.triangles),
         ring,
         ring_start,
         beside,
@@ -174,11 +175,18 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
         rim.copy(),
         np.zeros_like(rim),
         np.zeros(m, np.int32),
-        np.full_like(owned, -1),
+        np.full((len(owned), 3, LANES), -1, np.int32),
         np.zeros(m, np.bool_),
         np.zeros(m, np.bool_),
-        np.zeros(m, np.int32),
+        np.zeros(m + LANES, np.int32),
     )
+
+
+def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:
+    """(rows, 1 + k, LANES): what is in each place of `owned`, and its corners (n, k); -1 where there is none."""
+    vertices = np.where(owned[..., None] < 0, -1, corners[owned])
+    numbers = np.concatenate([owned[:, None], vertices.transpose(0, 2, 1)], axis=1)
+    return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
 def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:

@@ -120,13 +120,21 @@ def _stir_by_contact(n, act_i, stirred, near):
 @njit(nogil=True)
 def _grow(start, ring, near, rings):
     """Mark the neighbours of what is marked, `rings` times."""
-    last = near.copy()
-    for _ in range(rings):
-        for i in range(len(near)):
-            if last[i]:
-                for a in range(start[i], start[i + 1]):
-                    near[ring[a]] = True
-        last[:] = near
+    one, marked = np.uint64(1), np.empty(len(near) + 1, np.uint32)
+    begin, end = np.uint64(0), np.uint64(0)
+    for i in range(np.uint64(len(near))):
+        marked[end] = i
+        end += np.uint64(near[i])
+    for _ in range(rings):  # about those that were marked last: the others have no neighbours left
+        last = end
+        for c in range(begin, last):
+            own = np.uint64(marked[c])
+            for a in range(np.uint64(start[own]), np.uint64(start[own + one])):
+                j = np.uint64(ring[a])
+                marked[end] = j
+                end += np.uint64(not near[j])
+                near[j] = True
+        begin = last
 
 
 @njit(nogil=True)
@@ -191,13 +199,16 @@ def pack(body, state):
 @njit(nogil=True)
 def _pack_edges(edge, inverse, inverse_square, damping, free, to_edge, to_inverse_square, to_wi, to_wj, to_rate):
     """Edges with a free end; -> their number."""
-    n = np.uint64(0)
+    n, which = np.uint64(0), np.empty(len(edge), np.uint32)
     for e in range(np.uint64(len(edge))):  # without a guess about which they are
-        i, j = edge[e, 0], edge[e, 1]
-        to_edge[n, 0], to_edge[n, 1] = i, j
-        to_inverse_square[n], to_rate[n] = inverse_square[e], damping[e]
-        to_wi[n], to_wj[n] = free[i] * inverse[e], free[j] * inverse[e]
-        n += np.uint64(free[i] + free[j] > 0.0)
+        which[n] = e
+        n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
+    for k in range(n):
+        one = np.uint64(which[k])
+        i, j = edge[one, 0], edge[one, 1]
+        to_edge[k, 0], to_edge[k, 1] = i, j
+        to_inverse_square[k], to_rate[k] = inverse_square[one], damping[one]
+        to_wi[k], to_wj[k] = free[i] * inverse[one], free[j] * inverse[one]
     return n
 
 

@@ -14,6 +14,7 @@ from skills.cloth.vectors import rows
 
 HANDS = 2
 MAX_HELD = 128
+LINE = 16  # singles in a line of the cache
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
@@ -143,12 +144,12 @@ class Pairs(NamedTuple):
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
     [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_j, act_m: (m, 4)
     what it bears in this substep, and of late; act_n: (m, 4) its normal; act_c: its pair; act_p: (m, 4) how far
-    apart its sides were when the substep began, act_g: (m,) and how far along its normal. Scratch: near_c, pairs
-    of a vertex and a triangle that can touch, and places in the lists of pairs that became free; near_i, their
-    vertices; near_n: (m, 3) normals; near_b: (m, 4) weights of the triangle's second and third corner, the
-    distance that pushes nothing, and the inverse mass; gap and inside, GAP and WITHIN of vertex_sides.py; chain,
-    the one before of the same vertex; top, of the chain down from here the one that the vertex is most inside of;
-    better; new_vt, new_ee, key, row, kept, kept_normal."""
+    apart its sides were when the substep began. Scratch: near_c, pairs of a vertex and a triangle that can touch,
+    and places in the lists of pairs that became free; near_row: (m, LINE) what is known of them
+    (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same vertex;
+    second, where the one of the highest rank is, the one that comes after it; better; bearing, those that bore
+    something; some, those of these or of the pairs that are to be looked at; new_vt, new_ee, key, row, kept,
+    kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -175,16 +176,14 @@ class Pairs(NamedTuple):
     act_m: Array
     act_c: NDArray[np.int32]
     act_p: Array
-    act_g: Array
-    chain: NDArray[np.int32]
+    rank: NDArray[np.uint64]
+    ring: NDArray[np.uint32]
+    second: NDArray[np.uint32]
     better: NDArray[np.int32]
-    gap: NDArray[np.float32]
-    inside: NDArray[np.float32]
-    top: NDArray[np.int32]
+    bearing: NDArray[np.uint32]
+    some: NDArray[np.uint32]
     near_c: NDArray[np.int32]
-    near_i: NDArray[np.int32]
-    near_n: NDArray[np.float32]
-    near_b: Array
+    near_row: NDArray[np.float32]
 
 
 class Holds(NamedTuple):
@@ -293,16 +292,14 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         act_m=rows(m),
         act_c=np.zeros(m, np.int32),
         act_p=rows(m),
-        act_g=np.zeros(m),
-        chain=np.zeros(m, np.int32),
+        rank=np.zeros(m, np.uint64),
+        ring=np.zeros(m, np.uint32),
+        second=np.zeros(m, np.uint32),
         better=np.zeros(m, np.int32),
-        gap=np.zeros(m, np.float32),
-        inside=np.zeros(m, np.float32),
-        top=np.zeros(m, np.int32),
+        bearing=np.zeros(m, np.uint32),
+        some=np.zeros(m, np.uint32),
         near_c=np.zeros(m, np.int32),
-        near_i=np.zeros((m, 4), np.int32),
-        near_n=np.zeros((m, 3), np.float32),
-        near_b=np.zeros((m, 4)),
+        near_row=rows(2 * m).view(np.float32).reshape(m, LINE),
     )
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.crossings import crosses
+from skills.cloth.vectors import cross, dot, load
 
 STEP = 0.1  # x thickness a look: how far each crossing moves its edge and triangle
 PATIENCE = 3  # looks at which a crossing is left to the contacts
@@ -63,8 +64,9 @@ def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
     """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
     x: (n, 4) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
     n = _find(
-        soon, n_vt, pairs.vt, pairs.vt_due, n_ee, pairs.ee, pairs.near, body.tri, body.edge, body.edge_tri,
-        body.ring_start, body.ring, body.ring_edge, x, REACH * thickness, tangles.cross
+        soon, n_vt, pairs.vt.view(np.uint32), pairs.vt_due, n_ee, pairs.ee.view(np.uint32), pairs.near,
+        body.tri.view(np.uint32), body.edge.view(np.uint32), body.edge_tri, body.ring_start,
+        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, tangles.cross
     )  # fmt: skip
     if n == 0 and tangles.found[0] == 0:
         return
@@ -116,26 +118,22 @@ def _agree(n, cross, edge, tri, way, wish):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, cross):
+def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
     """Crossings of the edges about a vertex with a triangle that it is near to, and of edges that are near to each
     other with the triangles beside them; -> their number."""
-    n = 0
-    for c in range(n_vt):
+    n, one = 0, np.uint64(1)
+    for c in range(np.uint64(n_vt)):
         if vt_due[c] > soon:
             continue
         i, t = vt[c, 0], vt[c, 1]
-        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-        ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
-        vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        d = nx * (x[i, 0] - x[p, 0]) + ny * (x[i, 1] - x[p, 1]) + nz * (x[i, 2] - x[p, 2])
-        if d * d > reach * reach * (nx * nx + ny * ny + nz * nz):
+        corner = load(x, tri[t, 0])
+        normal = cross(load(x, tri[t, 1]) - corner, load(x, tri[t, 2]) - corner)
+        d = dot(normal, load(x, i) - corner)
+        if d * d > reach * reach * dot(normal, normal):
             continue
-        for a in range(start[i], start[i + 1]):
-            j = ring[a]
-            dj = nx * (x[j, 0] - x[p, 0]) + ny * (x[j, 1] - x[p, 1]) + nz * (x[j, 2] - x[p, 2])
-            if d * dj <= 0.0:
-                n = _add(n, ring_edge[a], t, edge, tri, x, cross)
+        for a in range(np.uint64(start[i]), np.uint64(start[i + one])):
+            if d * dot(normal, load(x, ring[a]) - corner) <= 0.0:
+                n = _add(n, ring_edge[a], t, edge, tri, x, found)
     for c in range(n_ee):
         if not near[c]:
             continue
@@ -143,7 +141,7 @@ def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ri
             e, f = ee[c, m], ee[c, 1 - m]
             for k in range(2):
                 if edge_tri[f, k] >= 0:
-                    n = _add(n, e, edge_tri[f, k], edge, tri, x, cross)
+                    n = _add(n, e, edge_tri[f, k], edge, tri, x, found)
     return n
 
 

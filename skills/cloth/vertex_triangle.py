@@ -17,6 +17,7 @@ from skills.cloth.corners import common_corner
 from skills.cloth.lanes import LANES
 from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
+    AWAY,
     BORDER,
     GAP,
     LEAST,
@@ -30,7 +31,6 @@ from skills.cloth.vertex_sides import (
     TO_SECOND,
     TO_THIRD,
     TO_VERTEX,
-    TOUCHES,
     VERDICT,
     WAIT,
     WITHIN,
@@ -38,44 +38,50 @@ from skills.cloth.vertex_sides import (
 )
 
 AT_BEND = -2  # instead of a better row
-ONE, FULL = np.uint64(1), np.uint64(LANES)
-ALIKE = 0.9  # cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)
+OVER = np.nextafter(np.float32(BORDER), ZERO)  # of singles those above it are above BORDER
+# cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+ALIKE = np.float32(0.9)
 NEARLY = 0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem
-NEVER = 2.0  # more than any cosine
+NEVER = np.float32(2.0)  # more than any cosine
+# A row, which is one line of the cache: numbers of the triangle, of its corners and of the vertex, and behind them
+# the contact (vertex_sides.py): normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
+TRIANGLE, CORNERS, VERTEX = 0, 1, 4
+DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 
 
 @njit(nogil=True)
 def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last):
     """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
     rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
-    near, farthest = _find_near(
-        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.better,
-        pairs.near_c, pairs.near_i, pairs.near_n, pairs.near_b, pairs.gap, pairs.inside, pairs.chain, pairs.top,
-        last
+    near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
+    n, bearing, farthest = _find_near(
+        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
+        near, ids, pairs.near_c, pairs.bearing
     )  # fmt: skip
+    _join(n, near, ids, pairs.rank, pairs.ring, last)
     _meet_once(
-        near, np.float32(NEARLY * thick), pairs.vt, pairs.near_c, pairs.near_i, pairs.near_n, pairs.gap,
-        pairs.inside, pairs.chain, pairs.top, pairs.better, last
+        n, np.float32(NEARLY * thick), near, ids, pairs.rank, pairs.ring, pairs.better, pairs.some, last,
+        pairs.second
     )  # fmt: skip
+    _pass_on(bearing, pairs.bearing, pairs.better, pairs.near_c, pairs.vt_j)
     rows = _enter(
-        near, thick, w, pairs.better, pairs.inside, pairs.vt_j, pairs.near_c, pairs.near_i, pairs.near_n,
-        pairs.near_b, pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d,
-        pairs.act_w
+        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.act_i, pairs.act_b,
+        pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
     )  # fmt: skip
     return np.int64(rows), farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
-    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near_c, near_i, near_n, near_b,
-    gap, inside, chain, top, last
+    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Sides of all pairs, and the rows of those that can touch; -> rows, and how far the fastest of them may go.
-    Those of each vertex are chained up from `last`. asked: scratch, the pairs that are looked at now."""
+    """Sides of all pairs, and the rows of those that can touch; -> rows, how many of them bore something, and how
+    far the fastest may go. asked: scratch, the pairs that are looked at now."""
     work, of, hit = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
-    pair, tri = pair.view(np.uint32), tri.view(np.uint32)
-    farthest, n, c = np.float32(0.0), np.uint64(0), np.uint64(0)
-    end = _find_due(count, now, pace, due, asked)
+    pair, tri, borne = pair.view(np.uint32), tri.view(np.uint32), memory.view(np.int64)
+    farthest, n, bear, c = np.float32(0.0), np.uint64(0), np.uint64(0), np.uint64(0)
+    end = find_due(count, now, pace, due, asked)
     while c < end:
         filled = np.uint64(0)
         while c < end and filled < FULL:
@@ -100,51 +106,54 @@ def _find_near(
             o = of[k]
             side[o] = np.int8(work[np.uint64(SIDE * LANES) + k])
             due[o] = now + pace * int(work[np.uint64(WAIT * LANES) + k])
-            touches = work[np.uint64(VERDICT * LANES) + k] == TOUCHES
+            touches = work[np.uint64(VERDICT * LANES) + k] > AWAY
             store(memory, o, (1.0 if touches else 0.0) * load(memory, o))
             hit[hits] = k
             hits += np.uint64(touches)
-        n, farthest = _put_down(
-            hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, gap, inside,
-            chain, top, last
-        )  # fmt: skip
-    return n, farthest
+        n, bear, farthest = _put_down(
+            hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
+        )
+    return n, bear, farthest
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _put_down(
-    hits, hit, of, work, n, farthest, tri, w, pair, memory, near_c, near_i, near_n, near_b, gap, inside, chain,
-    top, last
+    hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`."""
+    """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`.
+    borne: the bits of `memory`."""
     for m in range(hits):
         k = hit[m]
         o = of[k]
         i, t = pair[o, 0], pair[o, 1]
         p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
-        b1, b2 = float(work[np.uint64(SECOND * LANES) + k]), float(work[np.uint64(THIRD * LANES) + k])
-        b0 = 1.0 - b1 - b2
-        den = w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
-        if den == 0.0:
+        b1, b2 = work[np.uint64(SECOND * LANES) + k], work[np.uint64(THIRD * LANES) + k]
+        if w[i] == 0.0 and _inverse_mass(i, p, q, r, float(b1), float(b2), w) == 0.0:
             store(memory, o, vector(0.0, 0.0, 0.0))
             continue
-        near_c[n], near_i[n, 0], near_i[n, 1], near_i[n, 2], near_i[n, 3] = o, i, p, q, r
+        near_c[n] = o
+        ids[n, TRIANGLE], ids[n, CORNERS], ids[n, CORNERS + 1], ids[n, CORNERS + 2] = t, p, q, r
+        ids[n, VERTEX] = i
         for d in range(3):
-            near_n[n, d] = work[np.uint64((NORMAL + d) * LANES) + k]
-        near_b[n, 0], near_b[n, 1], near_b[n, 3] = b1, b2, den
-        near_b[n, 2], gap[n] = work[np.uint64(LEAST * LANES) + k], work[np.uint64(GAP * LANES) + k]
-        within, before = work[np.uint64(WITHIN * LANES) + k], last[i]
-        inside[n], chain[n], last[i] = within, before, n
-        most = np.uint64(top[np.uint64(before)]) if before >= 0 else n
-        most_inside = within > inside[most] or (within == inside[most] and t < pair[np.uint64(near_c[most]), 1])
-        top[n] = n if most_inside else most
+            near[n, DIRECTION + d] = work[np.uint64((NORMAL + d) * LANES) + k]
+        near[n, INSIDE], near[n, APART] = work[np.uint64(WITHIN * LANES) + k], work[np.uint64(GAP * LANES) + k]
+        near[n, AIM], near[n, AT_SECOND], near[n, AT_THIRD] = work[np.uint64(LEAST * LANES) + k], b1, b2
+        bearing[bear] = n
+        bear += np.uint64((borne[o, 0] | borne[o, 1] | borne[o, 2]) != 0)
         n += ONE
         farthest = max(farthest, work[np.uint64(REACH * LANES) + k])
-    return n, farthest
+    return n, bear, farthest
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _inverse_mass(i, p, q, r, b1, b2, w):
+    """Of vertex i against the point of a triangle with the weights b1, b2 of the second and third corner."""
+    b0 = 1.0 - b1 - b2
+    return w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
 
 
 @njit(nogil=True, forceinline=True)
-def _find_due(count, now, pace, due, asked):
+def find_due(count, now, pace, due, asked):
     """Which of the pairs are to be looked at now; -> their number."""
     n = np.uint64(0)
     for c in range(np.uint64(count)):
@@ -153,102 +162,143 @@ def _find_due(count, now, pace, due, asked):
     return n
 
 
+@njit(nogil=True, forceinline=True)
+def _join(n, near, ids, rank, ring, top):
+    """The rows of each vertex in a ring, and which of them is at the `top`. The more inside of a triangle a vertex
+    is, the higher is the `rank` of the row; of equal ones the first triangle is higher."""
+    for c in range(n):  # without a guess about each
+        i, t = np.uint64(ids[c, VERTEX]), ids[c, TRIANGLE]
+        rank[c] = (np.uint64(_ordered(near[c, INSIDE])) << np.uint64(32)) | np.uint64(np.uint32(~t))
+        ring[c] = c
+        h = np.uint64(c) if top[i] < 0 else np.uint64(top[i])
+        ring[c] = ring[h]
+        ring[h] = c
+        top[i] = np.uint64(c) if rank[c] >= rank[h] else h
+
+
+@njit(nogil=True, forceinline=True)
+def _ordered(a):
+    """A whole number, in the order of the single precision ones that it stands for (their bits, below 0 all
+    turned)."""
+    bits = np.float32(a + ZERO).view(np.int32)  # -0 is 0
+    return np.uint32(bits ^ ((bits >> np.int32(31)) | np.int32(-(2**31))))
+
+
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _meet_once(n, nearly, pair, near_c, near_i, near_n, gap, inside, chain, top, better, last):
+def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
     """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
     of, and no border of those beside it: the rows of these get a `better` one, but where it is over both none that
     is farther away by more than `nearly` [m]. On the border itself they are the same contact, so that none jumps,
     and which one stays hangs on positions alone. Those beside a triangle that is joined to another one at an angle
-    are AT_BEND."""
+    are AT_BEND.
+
+    Mostly that is the row at the top, or the `second` one, of a layer on the other side: only where it is neither
+    all rows of the vertex are asked. All is without a guess about each. asked, second: scratch."""
+    end, left = np.uint64(0), np.uint64(0)
     for c in range(n):
-        better[c] = -1
-        own = inside[c]
-        h = np.uint64(top[np.uint64(last[np.uint64(near_i[c, 0])])])
-        if own > BORDER or (h == c and own >= 0.0):
-            continue
-        if h != c and _stands_for(h, c, nearly, near_i, near_n, gap, inside):
-            better[c] = h
-            continue
-        best, most, of_best, at_bend = np.uint64(c), own, pair[np.uint64(near_c[c]), 1], False
-        link = last[np.uint64(near_i[c, 0])]
-        while link >= 0:  # without a guess about each
-            o = np.uint64(link)
-            joined, alike = _joined(o, c, near_i) & (o != c), _alike(o, c, near_n)
-            within, of = inside[o], pair[np.uint64(near_c[o]), 1]
+        second[c] = c
+    for c in range(n):
+        within, h = near[c, INSIDE], np.uint64(top[np.uint64(ids[c, VERTEX])])
+        s = np.uint64(second[h])
+        second[h] = np.uint64(c) if (c != h) & ((s == h) | (rank[c] > rank[s])) else s
+        met = (within > OVER) | ((h == c) & (within >= ZERO))
+        stands = (rank[h] > rank[c]) & _stands_for(h, c, nearly, near, ids)
+        better[c] = np.int64(h) if stands & (not met) else -1
+        asked[end] = c
+        end += np.uint64(not (met | stands))
+    for m in range(end):
+        own = np.uint64(asked[m])
+        s = np.uint64(second[np.uint64(top[np.uint64(ids[own, VERTEX])])])
+        met = (s == own) & (near[own, INSIDE] >= ZERO)
+        stands = (rank[s] > rank[own]) & _stands_for(s, own, nearly, near, ids)
+        better[own] = np.int64(s) if stands else -1
+        asked[left] = own
+        left += np.uint64(not (met | stands))
+    for m in range(left):
+        own = np.uint64(asked[m])
+        best, most, at_bend = own, rank[own], False
+        o = np.uint64(ring[own])
+        while o != own:
+            joined, alike = common_corner(ids, own, o), _alike(o, own, near)
             at_bend = at_bend | (joined & (alike <= ALIKE))
-            more = (within > most) | ((within == most) & (of < of_best))
-            taken = joined & more & (alike > _least_alike(o, c, nearly, gap, inside))
-            best, most, of_best = (o if taken else best), (within if taken else most), (of if taken else of_best)
-            link = chain[o]
-        if best != c:
-            better[c] = best
-        elif at_bend and own < 0.0:
-            better[c] = AT_BEND
+            its = rank[o] * np.uint64(joined & (alike > _least_alike(o, own, nearly, near)))
+            best, most = (o if its > most else best), max(its, most)
+            o = np.uint64(ring[o])
+        alone = AT_BEND if at_bend & (near[own, INSIDE] < ZERO) else -1
+        better[own] = np.int64(best) if best != own else alone
     for c in range(n):
-        last[np.uint64(near_i[c, 0])] = -1
+        top[np.uint64(ids[c, VERTEX])] = -1
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _stands_for(o, c, nearly, near_i, near_n, gap, inside):
+def _stands_for(o, c, nearly, near, ids):
     """Whether a vertex that is more inside of row o's triangle need not meet that of row c."""
-    return _joined(o, c, near_i) and _alike(o, c, near_n) > _least_alike(o, c, nearly, gap, inside)
-
-
-@njit(nogil=True, forceinline=True)
-def _joined(o, c, near_i):
-    """Whether the triangles of two rows have a common vertex."""
-    return common_corner(near_i, c, o)
+    return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _alike(o, c, near_n):
+def _alike(o, c, near):
     """Cosine between the normals of two rows."""
-    return near_n[c, 0] * near_n[o, 0] + near_n[c, 1] * near_n[o, 1] + near_n[c, 2] * near_n[o, 2]
+    return (
+        near[c, DIRECTION] * near[o, DIRECTION]
+        + near[c, DIRECTION + 1] * near[o, DIRECTION + 1]
+        + near[c, DIRECTION + 2] * near[o, DIRECTION + 2]
+    )
 
 
 @njit(nogil=True, forceinline=True)
-def _least_alike(o, c, nearly, gap, inside):
+def _least_alike(o, c, nearly, near):
     """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
     not stand in its way, whichever is nearer. Over both, o must not hide c if it is of a layer behind it."""
-    over_both = ALIKE if gap[o] <= gap[c] + nearly else NEVER
-    return 0.0 if inside[c] < -BORDER <= inside[o] else over_both
+    over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
+    over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
+    return ZERO if over_one else over_both
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _enter(
-    near, thick, w, better, inside, memory, near_c, near_i, near_n, near_b, act_i, act_b, act_s, act_n, act_m,
-    act_c, act_d, act_w
-):  # fmt: skip
-    """Contacts of those that have no better one; it bears what they bore. -> rows
-
-    Beside a border a vertex is held up as over it, so that hems rest on hems. But at a bend the plane of one
-    triangle passes nearer to what lies over the other than cloth is thick. There it must push nothing: vertices
-    were thrown up, fell back, and hopped so for ever."""
-    nothing = vector(0.0, 0.0, 0.0)
-    for c in range(near):
+@njit(nogil=True, forceinline=True)
+def _pass_on(n, bearing, better, near_c, memory):
+    """What rows that have a better one bore, that one bears."""
+    for m in range(n):
+        c = np.uint64(bearing[m])
         if better[c] >= 0:
             o = np.uint64(better[c])
             while better[o] >= 0:
                 o = np.uint64(better[o])
             mine, its = np.uint64(near_c[c]), np.uint64(near_c[o])
             store(memory, its, load(memory, its) + load(memory, mine))
-            store(memory, mine, nothing)
-    n, near_i = np.uint64(0), near_i.view(np.uint32)
-    for c in range(near):
-        if better[c] >= 0:
-            continue
-        i, p, q, r = near_i[c, 0], near_i[c, 1], near_i[c, 2], near_i[c, 3]
-        b1, b2, least, den = near_b[c, 0], near_b[c, 1], near_b[c, 2], near_b[c, 3]
-        aim = least if inside[c] < -BORDER or better[c] == AT_BEND else thick
+            store(memory, mine, vector(0.0, 0.0, 0.0))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _enter(
+    count, thick, w, better, left, memory, near, ids, near_c, act_i, act_b, act_s, act_n, act_m, act_c, act_d,
+    act_w
+):  # fmt: skip
+    """Contacts of those that have no better one; -> rows. left: scratch, which these are.
+
+    Beside a border a vertex is held up as over it, so that hems rest on hems. But at a bend the plane of one
+    triangle passes nearer to what lies over the other than cloth is thick. There it must push nothing: vertices
+    were thrown up, fell back, and hopped so for ever."""
+    nothing, n = vector(0.0, 0.0, 0.0), np.uint64(0)
+    for c in range(count):
+        left[n] = c
+        n += np.uint64(better[c] < 0)
+    for k in range(n):
+        one = np.uint64(left[k])
+        i, p, q, r = ids[one, VERTEX], ids[one, CORNERS], ids[one, CORNERS + 1], ids[one, CORNERS + 2]
+        b1, b2 = float(near[one, AT_SECOND]), float(near[one, AT_THIRD])
+        den = _inverse_mass(i, p, q, r, b1, b2, w)
+        sinks = (near[one, INSIDE] < -OVER) | (better[one] == AT_BEND)
+        act_d[k] = float(near[one, AIM]) if sinks else thick
         den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
-        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, p, q, r
+        act_i[k, 0], act_i[k, 1], act_i[k, 2], act_i[k, 3] = i, p, q, r
         b0 = 1.0 - b1 - b2
-        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1.0, -b0, -b1, -b2
-        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
-        store(act_n, n, vector(float(near_n[c, 0]), float(near_n[c, 1]), float(near_n[c, 2])))
-        pair = np.uint64(near_c[c])
-        store(act_m, n, load(memory, pair))
+        act_b[k, 0], act_b[k, 1], act_b[k, 2], act_b[k, 3] = 1.0, -b0, -b1, -b2
+        act_s[k, 0], act_s[k, 1], act_s[k, 2], act_s[k, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
+        nx, ny, nz = near[one, DIRECTION], near[one, DIRECTION + 1], near[one, DIRECTION + 2]
+        store(act_n, k, vector(float(nx), float(ny), float(nz)))
+        pair = np.uint64(near_c[one])
+        store(act_m, k, load(memory, pair))
         store(memory, pair, nothing)
-        act_c[n], act_d[n], act_w[n] = pair, aim, 1.0 / den
-        n += ONE
+        act_c[k], act_w[k] = pair, 1.0 / den
     return n

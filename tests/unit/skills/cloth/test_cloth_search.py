@@ -88,7 +88,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     """And of edges those that are ridges, no others."""
     mesh, x = two_sheets()
     rng = np.random.default_rng(2)
-    edges, triangles = mesh.edges.astype(np.int32), mesh.triangles
+    edges = mesh.edges.astype(np.int32)
     patches = build_patches(mesh, edges)
     m, corner = len(patches.tri), patches.corner
     patches.stale[:] = rng.random(m) < stale_share
@@ -109,7 +109,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     patches.fitted[:] = False
     patches.ridge[:] = bits_of(patches, ridge)
     fit_ridges(patches, course, slack)
-    n_vt, n_ee = search_pairs(patches, triangles, edges, THICK, 0.5 * HORIZON, vt, ee)
+    n_vt, n_ee = search_pairs(patches, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
     stale = np.ones(len(x), bool)  # vertices of stale patches only
@@ -148,7 +148,7 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
     fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
     fit_ridges(patches, still, slack)
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
-    n_vt, n_ee = search_pairs(patches, mesh.triangles, edges, THICK, 0.0, vt, ee)
+    n_vt, n_ee = search_pairs(patches, THICK, 0.0, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
 
     def near(a, b, limit):

@@ -6,7 +6,28 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from skills.cloth.corners import common_corner
-from skills.cloth.lanes import LANES, all_lanes, least, load_lanes, most, not_above, size
+from skills.cloth.lanes import (
+    LANES,
+    above,
+    all_lanes,
+    all_whole,
+    differ,
+    expect_columns,
+    expect_rows,
+    greater,
+    how_many,
+    least,
+    lesser,
+    load_lanes,
+    load_whole,
+    most,
+    not_above,
+    packed,
+    places,
+    put_pairs,
+    put_whole,
+    size,
+)
 from skills.cloth.vectors import load, rows, store_singles
 
 
@@ -58,6 +79,44 @@ def test_equal_is_not_above():
 def test_other_arrays_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         njit(lambda a: not_above(load_lanes(a, 0, 0), load_lanes(a, 0, 0)))(wrong)
+
+
+@njit
+def put_whole_numbers(given, bits, flat, pairs):
+    a, b = load_whole(given, 0, 0), load_whole(given, 0, 1)
+    put_whole(flat, 2, packed(a, bits))
+    put_pairs(pairs, 3, lesser(a, b), greater(places(np.int32(5)), all_whole(given[0, 0, 1])))
+    return above(a, b), differ(a, b), how_many(bits)
+
+
+@pytest.mark.parametrize("bits", [0, 1, 2 ** (LANES - 1), 0b1010011100101, 2**LANES - 1])
+def test_whole_numbers_are_compared_and_put_down_as_numpy_does(bits):
+    given = np.random.default_rng(bits).integers(-3, 20, (1, 2, LANES)).astype(np.int32)
+    a, b = given[0]
+    flat, pairs = np.full(LANES + 4, -9, np.int32), np.full((LANES + 4, 2), -9, np.int32)
+    larger, other, n = put_whole_numbers(given, np.int32(bits), flat, pairs)
+    place = np.arange(LANES)
+    chosen = a[(bits >> place) % 2 == 1]
+    assert larger == ((a > b) << place).sum() and other == ((a != b) << place).sum() and n == len(chosen)
+    np.testing.assert_array_equal(flat[2 : 2 + n], chosen)
+    np.testing.assert_array_equal(pairs[3:-1], np.column_stack([np.minimum(a, b), np.maximum(5 + place, a[1])]))
+    assert (flat[[0, 1, -2, -1]] == -9).all() and (pairs[[0, 1, 2, -1]] == -9).all()
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.int32)])
+def test_other_arrays_of_whole_numbers_are_refused(wrong):
+    with pytest.raises(TypingError, match="C-ordered"):
+        njit(lambda a: differ(load_whole(a, 0, 0), load_whole(a, 0, 0)))(wrong)
+
+
+def test_arrays_of_other_shapes_are_refused():
+    expect_rows(np.zeros((5, 3, LANES)), 3)
+    expect_columns(np.zeros((5, 3)), 3)
+    for wrong in ((5, 4, LANES), (5, 3, LANES - 1)):
+        with pytest.raises(ValueError, match="rows of lanes"):
+            expect_rows(np.zeros(wrong), 3)
+    with pytest.raises(ValueError, match="columns"):
+        expect_columns(np.zeros((5, 4)), 3)
 
 
 @njit

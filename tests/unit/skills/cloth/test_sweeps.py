@@ -6,7 +6,8 @@ from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.spatial.transform import Rotation
 
-from skills.cloth.contact import edge_distance, solve_contacts
+from skills.cloth.contact import PARTS, edge_distance, group_contacts, solve_contacts
+from skills.cloth.eights import EIGHT, blocks
 from skills.cloth.vectors import rows
 
 THICK = 0.003
@@ -34,16 +35,24 @@ class Contacts:
         self.x = rows(m)
         self.x[:, :3] = 0.02 * rng.standard_normal((m, 3))
         self.aim = self.gaps() + 0.3 * THICK * rng.standard_normal(n)
-        self.before = self.aim + 1.0  # no overlap is older
+        self.apart[:] = (self.aim + 1.0)[:, None] * self.normal  # no overlap is older
 
     def gaps(self):
         between = np.einsum("nk,nkd->nd", self.weight, self.x[self.members])
         return np.einsum("nd,nd->n", self.normal, between)
 
+    def groups(self):
+        order, filled, block = np.zeros((self.n, EIGHT), np.uint32), np.zeros(self.n, np.uint8), blocks(self.n, 5)
+        count = group_contacts(
+            self.n, self.members, self.normal, self.aim, self.inverse, np.zeros(len(self.w), np.int32), order,
+            filled, block,
+        )  # fmt: skip
+        return count, order, filled, block
+
     def sweep(self, tolerance, friction=0.0, back=False):
         return solve_contacts(
-            self.n, self.members, self.weight, self.share, self.normal, self.aim, self.inverse, self.borne,
-            self.apart, self.before, self.x, friction, back, tolerance,
+            *self.groups(), self.members, self.weight, self.share, self.borne, self.apart, self.x, friction, back,
+            tolerance, rows(EIGHT),
         )  # fmt: skip
 
 
@@ -63,6 +72,23 @@ def least_motion(contacts):
     r = e @ nnls(e, y, maxiter=100 * n)[0] - y
     moved = -r[:-1] / r[-1] * scale / np.sqrt(contacts.w.max())
     return contacts.x[:, :3] + (root * moved).reshape(m, 3)
+
+
+@pytest.mark.parametrize("n, m", [(1, 4), (30, 60), (301, 200), (40, 9)])
+def test_groups_keep_the_order_of_contacts_that_share_a_vertex(n, m):
+    contacts = Contacts(3, n, m)
+    count, order, filled, _ = contacts.groups()
+    members = [order[g, : filled[g]] for g in range(count)]
+    assert sorted(np.concatenate(members)) == list(range(n))
+    assert all(len(np.unique(contacts.members[c])) == 4 * len(c) for c in members)
+    length = -(-n // PARTS)
+    group, turn = np.empty(n, int), np.empty(n, int)
+    for g, c in enumerate(members):
+        group[c] = g
+    turn[np.lexsort((np.arange(n) // length, np.arange(n) % length))] = np.arange(n)
+    shared = (contacts.members[:, None, :, None] == contacts.members[None, :, None, :]).any(axis=(2, 3))
+    later = shared & (turn[:, None] < turn[None, :])
+    assert (group[:, None] < group[None, :])[later].all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -89,7 +115,6 @@ def test_a_sweep_tells_whether_it_moved_the_sides_of_a_contact(friction):
     begun = contacts.x.copy()
     between = np.einsum("nk,nkd->nd", contacts.weight, contacts.x[contacts.members])
     contacts.apart[:] = between + 0.1 * THICK * contacts.normal  # it came nearer by so much, straight
-    contacts.before = contacts.gaps() + 0.1 * THICK
     assert contacts.sweep(0.099 * THICK, friction)
     assert contacts.gaps() == pytest.approx(contacts.aim, abs=1e-12)
     assert not contacts.sweep(1e-9 * THICK, friction)

@@ -1,0 +1,258 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""EIGHT double precision numbers as one register, a number of each of eight contacts, for compiled code.
+
+`gather` and `turned` bring vectors (vectors.py) of eight contacts into three such registers, one a coordinate, and
+`scatter` puts them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`, `where_above` compute contact by
+contact. Products and sums may be contracted, but for those of `dots`, which rounds as `dot` of vectors does.
+Places are not checked.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import models, overload, register_model
+
+from skills.cloth.registers import elementwise, operation, place_of
+
+__all__ = [
+    "EIGHT", "all_eight", "any_above", "blocks", "dots", "gather", "least", "load_eight", "most", "over", "root",
+    "scatter", "turned", "where_above",
+]  # fmt: skip
+
+EIGHT, _WIDTH = 8, 4
+_DOUBLE, _INDEX = ir.DoubleType(), ir.IntType(32)
+_REGISTER, _ROW = ir.VectorType(_DOUBLE, EIGHT), ir.VectorType(_DOUBLE, _WIDTH)
+_FLAGS = ("contract",)
+
+
+class _Eight(types.Type):
+    pass
+
+
+_eight = _Eight(name="Eight")
+
+
+@register_model(_Eight)
+class _EightModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _REGISTER)  # type: ignore[no-untyped-call]
+
+
+def _called(builder: Any, name: str, a: Any) -> Any:
+    kind = ir.FunctionType(a.type, [a.type])
+    return builder.call(
+        cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{a.type.count}f64"), [a]
+    )
+
+
+@njit(nogil=True)
+def blocks(n, k):
+    """(n, k, EIGHT) doubles, each register within one line of the cache; what they are is not set."""
+    flat = np.empty((n * k + 1) * EIGHT)
+    first = -(flat.ctypes.data // 8) % EIGHT
+    return flat[first : first + n * k * EIGHT].reshape((n, k, EIGHT))
+
+
+def _mixed(builder: Any, a: Any, b: Any, places: list[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, len(places)), places))
+
+
+_EVEN, _ODD = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
+
+
+def _columns(builder: Any, rows: list[Any]) -> list[Any]:
+    """Three coordinates of eight rows."""
+    a, b, c, d = (_mixed(builder, rows[i], rows[i + 2], list(range(8))) for i in (0, 1, 4, 5))
+    first, second = _mixed(builder, a, b, _EVEN), _mixed(builder, c, d, _EVEN)
+    x, z = (_mixed(builder, first, second, [k + o for k in (0, 1, 4, 5, 8, 9, 12, 13)]) for o in (0, 2))
+    first, second = _mixed(builder, a, b, _ODD), _mixed(builder, c, d, _ODD)
+    return [x, _mixed(builder, first, second, [0, 1, 4, 5, 8, 9, 12, 13]), z]
+
+
+def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
+    """Eight rows of three coordinates, and 0."""
+    nothing, rows = ir.Constant(_REGISTER, [0.0] * EIGHT), [None] * EIGHT
+    for k, places in enumerate((_EVEN, _ODD)):
+        xy, z0 = _mixed(builder, x, y, places), _mixed(builder, z, nothing, places)
+        for m in range(4):
+            rows[2 * m + k] = _mixed(builder, xy, z0, [2 * m, 2 * m + 1, 2 * m + 8, 2 * m + 9])
+    return rows
+
+
+def _data(context: Any, builder: Any, kind: Any, array: Any, register: Any) -> Any:
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(data, ir.PointerType(register))
+
+
+def _row(builder: Any, data: Any, i: Any) -> Any:
+    read = builder.load(builder.gep(data, [i]), typ=_ROW)
+    read.align = 8
+    return read
+
+
+def _who(context: Any, builder: Any, kind: Any, order: Any, block: Any) -> list[Any]:
+    """The eight numbers in row `block` of an array (k, EIGHT) of them."""
+    data = context.make_array(kind)(context, builder, order).data
+    first = builder.mul(block, ir.Constant(block.type, EIGHT))
+    places = (builder.add(first, ir.Constant(block.type, k)) for k in range(EIGHT))
+    return [builder.zext(builder.load(builder.gep(data, [place])), block.type) for place in places]
+
+
+def _each(builder: Any, data: Any, at: Any) -> Any:
+    """The number at a place, four times."""
+    number = builder.insert_element(
+        ir.Constant(_ROW, ir.Undefined), builder.load(builder.gep(data, [at])), ir.Constant(_INDEX, 0)
+    )
+    return _mixed(builder, number, number, [0] * _WIDTH)
+
+
+@operation
+def gather(typingctx, x, members, share, order, block):
+    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact order[block], by their
+    `share` (m, 4)."""
+
+    def generate(context, builder, signature, arguments):
+        kinds = signature.args
+        places, shares = (
+            _data(context, builder, kinds[k], arguments[k], kind) for k, kind in ((0, _ROW), (2, _DOUBLE))
+        )
+        member, rows = context.make_array(kinds[1])(context, builder, arguments[1]).data, []
+        for c in _who(context, builder, kinds[3], *arguments[3:]):
+            first, total = builder.mul(c, ir.Constant(c.type, _WIDTH)), None
+            for k in range(_WIDTH):
+                at = builder.add(first, ir.Constant(c.type, k))
+                row = _row(builder, places, builder.zext(builder.load(builder.gep(member, [at])), c.type))
+                part = builder.fmul(_each(builder, shares, at), row, flags=_FLAGS)
+                total = part if total is None else builder.fadd(total, part, flags=_FLAGS)
+            # the fence: else pairs of rows are joined before they are summed up, by many more shuffles
+            rows.append(_called(builder, "arithmetic.fence", total))
+        return context.make_tuple(builder, signature.return_type, _columns(builder, rows))
+
+    return types.UniTuple(_eight, 3)(x, members, share, order, types.intp), generate
+
+
+@operation
+def turned(typingctx, a, order, block):
+    """Rows order[block] of a, as coordinates."""
+
+    def generate(context, builder, signature, arguments):
+        data = _data(context, builder, signature.args[0], arguments[0], _ROW)
+        rows = [_row(builder, data, c) for c in _who(context, builder, signature.args[1], *arguments[1:])]
+        return context.make_tuple(builder, signature.return_type, _columns(builder, rows))
+
+    return types.UniTuple(_eight, 3)(a, order, types.intp), generate
+
+
+@operation
+def scatter(typingctx, a, x, y, z):
+    """Coordinates as the first eight rows of a."""
+
+    def generate(context, builder, signature, arguments):
+        data = _data(context, builder, signature.args[0], arguments[0], _ROW)
+        for k, row in enumerate(_rows(builder, *arguments[1:])):
+            builder.store(row, builder.gep(data, [ir.Constant(ir.IntType(64), k)])).align = 8
+        return context.get_dummy_value()
+
+    return types.void(a, x, y, z), generate
+
+
+@operation
+def load_eight(typingctx, array, i, j):
+    """a[i, j] of an array (m, k, EIGHT)."""
+
+    def generate(context, builder, signature, arguments):
+        place = [*arguments[1:], context.get_constant(types.intp, 0)]
+        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
+        return builder.load(pointer, typ=_REGISTER, align=8)
+
+    return _eight(array, types.intp, types.intp), generate
+
+
+@operation
+def all_eight(typingctx, s):
+    """s in every place."""
+
+    def generate(context, builder, signature, arguments):
+        first = builder.insert_element(ir.Constant(_REGISTER, ir.Undefined), arguments[0], ir.Constant(_INDEX, 0))
+        return _mixed(builder, first, first, [0] * EIGHT)
+
+    return _eight(types.float64), generate
+
+
+_plus, _minus, _times = (elementwise(_eight, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
+over = elementwise(_eight, "fdiv", ())
+
+
+@operation
+def dots(typingctx, ax, ay, az, bx, by, bz):
+    """a . b, without contraction."""
+
+    def generate(context, builder, signature, arguments):
+        products = [builder.fmul(arguments[k], arguments[3 + k]) for k in range(3)]
+        x, y, z = (_called(builder, "arithmetic.fence", product) for product in products)
+        return builder.fadd(builder.fadd(x, y), z)
+
+    return _eight(ax, ay, az, bx, by, bz), generate
+
+
+@operation
+def root(typingctx, a):
+    """Square root."""
+
+    def generate(context, builder, signature, arguments):
+        return _called(builder, "sqrt", arguments[0])
+
+    return _eight(_eight), generate
+
+
+def _chosen(sign: str) -> Any:
+    @operation
+    def apply(typingctx, a, b):
+        def generate(context, builder, signature, arguments):
+            return builder.select(builder.fcmp_ordered(sign, *arguments), *arguments)
+
+        return _eight(_eight, _eight), generate
+
+    return apply
+
+
+least, most = _chosen("<"), _chosen(">")
+
+
+@operation
+def where_above(typingctx, a, b, yes, no):
+    """yes where a > b, else no."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.select(builder.fcmp_ordered(">", *arguments[:2]), *arguments[2:])
+
+    return _eight(a, b, yes, no), generate
+
+
+@operation
+def any_above(typingctx, a, b):
+    """Whether a > b anywhere."""
+
+    def generate(context, builder, signature, arguments):
+        met = builder.bitcast(builder.fcmp_ordered(">", *arguments), ir.IntType(EIGHT))
+        return builder.icmp_unsigned("!=", met, ir.Constant(ir.IntType(EIGHT), 0))
+
+    return types.boolean(a, b), generate
+
+
+def _give(sign: Any, function: Any) -> None:
+    @overload(sign)
+    def apply(a, b):
+        if a == _eight and b == _eight:
+            return lambda a, b: function(a, b)
+        return None
+
+
+for _sign, _function in ((operator.add, _plus), (operator.sub, _minus), (operator.mul, _times)):
+    _give(_sign, _function)
