@@ -1,10 +1,11 @@
 """How much longer or shorter than at rest edges are, away from pinches and creases.
 
 A crease is where cloth turns, over however many hinges: one that is round, or on a fine mesh, has no sharp hinge.
-An edge is beside a crease if within reach of it two triangles of one layer are turned against each other by more
-than TURN. Of a sharp crease that leaves out all within reach; of a round one the arc, and beside it what is
-within reach of as much of the arc as turns by TURN; of an arc with a radius of more than twice the reach over TURN
-nothing.
+An edge is beside a crease if within reach of one of its ends, at rest and in a straight line (also across a
+notch), there are the middles of two triangles of one layer that are turned against each other by more than TURN.
+Of a sharp crease that leaves out all within reach; of an arc with a radius of up to the reach over TURN the arc,
+and beside it what is within reach of as much of it as turns by TURN; with up to twice that radius only its middle;
+of a rounder one nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ TURN = np.deg2rad(45.0)
 """Cloth that turns by more within reach is beside a crease: it no longer lies, and does not stand yet."""
 BESIDE = 0.040
 """Cloth so near a pinch or a crease [m], or two edges, is left out of the strain."""
+NO_AREA = 1e-30
+"""[m2] instead of 0."""
 MOST_STRAIN = 0.05
 """Edges strained by more are counted."""
 
@@ -69,7 +72,7 @@ def turns(mesh: ClothMesh, x: Array) -> Array:
     each vertex; the layer need not be its own: layers are creased together."""
     p = x[mesh.triangles]
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), NO_AREA)  # what has none is turned
     middle = mesh.rest[mesh.triangles].mean(axis=1)
     places, place = np.unique(mesh.rest, axis=0, return_inverse=True)
     least = np.ones(len(places))  # cosine

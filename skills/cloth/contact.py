@@ -31,6 +31,7 @@ from skills.cloth.eights import (
     EIGHT,
     all_eight,
     any_above,
+    coordinates,
     dots,
     gather,
     least,
@@ -39,7 +40,6 @@ from skills.cloth.eights import (
     over,
     root,
     scatter,
-    turned,
     where_above,
 )  # fmt: skip
 from skills.cloth.vectors import dot, load, members, spread, store
@@ -62,8 +62,8 @@ STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretell
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # times as long as contacts serve a pair which is far apart is left out, at most
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
-# neighbours in the list often share vertices, and wait for each other then: a sweep takes one contact of each of
-# so many parts of the list in turn
+# neighbours in the list often share vertices, and can then not be of one group: one contact of each of so many
+# parts of the list comes in turn
 PARTS = 4
 LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
 TOLERANCE = 0.03  # x thickness: from LEAST_SWEEPS on, one that moved no contact by more is the last
@@ -199,8 +199,8 @@ def solve_contacts(
     for row in range(end):
         g = end - one - row if back else row
         rx, ry, rz = gather(x, act_i, act_b, order, g)
-        bx, by, bz = turned(act_j, order, g)
-        px, py, pz = turned(act_p, order, g)
+        bx, by, bz = coordinates(act_j, order, g)
+        px, py, pz = coordinates(act_p, order, g)
         nx, ny, nz = load_eight(block, g, 0), load_eight(block, g, 1), load_eight(block, g, 2)
         least_gap, inv = load_eight(block, g, 3), load_eight(block, g, 4)
         d, dp = dots(nx, ny, nz, rx, ry, rz), dots(nx, ny, nz, px, py, pz)

@@ -20,13 +20,15 @@ _ANY = ir.IntType(4)
 
 @operation
 def common_corner(typingctx, array, i, j):
-    """Whether rows i and j of an array (n, 4) of 32-bit integers have a number in common in the last three places.
+    """Whether rows i and j of an array (n, 4 or more) of 32-bit integers have a number in common in places 1 to 3.
 
     Nine comparisons one after the other are nine guesses about where to go on.
     """
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype in (types.int32, types.uint32)
     if not fits or array.layout != "C":
-        raise TypingError(f"corners are rows of a C-ordered array (n, 4) of 32-bit integers, not of {array}")
+        raise TypingError(
+            f"corners are rows of a C-ordered array (n, 4 or more) of 32-bit integers, not of {array}"
+        )
 
     def generate(context, builder, signature, arguments):
         def corners(i: Any) -> Any:

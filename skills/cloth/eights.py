@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """EIGHT double precision numbers as one register, a number of each of eight contacts, for compiled code.
 
-`gather` and `turned` bring vectors (vectors.py) of eight contacts into three such registers, one a coordinate, and
-`scatter` puts them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`, `where_above` compute contact by
-contact. Products and sums may be contracted, but for those of `dots`, which rounds as `dot` of vectors does.
-Places are not checked.
+`gather` and `coordinates` bring vectors (vectors.py) of eight contacts into three such registers, one for each
+coordinate, and `scatter` puts them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`, `where_above`
+compute contact by contact. Products and sums may be contracted, but for those of `dots`, which rounds as `dot` of
+vectors does. Arrays have four columns but where another shape is told; neither that nor places are checked.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from numba.extending import models, overload, register_model
 from skills.cloth.registers import elementwise, operation, place_of
 
 __all__ = [
-    "EIGHT", "all_eight", "any_above", "blocks", "dots", "gather", "least", "load_eight", "most", "over", "root",
-    "scatter", "turned", "where_above",
+    "EIGHT", "all_eight", "any_above", "blocks", "coordinates", "dots", "gather", "least", "load_eight", "most",
+    "over", "root", "scatter", "where_above",
 ]  # fmt: skip
 
 EIGHT, _WIDTH = 8, 4
@@ -138,7 +138,7 @@ def gather(typingctx, x, members, share, order, block):
 
 
 @operation
-def turned(typingctx, a, order, block):
+def coordinates(typingctx, a, order, block):
     """Rows order[block] of a, as coordinates."""
 
     def generate(context, builder, signature, arguments):

@@ -109,7 +109,8 @@ def _compile(sources: str) -> Callable[..., int]:
         act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
         act_d, act_w = pairs.act_d, pairs.act_w
         act_j, act_m, act_p = pairs.act_j, pairs.act_m, pairs.act_p
-        # of the present narrow phase, which each frame begins with
+        # of the present narrow phase. Not kept: the loop is entered at one only, as a frame begins or where a list
+        # had become too small
         groups, taken, work = 0, np.empty(len(x), np.int32), np.empty((EIGHT, 4))
         order, filled = np.empty((len(act_d), EIGHT), np.uint32), np.empty(len(act_d), np.uint8)
         block = blocks(len(act_d), 5)
@@ -144,7 +145,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         pace = count[PACE]
                         n, farthest = narrow_vertex_triangle(
                             count[VT], count[NOW], pace, h, thick, body.tri, x, v, wa, pairs,
-                            state.last_row
+                            state.top_row
                         )  # fmt: skip
                         count[ACTIVE_VT] = n
                         n, edges_farthest = narrow_edge_edge(

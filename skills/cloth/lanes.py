@@ -199,7 +199,7 @@ def places(typingctx, first):
 
 @operation
 def packed(typingctx, a, bits):
-    """Those of a with a bit, side by side from the first place on; whatever it be behind them."""
+    """Those of a with a bit, side by side from the first place on; what is behind them is not set."""
 
     def generate(context, builder, signature, arguments):
         flags = ir.VectorType(ir.IntType(1), LANES)

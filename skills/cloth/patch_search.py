@@ -184,7 +184,8 @@ def _edges_near(geo, r, c, other, near, horizon):
 def search_pairs(patches, thick, horizon, vt, ee):
     """All pairs with a stale patch that can come within release distance within +-horizon [s] of where the patches
     were fitted, when no corner strays from its course by more than its slack; -> counts, which exceed the lists'
-    lengths if these are too short."""
+    lengths if these are too short. vt, ee: (k, 2), k at least LANES: so many rows are written at once, and the
+    last ones stay empty."""
     near = RELEASE * thick
     n_vt = n_ee = NONE
     stale, box, hit, slab, group = patches.stale, patches.box, patches.hit, patches.slab, patches.group

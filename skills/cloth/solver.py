@@ -30,6 +30,7 @@ from skills.cloth.state import (
     AWAKE,
     FITTED,
     HANDS,
+    LINE,
     PACE,
     Body,
     Holds,
@@ -331,7 +332,10 @@ class ClothSimulation:
         self._pairs = new
 
 
-def _copied(saved: Array) -> Array:
+def _copied(saved: NDArray[Any]) -> NDArray[Any]:
+    """With rows within a line of the cache, where these are of one register or a whole line."""
+    if saved.dtype == np.float32 and saved.shape[1:] == (LINE,):
+        return rows_of(saved.view(float).reshape(-1, WIDTH)).view(np.float32).reshape(-1, LINE)
     return rows_of(saved) if saved.dtype == float and saved.shape[1:] == (WIDTH,) else saved.copy()
 
 

@@ -86,7 +86,7 @@ class State(NamedTuple):
     ref, last: (n, 3) where each was when it was last found to move, and a frame ago; quiet: (n,) frames since
     anything near it moved; kept: since it itself left its place.
     turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
-    with a corner that is awake or was foreseen to move; last_row: (n,) scratch, -1. Of hinges that rub, else of no
+    with a corner that is awake or was foreseen to move; top_row: (n,) scratch, -1. Of hinges that rub, else of no
     length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
     numbers of the packed hinges; axis, foot, turn, rub_inverse, moment: of these, as last measured."""
 
@@ -113,7 +113,7 @@ class State(NamedTuple):
     still: NDArray[np.bool_]
     awake: NDArray[np.bool_]
     stirred: NDArray[np.bool_]
-    last_row: NDArray[np.int32]
+    top_row: NDArray[np.int32]
     near: NDArray[np.bool_]
     awake_list: NDArray[np.int32]
     low: NDArray[np.int32]
@@ -237,7 +237,7 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         still=np.zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
         stirred=np.zeros(n, np.bool_),
-        last_row=np.full(n, -1, np.int32),
+        top_row=np.full(n, -1, np.int32),
         near=np.zeros(n, np.bool_),
         awake_list=np.zeros(n, np.int32),
         low=np.zeros(n, np.int32),

@@ -51,17 +51,17 @@ DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 
 
 @njit(nogil=True)
-def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last):
+def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
     """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
-    rows, and how far the fastest of them may go in this time [m]. last: (n,) scratch, -1."""
+    rows, and how far the fastest of them may go in this time [m]. top: (n,) scratch, -1."""
     near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
     n, bearing, farthest = _find_near(
         count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
         near, ids, pairs.near_c, pairs.bearing
     )  # fmt: skip
-    _join(n, near, ids, pairs.rank, pairs.ring, last)
+    _join(n, near, ids, pairs.rank, pairs.ring, top)
     _meet_once(
-        n, np.float32(NEARLY * thick), near, ids, pairs.rank, pairs.ring, pairs.better, pairs.some, last,
+        n, np.float32(NEARLY * thick), near, ids, pairs.rank, pairs.ring, pairs.better, pairs.some, top,
         pairs.second
     )  # fmt: skip
     _pass_on(bearing, pairs.bearing, pairs.better, pairs.near_c, pairs.vt_j)
@@ -76,8 +76,8 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, last
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Sides of all pairs, and the rows of those that can touch; -> rows, how many of them bore something, and how
-    far the fastest may go. asked: scratch, the pairs that are looked at now."""
+    """Sides of the pairs that are due, and the rows of those that can touch; -> rows, how many of them bore
+    something, and how far the fastest may go. asked: scratch, the pairs that are looked at now."""
     work, of, hit = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
     pair, tri, borne = pair.view(np.uint32), tri.view(np.uint32), memory.view(np.int64)
     farthest, n, bear, c = np.float32(0.0), np.uint64(0), np.uint64(0), np.uint64(0)

@@ -5,6 +5,7 @@ import pytest
 
 from skills.cloth.contact import PHASE, RELEASE, edge_distance
 from skills.cloth.elastic import turns
+from skills.cloth.lanes import LANES
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.pairs import HORIZON as PHASES_FORESEEN
 from skills.cloth.pairs import _expire
@@ -121,6 +122,14 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     assert near > 20 and not lost_vt
     assert all(ridge[e] and ridge[f] for e, f in found_ee) and len(found_ee) > 20 * ridge_share**2
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
+    for room in (LANES, 2 * LANES, 100):  # lists that are too short tell so, and nothing is written behind them
+        short = [np.full((room + 2 * LANES, 2), -7, np.int32) for _ in range(2)]
+        told = search_pairs(patches, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
+        for a, n, wanted, all_of_them in zip(short, told, (n_vt, n_ee), (vt, ee), strict=True):
+            assert (a[:LANES] == -7).all() and (a[LANES + room :] == -7).all()
+            assert n == wanted if wanted <= room - LANES else n > room - LANES
+            kept = min(n, room - LANES)
+            np.testing.assert_array_equal(a[LANES : LANES + kept], all_of_them[:kept])
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 1.0])

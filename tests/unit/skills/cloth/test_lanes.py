@@ -129,7 +129,11 @@ def test_triangles_have_a_corner_in_common_or_not(seed):
     """Their first number is no corner."""
     rng = np.random.default_rng(seed)
     given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
-    assert shared(given, 0, 1) == bool(set(given[0, 1:]) & set(given[1, 1:]))
+    common = bool(set(given[0, 1:]) & set(given[1, 1:]))
+    assert shared(given, 0, 1) == common
+    wide = np.zeros((2, 16), np.uint32)  # what stands behind them is none either
+    wide[:, :4] = given
+    assert shared(wide, 0, 1) == common
 
 
 @njit

@@ -89,6 +89,28 @@ def test_groups_keep_the_order_of_contacts_that_share_a_vertex(n, m):
     shared = (contacts.members[:, None, :, None] == contacts.members[None, :, None, :]).any(axis=(2, 3))
     later = shared & (turn[:, None] < turn[None, :])
     assert (group[:, None] < group[None, :])[later].all()
+    assert all((order[g, filled[g] :] == order[g, 0]).all() for g in range(count))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+@pytest.mark.parametrize("n, m", [(1, 4), (7, 60), (301, 200), (40, 9)])
+def test_eight_at_once_are_solved_as_one_by_one(n, m, friction):
+    """To the last bit, there and back."""
+    together, alone = Contacts(3, n, m), Contacts(3, n, m)
+    length = -(-n // PARTS)
+    turn = np.lexsort((np.arange(n) // length, np.arange(n) % length)).astype(np.uint32)
+    block = blocks(n, 5)
+    for k in range(3):
+        block[:, k] = alone.normal[turn, k, None]
+    block[:, 3], block[:, 4] = alone.aim[turn, None], alone.inverse[turn, None]
+    order, filled = np.repeat(turn[:, None], EIGHT, axis=1), np.ones(n, np.uint8)
+    for sweep in range(5):
+        moved = solve_contacts(
+            n, order, filled, block, alone.members, alone.weight, alone.share, alone.borne, alone.apart, alone.x,
+            friction, sweep % 2 == 1, 1e-3 * THICK, rows(EIGHT),
+        )  # fmt: skip
+        assert together.sweep(1e-3 * THICK, friction, sweep % 2 == 1) == moved
+        assert together.x.tobytes() == alone.x.tobytes() and together.borne.tobytes() == alone.borne.tobytes()
 
 
 @pytest.mark.parametrize("seed", range(6))
