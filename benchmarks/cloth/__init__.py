@@ -1,9 +1,10 @@
 """Figures of the cloth solver, in parts: foldcell bench cloth [--only PART,...] [--keep FILE].
 
-Speeds are simulated seconds over CPU seconds of the thread that computes (`time.thread_time`), so that what else
-runs on the machine matters little; two_threads_x_throughput is wall time and wants an idle machine. Errors are
-against closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and
-PyBullet's soft body. Everything is simulated.
+Speeds are simulated seconds over CPU seconds of the thread that computes (`time.thread_time`), the best of three
+(peers', which take minutes, are of one), so that what else runs on the machine matters little;
+two_threads_x_throughput is wall time and wants an idle machine. Errors are against closed forms (block on a slope,
+hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and PyBullet's soft body. Everything is
+simulated.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ __all__ = ["main", "page"]
 
 
 SECTIONS: Mapping[str, Sequence[Row]] = {
-    "Speed (simulated seconds over CPU seconds of one thread)": (
+    "Speed (simulated seconds over CPU seconds of one thread, the best of three)": (
         Row("towel, 425 vertices, in half", "towel_425_x_realtime", 50, True, "x"),
         Row("the same folded once more", "towel_425_second_fold_x_realtime", unit="x"),
         Row("towel, 5200 vertices", "towel_5200_x_realtime", 4, True, "x"),
