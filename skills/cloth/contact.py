@@ -29,6 +29,7 @@ from numba.extending import register_jitable
 
 from skills.cloth.eights import (
     EIGHT,
+    add_shares,
     all_eight,
     any_above,
     coordinates,
@@ -40,6 +41,7 @@ from skills.cloth.eights import (
     over,
     root,
     scatter,
+    store_eight,
     where_above,
 )  # fmt: skip
 from skills.cloth.vectors import dot, load, members, spread, store
@@ -69,6 +71,30 @@ LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
 TOLERANCE = 0.03  # x thickness: from LEAST_SWEEPS on, one that moved no contact by more is the last
 OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
 OVERLAP_SPEED = 0.4  # at most so fast [m/s]
+# where a group's block has the normals of its contacts (three registers), their contact distances, act_w; how far
+# apart the sides were when the substep began, what is borne in it, and of late (three each)
+NORMAL, GAP, INVERSE, APART, BORNE, OF_LATE, PLACES = 0, 3, 4, 5, 8, 11, 14
+
+
+@njit(nogil=True, forceinline=True)
+def expect_places(block):
+    """That a block has all places. The compiler knows it from here on: it finds them by constants then."""
+    if block.shape[1] != PLACES or block.shape[2] != EIGHT:
+        raise ValueError("not blocks of so many registers")
+
+
+@njit(nogil=True, forceinline=True)
+def load_three(block, g, place):
+    """Coordinates of a vector of each contact of a group."""
+    return load_eight(block, g, place), load_eight(block, g, place + 1), load_eight(block, g, place + 2)
+
+
+@njit(nogil=True, forceinline=True)
+def store_three(block, g, place, a):
+    """The reverse."""
+    store_eight(block, g, place, a[0])
+    store_eight(block, g, place + 1, a[1])
+    store_eight(block, g, place + 2, a[2])
 
 
 @register_jitable
@@ -105,19 +131,44 @@ def later(now, pace, free, reach):
     return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
+@njit(nogil=True)
+def take_turns(n, act_i, taken, turn, level, first):
+    """An order in which contacts that follow each other seldom have a common vertex, so that one need not wait for
+    what another one writes; those that have one keep theirs. turn: (n,) the contacts in it: first all that come
+    after no other, then all that come after one of these, and so on. taken: (vertices,), level: (n,) and first:
+    (n + 1,) scratch."""
+    one, count, levels = np.uint64(1), np.uint64(n), np.uint64(0)
+    taken[:] = 0  # the level after that of the last one of each vertex
+    first[: n + 1] = 0
+    for c in range(count):
+        i, j, k, m = members(act_i, c)
+        own = np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m])))
+        after = own + one
+        taken[i] = taken[j] = taken[k] = taken[m] = after
+        level[c] = own
+        first[after] += np.uint32(1)
+        levels = max(levels, after)
+    for before in range(levels):
+        first[before + one] += first[before]
+    for c in range(count):
+        own = np.uint64(level[c])
+        turn[np.uint64(first[own])] = c
+        first[own] += np.uint32(1)
+
+
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def release_overlaps(n, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
+def release_overlaps(n, turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
     """Shift apart what overlapped when the substep began, as it was then and as it is."""
-    most = OVERLAP_SPEED * h
-    for c in range(n):
+    most_way = OVERLAP_SPEED * h
+    for place in range(np.uint64(n)):
+        c = np.uint64(turn[place])
         i, j, k, m = members(act_i, c)
         bi, bj, bk, bm = spread(load(act_b, c))
         pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
         normal = load(act_n, c)
         overlap = act_d[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
-        if overlap <= 0.0:
-            continue
-        apart = (min(OVERLAP_SHARE * overlap, most) * act_w[c]) * normal
+        # shifted by nothing if it is apart: half of them are, and a branch would be guessed wrongly too often
+        apart = (max(min(OVERLAP_SHARE * overlap, most_way), 0.0) * act_w[c]) * normal
         si, sj, sk, sm = spread(load(act_s, c))
         si, sj, sk, sm = si * apart, sj * apart, sk * apart, sm * apart
         store(xp, i, pi + si)
@@ -131,32 +182,27 @@ def release_overlaps(n, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def apply_impulses(n, act_i, act_b, act_s, act_m, act_j, act_p, x, xp):
-    """What the contacts have borne of late, to begin a substep with. act_p: how far apart the two sides of each
-    contact were at its beginning."""
-    for c in range(n):
+def apply_impulses(n, turn, act_i, act_s, act_m, x):
+    """What the contacts have borne of late, to begin a substep with."""
+    for place in range(np.uint64(n)):
+        c = np.uint64(turn[place])
         i, j, k, m = members(act_i, c)
-        bi, bj, bk, bm = spread(load(act_b, c))
-        p = bi * load(xp, i) + bj * load(xp, j) + bk * load(xp, k) + bm * load(xp, m)
-        store(act_p, c, p)
         borne = load(act_m, c)
-        store(act_j, c, borne)
-        if dot(borne, borne) > 0.0:
-            si, sj, sk, sm = spread(load(act_s, c))
-            store(x, i, load(x, i) + si * borne)
-            store(x, j, load(x, j) + sj * borne)
-            store(x, k, load(x, k) + sk * borne)
-            store(x, m, load(x, m) + sm * borne)
+        si, sj, sk, sm = spread(load(act_s, c))
+        store(x, i, load(x, i) + si * borne)
+        store(x, j, load(x, j) + sj * borne)
+        store(x, k, load(x, k) + sk * borne)
+        store(x, m, load(x, m) + sm * borne)
 
 
 @njit(nogil=True)
-def group_contacts(n, act_i, act_n, act_d, act_w, taken, order, filled, block):
+def group_contacts(n, act_i, taken, order, filled):
     """Put the contacts into groups of up to EIGHT without a common vertex, which a sweep solves at once. Where two
     share a vertex, they are solved in the order in which one contact of each of PARTS of the list comes in turn,
     and so the sweep's result is that of solving them one by one. -> groups
 
-    order: (m, EIGHT) the contacts of each, filled: (m,) how many of these (the rest repeats the first), block:
-    (m, 5, EIGHT) their normals, contact distances and act_w. taken: (vertices,) scratch."""
+    order: (m, EIGHT) the contacts of each, filled: (m,) how many of these (the rest repeats the first). taken:
+    (vertices,) scratch."""
     one, parts, count, full = np.uint64(1), np.uint64(PARTS), np.uint64(n), np.uint64(EIGHT)
     taken[:] = 0  # the group after the last one of each vertex
     length, begin, end = (count + parts - one) // parts, np.uint64(0), np.uint64(0)
@@ -178,31 +224,56 @@ def group_contacts(n, act_i, act_n, act_d, act_w, taken, order, filled, block):
             while begin < end and filled[begin] == full:
                 begin += one
     for row in range(end):
-        for k in range(full):
-            c = np.uint64(order[row, k if k < filled[row] else np.uint64(0)])
-            order[row, k] = c
-            block[row, 0, k], block[row, 1, k], block[row, 2, k] = act_n[c, 0], act_n[c, 1], act_n[c, 2]
-            block[row, 3, k], block[row, 4, k] = act_d[c], act_w[c]
+        for k in range(np.uint64(filled[row]), full):
+            order[row, k] = order[row, np.uint64(0)]
     return np.int64(end)
 
 
+@njit(nogil=True)
+def lay_out(groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member, weight, share, block):
+    """What the sweeps read, in the order in which they do. member, weight, share: (m * EIGHT, 4) act_i, act_b,
+    act_s; block: (m, PLACES, EIGHT) registers of each group, of all that has a place there but APART."""
+    expect_places(block)
+    end, full = np.uint64(groups), np.uint64(EIGHT)
+    for row in range(end * full):
+        c = np.uint64(order[row // full, row % full])
+        member[row, 0], member[row, 1], member[row, 2], member[row, 3] = members(act_i, c)
+        store(weight, row, load(act_b, c))
+        store(share, row, load(act_s, c))
+    for g in range(end):
+        for k in range(full):
+            c = np.uint64(order[g, k])
+            block[g, GAP, k], block[g, INVERSE, k] = act_d[c], act_w[c]
+        store_three(block, g, NORMAL, coordinates(act_n, order, g))
+        of_late = coordinates(act_m, order, g)
+        store_three(block, g, BORNE, of_late)
+        store_three(block, g, OF_LATE, of_late)
+
+
+@njit(nogil=True)
+def measure_sides(groups, member, weight, block, xp):
+    """How far apart the two sides of each contact were when the substep began."""
+    expect_places(block)
+    for g in range(np.uint64(groups)):
+        store_three(block, g, APART, gather(xp, member, weight, g))
+
+
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_contacts(
-    groups, order, filled, block, act_i, act_b, act_s, act_j, act_p, x, friction, back, tolerance, work
-):  # fmt: skip
+def solve_contacts(groups, order, filled, member, weight, share, block, x, friction, back, tolerance, work):
     """One sweep through the groups of contacts, or `back` from their end: no approach below the contact distance,
-    nor nearer than when the substep began where that was less; Coulomb friction. act_j: what each contact has
+    nor nearer than when the substep began where that was less; Coulomb friction. BORNE: what each contact has
     borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
-    moved the sides of one by more than `tolerance` [m]. work: (EIGHT, 4) scratch"""
+    moved the sides of one by more than `tolerance` [m]. work: (m, 4) scratch, a row for each contact"""
     one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, all_eight(0.0), all_eight(1.0)
-    rub, most_way = all_eight(friction), all_eight(tolerance)
+    rub, most_way, full = all_eight(friction), all_eight(tolerance), np.uint8(EIGHT)
+    expect_places(block)
     for row in range(end):
         g = end - one - row if back else row
-        rx, ry, rz = gather(x, act_i, act_b, order, g)
-        bx, by, bz = coordinates(act_j, order, g)
-        px, py, pz = coordinates(act_p, order, g)
-        nx, ny, nz = load_eight(block, g, 0), load_eight(block, g, 1), load_eight(block, g, 2)
-        least_gap, inv = load_eight(block, g, 3), load_eight(block, g, 4)
+        rx, ry, rz = gather(x, member, weight, g)
+        bx, by, bz = load_three(block, g, BORNE)
+        px, py, pz = load_three(block, g, APART)
+        nx, ny, nz = load_three(block, g, NORMAL)
+        least_gap, inv = load_eight(block, g, GAP), load_eight(block, g, INVERSE)
         d, dp = dots(nx, ny, nz, rx, ry, rz), dots(nx, ny, nz, px, py, pz)
         borne = dots(bx, by, bz, nx, ny, nz)
         press = most(nothing, borne + (least(least_gap, dp) - d) * inv)
@@ -211,35 +282,43 @@ def solve_contacts(
         ay = by - borne * ny - inv * (ry - py - (d - dp) * ny)
         az = bz - borne * nz - inv * (rz - pz - (d - dp) * nz)
         hold = root(dots(ax, ay, az, ax, ay, az))
-        share = where_above(hold, nothing, least(unit, over(rub * press, hold)), nothing)
-        jx, jy, jz = press * nx + share * ax, press * ny + share * ay, press * nz + share * az
+        slide = where_above(hold, nothing, least(unit, over(rub * press, hold)), nothing)
+        jx, jy, jz = press * nx + slide * ax, press * ny + slide * ay, press * nz + slide * az
         # nothing changes for one that bears nothing and is apart
         jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))
         jy = where_above(borne, nothing, jy, where_above(least_gap, d, jy, by))
         jz = where_above(borne, nothing, jz, where_above(least_gap, d, jz, bz))
+        store_three(block, g, BORNE, (jx, jy, jz))
         mx, my, mz, way = jx - bx, jy - by, jz - bz, most_way * inv
         moved = moved | any_above(dots(mx, my, mz, mx, my, mz), way * way)
-        scatter(work, jx, jy, jz)
-        for k in range(np.uint64(filled[g])):
-            c = np.uint64(order[g, k])
-            i, j, a, m = members(act_i, c)
-            after = load(work, k)
-            more = after - load(act_j, c)
-            store(act_j, c, after)
-            si, sj, sk, sm = spread(load(act_s, c))
-            store(x, i, load(x, i) + si * more)
-            store(x, j, load(x, j) + sj * more)
-            store(x, a, load(x, a) + sk * more)
-            store(x, m, load(x, m) + sm * more)
+        if filled[g] == full:
+            add_shares(x, member, share, g, mx, my, mz)
+        else:
+            scatter(work, order, g, mx, my, mz)
+            for k in range(np.uint64(filled[g])):
+                at = np.uint64(EIGHT) * g + k
+                i, j, a, m = members(member, at)
+                more = load(work, np.uint64(order[g, k]))
+                si, sj, sk, sm = spread(load(share, at))
+                store(x, i, load(x, i) + si * more)
+                store(x, j, load(x, j) + sj * more)
+                store(x, a, load(x, a) + sk * more)
+                store(x, m, load(x, m) + sm * more)
     return moved
 
 
 @njit(nogil=True)
-def average_impulses(n, act_j, act_m):
-    """Let the memory of each contact follow what it bore in this substep."""
-    for c in range(n):
-        old = load(act_m, c)
-        store(act_m, c, old + MEMORY * (load(act_j, c) - old))
+def average_impulses(groups, order, block, act_m):
+    """Let the memory of each contact follow what it bore in this substep: the next one begins with it."""
+    expect_places(block)
+    little = all_eight(MEMORY)
+    for g in range(np.uint64(groups)):
+        bx, by, bz = load_three(block, g, BORNE)
+        x, y, z = load_three(block, g, OF_LATE)
+        x, y, z = x + little * (bx - x), y + little * (by - y), z + little * (bz - z)
+        store_three(block, g, BORNE, (x, y, z))
+        store_three(block, g, OF_LATE, (x, y, z))
+        scatter(act_m, order, g, x, y, z)
 
 
 @njit(nogil=True)

@@ -2,14 +2,16 @@
 """EIGHT double precision numbers as one register, a number of each of eight contacts, for compiled code.
 
 `gather` and `coordinates` bring vectors (vectors.py) of eight contacts into three such registers, one for each
-coordinate, and `scatter` puts them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`, `where_above`
-compute contact by contact. Products and sums may be contracted, but for those of `dots`, which rounds as `dot` of
-vectors does. Arrays have four columns but where another shape is told; neither that nor places are checked.
+coordinate, `add_shares` and `scatter` bring them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`,
+`where_above` compute contact by contact. Products and sums may be contracted, but for those of `dots`, which
+rounds as `dot` of vectors does. Arrays have four columns but where another shape is told; neither that nor places
+are checked.
 """
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,11 +20,11 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import models, overload, register_model
 
-from skills.cloth.registers import elementwise, operation, place_of
+from skills.cloth.registers import elementwise, everywhere, operation, place_of, where_above_of
 
 __all__ = [
-    "EIGHT", "all_eight", "any_above", "blocks", "coordinates", "dots", "gather", "least", "load_eight", "most",
-    "over", "root", "scatter", "where_above",
+    "EIGHT", "add_shares", "all_eight", "any_above", "blocks", "coordinates", "dots", "gather", "least",
+    "load_eight", "most", "over", "root", "scatter", "store_eight", "where_above",
 ]  # fmt: skip
 
 EIGHT, _WIDTH = 8, 4
@@ -90,8 +92,8 @@ def _data(context: Any, builder: Any, kind: Any, array: Any, register: Any) -> A
     return builder.bitcast(data, ir.PointerType(register))
 
 
-def _row(builder: Any, data: Any, i: Any) -> Any:
-    read = builder.load(builder.gep(data, [i]), typ=_ROW)
+def _read(builder: Any, row: Any) -> Any:
+    read = builder.load(row, typ=_ROW)
     read.align = 8
     return read
 
@@ -106,35 +108,62 @@ def _who(context: Any, builder: Any, kind: Any, order: Any, block: Any) -> list[
 
 def _each(builder: Any, data: Any, at: Any) -> Any:
     """The number at a place, four times."""
-    number = builder.insert_element(
-        ir.Constant(_ROW, ir.Undefined), builder.load(builder.gep(data, [at])), ir.Constant(_INDEX, 0)
-    )
-    return _mixed(builder, number, number, [0] * _WIDTH)
+    return everywhere(builder, _ROW, builder.load(builder.gep(data, [at])))
+
+
+def _four(
+    context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, block: Any
+) -> Callable[[int], list[Any]]:
+    """A function of a contact's number in a block: pointers to the rows of x of its four `members` and, as a
+    register each, its `share` of them."""
+    rows, shares = _data(context, builder, kinds[0], x, _ROW), _data(context, builder, kinds[2], share, _DOUBLE)
+    first = builder.mul(block, ir.Constant(block.type, EIGHT * _WIDTH))
+    member = builder.gep(context.make_array(kinds[1])(context, builder, members).data, [first])
+    shares = builder.gep(shares, [first])
+
+    def of(c: int) -> list[Any]:
+        found = []
+        for k in range(_WIDTH):
+            at = ir.Constant(block.type, _WIDTH * c + k)
+            row = builder.zext(builder.load(builder.gep(member, [at])), block.type)
+            found.append((builder.gep(rows, [row]), _each(builder, shares, at)))
+        return found
+
+    return of
 
 
 @operation
-def gather(typingctx, x, members, share, order, block):
-    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact order[block], by their
-    `share` (m, 4)."""
+def gather(typingctx, x, members, share, block):
+    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact of a block, by their `share`
+    (m, 4). Both have EIGHT rows a block."""
 
     def generate(context, builder, signature, arguments):
-        kinds = signature.args
-        places, shares = (
-            _data(context, builder, kinds[k], arguments[k], kind) for k, kind in ((0, _ROW), (2, _DOUBLE))
-        )
-        member, rows = context.make_array(kinds[1])(context, builder, arguments[1]).data, []
-        for c in _who(context, builder, kinds[3], *arguments[3:]):
-            first, total = builder.mul(c, ir.Constant(c.type, _WIDTH)), None
-            for k in range(_WIDTH):
-                at = builder.add(first, ir.Constant(c.type, k))
-                row = _row(builder, places, builder.zext(builder.load(builder.gep(member, [at])), c.type))
-                part = builder.fmul(_each(builder, shares, at), row, flags=_FLAGS)
+        of, rows = _four(context, builder, signature.args, *arguments), []
+        for c in range(EIGHT):
+            total = None
+            for place, weight in of(c):
+                part = builder.fmul(weight, _read(builder, place), flags=_FLAGS)
                 total = part if total is None else builder.fadd(total, part, flags=_FLAGS)
             # the fence: else pairs of rows are joined before they are summed up, by many more shuffles
             rows.append(_called(builder, "arithmetic.fence", total))
         return context.make_tuple(builder, signature.return_type, _columns(builder, rows))
 
-    return types.UniTuple(_eight, 3)(x, members, share, order, types.intp), generate
+    return types.UniTuple(_eight, 3)(x, members, share, types.intp), generate
+
+
+@operation
+def add_shares(typingctx, x, members, share, block, ax, ay, az):
+    """Add to the rows of x of all members, which differ, their share of the vector of their contact."""
+
+    def generate(context, builder, signature, arguments):
+        of = _four(context, builder, signature.args, *arguments[:4])
+        for c, vector in enumerate(_rows(builder, *arguments[4:])):
+            for place, weight in of(c):
+                more = builder.fmul(weight, vector, flags=_FLAGS)
+                builder.store(builder.fadd(_read(builder, place), more, flags=_FLAGS), place).align = 8
+        return context.get_dummy_value()
+
+    return types.void(x, members, share, types.intp, ax, ay, az), generate
 
 
 @operation
@@ -143,23 +172,38 @@ def coordinates(typingctx, a, order, block):
 
     def generate(context, builder, signature, arguments):
         data = _data(context, builder, signature.args[0], arguments[0], _ROW)
-        rows = [_row(builder, data, c) for c in _who(context, builder, signature.args[1], *arguments[1:])]
+        who = _who(context, builder, signature.args[1], *arguments[1:])
+        rows = [_read(builder, builder.gep(data, [c])) for c in who]
         return context.make_tuple(builder, signature.return_type, _columns(builder, rows))
 
     return types.UniTuple(_eight, 3)(a, order, types.intp), generate
 
 
 @operation
-def scatter(typingctx, a, x, y, z):
-    """Coordinates as the first eight rows of a."""
+def scatter(typingctx, a, order, block, x, y, z):
+    """Coordinates as rows order[block] of a."""
 
     def generate(context, builder, signature, arguments):
         data = _data(context, builder, signature.args[0], arguments[0], _ROW)
-        for k, row in enumerate(_rows(builder, *arguments[1:])):
-            builder.store(row, builder.gep(data, [ir.Constant(ir.IntType(64), k)])).align = 8
+        who = _who(context, builder, signature.args[1], *arguments[1:3])
+        for c, row in zip(who, _rows(builder, *arguments[3:]), strict=True):
+            builder.store(row, builder.gep(data, [c])).align = 8
         return context.get_dummy_value()
 
-    return types.void(a, x, y, z), generate
+    return types.void(a, order, types.intp, x, y, z), generate
+
+
+@operation
+def store_eight(typingctx, array, i, j, a):
+    """a to array[i, j] of an array (m, k, EIGHT)."""
+
+    def generate(context, builder, signature, arguments):
+        place = [*arguments[1:3], context.get_constant(types.intp, 0)]
+        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
+        builder.store(arguments[3], pointer, align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, _eight), generate
 
 
 @operation
@@ -179,8 +223,7 @@ def all_eight(typingctx, s):
     """s in every place."""
 
     def generate(context, builder, signature, arguments):
-        first = builder.insert_element(ir.Constant(_REGISTER, ir.Undefined), arguments[0], ir.Constant(_INDEX, 0))
-        return _mixed(builder, first, first, [0] * EIGHT)
+        return everywhere(builder, _REGISTER, arguments[0])
 
     return _eight(types.float64), generate
 
@@ -223,16 +266,7 @@ def _chosen(sign: str) -> Any:
 
 
 least, most = _chosen("<"), _chosen(">")
-
-
-@operation
-def where_above(typingctx, a, b, yes, no):
-    """yes where a > b, else no."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.select(builder.fcmp_ordered(">", *arguments[:2]), *arguments[2:])
-
-    return _eight(a, b, yes, no), generate
+where_above = where_above_of(_eight)
 
 
 @operation

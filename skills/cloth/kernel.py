@@ -24,15 +24,19 @@ from skills.cloth.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact import (
     LEAST_SWEEPS,
     MOST_SWEEPS,
+    PLACES,
     TOLERANCE,
     apply_impulses,
     average_impulses,
     edge_distance,
     group_contacts,
+    lay_out,
+    measure_sides,
     next_narrow_phase,
     release_overlaps,
     remember_impulses,
     solve_contacts,
+    take_turns,
 )
 from skills.cloth.edge_edge import narrow_edge_edge
 from skills.cloth.eights import EIGHT, blocks
@@ -53,7 +57,6 @@ from skills.cloth.state import (
     ACTIVE_VT,
     AWAKE,
     BEGUN,
-    EDGES,
     EE,
     FRAME,
     HINGES,
@@ -73,9 +76,9 @@ from skills.cloth.vertex_triangle import narrow_vertex_triangle
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (
     "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "eights.py", "elastic.py",
-    "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py", "patch_search.py",
-    "patches.py", "registers.py", "ridges.py", "sleep.py", "state.py", "table.py", "untangle.py", "vectors.py",
-    "vertex_sides.py", "vertex_triangle.py",
+    "fours.py", "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py",
+    "patch_search.py", "patches.py", "registers.py", "ridges.py", "sleep.py", "state.py", "table.py",
+    "untangle.py", "vectors.py", "vertex_sides.py", "vertex_triangle.py", "whole_numbers.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
 
@@ -101,19 +104,24 @@ def _compile(sources: str) -> Callable[..., int]:
         count = state.counts
         # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
-        edge, inverse_square, wi, wj, rate = state.edge, state.inverse_square, state.wi, state.wj, state.rate
+        edge, wave, inverse_square = state.edge, state.wave, state.inverse_square
+        wi, wj, rate = state.wi, state.wj, state.rate
         hinge, weight, part, free = state.hinge, state.weight, state.part, state.free
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
         rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
         low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
         act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
         act_d, act_w = pairs.act_d, pairs.act_w
-        act_j, act_m, act_p = pairs.act_j, pairs.act_m, pairs.act_p
+        act_m, room = pairs.act_m, len(pairs.act_d)
         # of the present narrow phase. Not kept: the loop is entered at one only, as a frame begins or where a list
         # had become too small
-        groups, taken, work = 0, np.empty(len(x), np.int32), np.empty((EIGHT, 4))
-        order, filled = np.empty((len(act_d), EIGHT), np.uint32), np.empty(len(act_d), np.uint8)
-        block = blocks(len(act_d), 5)
+        groups, taken, work = 0, np.empty(len(x), np.int32), blocks(room, 1).reshape((2 * room, 4))
+        order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
+        block, member = blocks(room, PLACES), np.empty((room * EIGHT, 4), np.uint32)
+        contact_weight = blocks(room, 4).reshape((room * EIGHT, 4))
+        contact_share = blocks(room, 4).reshape((room * EIGHT, 4))
+        contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
+        first = np.empty(room + 1, np.uint32)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
         soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
@@ -153,15 +161,20 @@ def _compile(sources: str) -> Callable[..., int]:
                             v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
-                        groups = group_contacts(n, act_i, act_n, act_d, act_w, taken, order, filled, block)
+                        take_turns(n, act_i, taken, contact_turn, level, first)
+                        groups = group_contacts(n, act_i, taken, order, filled)
+                        lay_out(
+                            groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member,
+                            contact_weight, contact_share, block
+                        )  # fmt: skip
                         way = max(farthest, edges_farthest) / (pace * thick)
                         count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
                     if s % rules.phase == 0:
-                        damp_edges(count[EDGES], edge, rate, wa, x, v)
+                        damp_edges(wave, edge, rate, wa, x, v)
                     integrate(
                         count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, x, xp, v
                     )  # fmt: skip
-                    solve_edges(count[EDGES], edge, inverse_square, wi, wj, x)
+                    solve_edges(wave, edge, inverse_square, wi, wj, x)
                     lead(count[MOVABLE], awake, rules.bend_gamma, x, xp, u)
                     if len(most):
                         if s % rules.phase == 0:
@@ -192,11 +205,10 @@ def _compile(sources: str) -> Callable[..., int]:
                             a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
-                        count[ACTIVE], act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
+                        count[ACTIVE], contact_turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
                     )  # fmt: skip
-                    apply_impulses(
-                        count[ACTIVE], act_i, act_b, act_s, act_m, act_j, act_p, x, xp
-                    )  # fmt: skip
+                    apply_impulses(count[ACTIVE], contact_turn, act_i, act_s, act_m, x)
+                    measure_sides(groups, member, contact_weight, block, xp)
                     sunk = 0
                     if rules.table:
                         sunk = find_low(
@@ -209,13 +221,13 @@ def _compile(sources: str) -> Callable[..., int]:
                             sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
                         moved = solve_contacts(
-                            groups, order, filled, block, act_i, act_b, act_s, act_j, act_p, x,
+                            groups, order, filled, member, contact_weight, contact_share, block, x,
                             rules.mu_layers,
                             (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
                             TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1
-                    average_impulses(count[ACTIVE], act_j, act_m)
+                    average_impulses(groups, order, block, act_m)
                     if len(busy):
                         push_by_capsules(
                             busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,

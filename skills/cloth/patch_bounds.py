@@ -4,15 +4,34 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int32, njit
 
-from skills.cloth.lanes import LANES, expect_columns, expect_rows, lowest
+from skills.cloth.lanes import (
+    LANES,
+    all_lanes,
+    expect_columns,
+    expect_rows,
+    least,
+    load_lanes,
+    lowest,
+    most,
+    picked,
+    root,
+    set_lanes,
+    where,
+)
 from skills.cloth.patches import FAR
 from skills.cloth.ridges import find_ridges
+from skills.cloth.whole_numbers import (
+    above,
+    all_whole,
+    load_whole,
+)
 
 __all__ = ["fit_patches", "fit_ridges"]
 
 WIDE = np.uint32(LANES)
+ONE_ROW = np.uint64(1)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
 
@@ -60,30 +79,61 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
     slab[k, 4] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _fit_triangles(k, tris, at, place, course, slack, geo):
-    for a in range(LANES):
-        if tris[k, a] < 0:
-            break
-        p, q, r = at[k, 0, a], at[k, 1, a], at[k, 2, a]
-        for d in range(3):
-            geo[k, d, a] = min(place[d, p], min(place[d, q], place[d, r]))
-            geo[k, d + 3, a] = max(place[d, p], max(place[d, q], place[d, r]))
-            geo[k, 10 + d, a] = (course[d, p] + course[d, q] + course[d, r]) * THIRD
-        ux, uy, uz = place[0, q] - place[0, p], place[1, q] - place[1, p], place[2, q] - place[2, p]
-        vx, vy, vz = place[0, r] - place[0, p], place[1, r] - place[1, p], place[2, r] - place[2, p]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        s = ONE / np.sqrt(nx * nx + ny * ny + nz * nz + TINY)
-        nx, ny, nz = nx * s, ny * s, nz * s
-        geo[k, 6, a], geo[k, 7, a], geo[k, 8, a] = nx, ny, nz
-        geo[k, 9, a] = nx * place[0, p] + ny * place[1, p] + nz * place[2, p]
-        most = ZERO
-        for m in range(3):
-            differs = ZERO
-            for d in range(3):
-                differs += (course[d, at[k, m, a]] - geo[k, 10 + d, a]) ** 2
-            most = max(most, differs)
-        geo[k, 13, a], geo[k, 14, a] = np.sqrt(most), slack
+@njit(nogil=True, forceinline=True)
+def _at(a, d, rows, at, later):
+    """a[d, at] of an array (3, rows, LANES): each place is in the first of the `rows` or, where there is a bit, in
+    the other one."""
+    return where(later, picked(load_lanes(a, d, rows[1]), at), picked(load_lanes(a, d, rows[0]), at))
+
+
+@njit(nogil=True, forceinline=True)
+def _three_at(a, rows, at, later):
+    """The same for three coordinates."""
+    return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _fit_speeds(k, d, p, q, r, geo):
+    """Velocity of the middle of triangles along axis d, of those of the corners; -> by how much they differ."""
+    mean = (p + q + r) * all_lanes(THIRD)
+    set_lanes(geo, k, 10 + d, mean)
+    p, q, r = p - mean, q - mean, r - mean
+    return p * p, q * q, r * r
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
+    """Of patch k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
+    p, q, r = load_whole(at, k, 0), load_whole(at, k, 1), load_whole(at, k, 2)
+    end = all_whole(int32((rows[0] + ONE_ROW) * LANES - 1))
+    in_p, in_q, in_r = above(p, end), above(q, end), above(r, end)
+    px, py, pz = _three_at(place, rows, p, in_p)
+    qx, qy, qz = _three_at(place, rows, q, in_q)
+    rx, ry, rz = _three_at(place, rows, r, in_r)
+    set_lanes(geo, k, 0, least(px, least(qx, rx)))
+    set_lanes(geo, k, 1, least(py, least(qy, ry)))
+    set_lanes(geo, k, 2, least(pz, least(qz, rz)))
+    set_lanes(geo, k, 3, most(px, most(qx, rx)))
+    set_lanes(geo, k, 4, most(py, most(qy, ry)))
+    set_lanes(geo, k, 5, most(pz, most(qz, rz)))
+    ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, rx - px, ry - py, rz - pz
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    s = all_lanes(ONE) / root(nx * nx + ny * ny + nz * nz + all_lanes(TINY))
+    there, zero = above(load_whole(tris, 0, k), all_whole(int32(-1))), all_lanes(ZERO)
+    nx, ny, nz = where(there, nx * s, zero), where(there, ny * s, zero), where(there, nz * s, zero)
+    set_lanes(geo, k, 6, nx)
+    set_lanes(geo, k, 7, ny)
+    set_lanes(geo, k, 8, nz)
+    set_lanes(geo, k, 9, nx * px + ny * py + nz * pz)
+    px, py, pz = _three_at(course, rows, p, in_p)
+    qx, qy, qz = _three_at(course, rows, q, in_q)
+    rx, ry, rz = _three_at(course, rows, r, in_r)
+    px, qx, rx = _fit_speeds(k, 0, px, qx, rx, geo)
+    py, qy, ry = _fit_speeds(k, 1, py, qy, ry, geo)
+    pz, qz, rz = _fit_speeds(k, 2, pz, qz, rz, geo)
+    differs = most(zero, most(px + py + pz, most(qx + qy + qz, rx + ry + rz)))
+    set_lanes(geo, k, 13, root(differs))
+    set_lanes(geo, k, 14, all_lanes(slack))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -126,6 +176,8 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
     ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
     rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
+    place_rows, course_rows = place.reshape((3, -1, LANES)), course.reshape((3, -1, LANES))
+    tris = tri.reshape((1, -1, LANES))
     expect_rows(box, 9)
     expect_rows(tri_geo, 15)
     expect_rows(vertex_geo, 7)
@@ -147,7 +199,8 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
             for i in range(first, last):
                 place[d, i] = base[d, i] + age * course[d, i]
         _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
-        _fit_triangles(k, tri, tri_at, place, course, slack[k], tri_geo)
+        rows = np.uint64(first // LANES), np.uint64(last // LANES) - ONE_ROW
+        _fit_triangles(k, tris, tri_at, rows, place_rows, course_rows, slack[k], tri_geo)
         _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
         for row in range(np.uint64(vertex_start[k]), np.uint64(vertex_start[k + 1])):
             _fit_vertices(row, vertex, vertex_at, place, course, slack[k], vertex_geo)

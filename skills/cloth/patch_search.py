@@ -19,27 +19,29 @@ from numba import int32, njit
 from skills.cloth.contact import RELEASE, edge_distance
 from skills.cloth.lanes import (
     LANES,
-    above,
     all_lanes,
-    all_whole,
-    differ,
     expect_columns,
     expect_rows,
-    greater,
-    how_many,
     least,
-    lesser,
     load_lanes,
-    load_whole,
     most,
     not_above,
+    size,
+)
+from skills.cloth.patches import FAR, LEAF
+from skills.cloth.whole_numbers import (
+    above,
+    all_whole,
+    differ,
+    greater,
+    how_many,
+    lesser,
+    load_whole,
     packed,
     places,
     put_pairs,
     put_whole,
-    size,
 )
-from skills.cloth.patches import FAR, LEAF
 
 __all__ = ["search_pairs"]
 

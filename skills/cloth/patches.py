@@ -32,7 +32,7 @@ FACING = 0.1  # sine of the angle by which the middles of two sides of a border 
 
 class Patches(NamedTuple):
     """corner: (corners,) vertices of the patches' triangles, of patch k from corner_start[k] to
-    corner_start[k + 1], a multiple of LANES (the last one is repeated): each patch has a course of its own for
+    corner_start[k + 1], one or two times LANES (the last one is repeated): each patch has a course of its own for
     them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
     in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
     edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners; face (m, 4, LANES): tri, and the vertices of
@@ -116,7 +116,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
 
     for k in np.unique(mesh.triangle_layer):
         split(np.flatnonzero(mesh.triangle_layer == k))
-    patches = _in_pieces(mesh, patches)
+    patches = _in_pieces(mesh, _of_few_corners(mesh, _in_pieces(mesh, patches)))
     m = len(patches)
     vertices, edges = _shares(mesh, edge, patches)
     tri, _, of_tri = _lanes(patches, len(mesh.triangles))
@@ -352,3 +352,14 @@ def _in_pieces(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray
     touches = (np.ones(3 * t), (np.repeat(np.arange(t), 3), t + corner.ravel()))
     _, part = connected_components(csr_array(touches, shape=(t + len(corners),) * 2), directed=False)
     return [tris[part[tris] == k] for tris in patches for k in dict.fromkeys(part[tris].tolist())]
+
+
+def _of_few_corners(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The patches, in halves where they have more corners than two rows of LANES hold: if most of their triangles
+    have but one corner in common with another."""
+    fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in patches]
+    halves = [
+        (tris,) if fits else (tris[: LEAF // 2], tris[LEAF // 2 :])
+        for tris, fits in zip(patches, fit, strict=True)
+    ]
+    return [tris for parts in halves for tris in parts]

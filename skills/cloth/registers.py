@@ -11,7 +11,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["elementwise", "operation", "place_of"]
+__all__ = ["elementwise", "everywhere", "operation", "place_of", "where_above_of"]
 
 
 def operation(definition: Callable[..., Any]) -> Any:
@@ -30,6 +30,25 @@ def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> A
         return kind(kind, kind), generate
 
     return operation(apply)
+
+
+def where_above_of(kind: types.Type) -> Any:
+    """An operation on four registers of a `kind`: of the last two the first one where a > b, else the other."""
+
+    def apply(typingctx: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.select(builder.fcmp_ordered(">", *arguments[:2]), *arguments[2:])
+
+        return kind(kind, kind, kind, kind), generate
+
+    return operation(apply)
+
+
+def everywhere(builder: Any, register: Any, s: Any) -> Any:
+    """A register with s in every place."""
+    first = builder.insert_element(ir.Constant(register, ir.Undefined), s, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), register.count), [0] * register.count)
+    return builder.shuffle_vector(first, ir.Constant(register, ir.Undefined), zeros)
 
 
 def place_of(

@@ -13,7 +13,9 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.capsules import squared_distance
+from skills.cloth.fours import pick_four
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
+from skills.cloth.vectors import load, members, store
 
 STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
 SWINGS = 3  # times the frames of rest: what has not left its place for so long does not topple, it swings
@@ -183,7 +185,7 @@ def pack(body, state):
             n += 1
     count[MOVABLE] = n
     count[EDGES] = _pack_edges(
-        body.edge.view(np.uint32), body.edge_inverse, body.inverse_square, body.damping, free, state.edge,
+        body.spring, body.wave, body.edge_inverse, body.inverse_square, body.damping, free, state.edge, state.wave,
         state.inverse_square, state.wi, state.wj, state.rate
     )  # fmt: skip
     count[HINGES] = _pack_hinges(
@@ -197,12 +199,16 @@ def pack(body, state):
 
 
 @njit(nogil=True)
-def _pack_edges(edge, inverse, inverse_square, damping, free, to_edge, to_inverse_square, to_wi, to_wj, to_rate):
-    """Edges with a free end; -> their number."""
-    n, which = np.uint64(0), np.empty(len(edge), np.uint32)
-    for e in range(np.uint64(len(edge))):  # without a guess about which they are
-        which[n] = e
-        n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
+def _pack_edges(
+    edge, wave, inverse, inverse_square, damping, free, to_edge, to_wave, to_inverse_square, to_wi, to_wj, to_rate
+):  # fmt: skip
+    """Edges with a free end, and the waves of these; -> their number."""
+    one, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
+    for row in range(one, np.uint64(len(wave))):
+        for e in range(np.uint64(wave[row - one]), np.uint64(wave[row])):  # without a guess about which they are
+            which[n] = e
+            n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
+        to_wave[row] = n
     for k in range(n):
         one = np.uint64(which[k])
         i, j = edge[one, 0], edge[one, 1]
@@ -222,10 +228,10 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
         n += np.uint64(some > 0.0)
     for k in range(n):
         one = np.uint64(which[k])
-        for m in range(4):
-            i = hinge[one, m]
-            to_hinge[k, m], to_weight[k, m] = i, weight[one, m]
-            to_part[k, m] = free[i] * weight[one, m] * inverse[one]
+        i, own = members(hinge, one), load(weight, one)
+        to_hinge[k, 0], to_hinge[k, 1], to_hinge[k, 2], to_hinge[k, 3] = i
+        store(to_weight, k, own)
+        store(to_part, k, inverse[one] * (pick_four(free, i) * own))
     return n
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
+from skills.cloth.cache_lines import aligned
 from skills.cloth.contact import phase_length
 from skills.cloth.elastic import (
     build_elastic,
@@ -30,7 +31,6 @@ from skills.cloth.state import (
     AWAKE,
     FITTED,
     HANDS,
-    LINE,
     PACE,
     Body,
     Holds,
@@ -43,7 +43,6 @@ from skills.cloth.state import (
 )
 from skills.cloth.topology import topology_of
 from skills.cloth.untangle import Tangles, no_tangles
-from skills.cloth.vectors import WIDTH, rows_of
 from skills.vocabulary import Material
 
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
@@ -122,7 +121,9 @@ class ClothSimulation:
         self._body = _body(mesh, material, self.settings, self._rules, fixed)
         n = len(mesh.rest)
         rubbing = len(self._body.rub.most)
-        self._state = new_state(n, len(mesh.edges), len(mesh.hinges), rubbing, self._body.patches)
+        self._state = new_state(
+            n, len(mesh.edges), len(self._body.wave), len(mesh.hinges), rubbing, self._body.patches
+        )
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
         self._tangles = no_tangles(n)
@@ -314,7 +315,7 @@ class ClothSimulation:
             raise InternalError("a checkpoint of cloth with other friction in bending")
 
         def part(name: str) -> dict[str, Any]:
-            return {k.split(".")[1]: _copied(v) for k, v in saved.items() if k.startswith(name + ".")}
+            return {k.split(".")[1]: aligned(v) for k, v in saved.items() if k.startswith(name + ".")}
 
         self._state = State(**part("state"))
         self._pairs = Pairs(**part("pairs"))
@@ -332,13 +333,6 @@ class ClothSimulation:
         self._pairs = new
 
 
-def _copied(saved: NDArray[Any]) -> NDArray[Any]:
-    """With rows within a line of the cache, where these are of one register or a whole line."""
-    if saved.dtype == np.float32 and saved.shape[1:] == (LINE,):
-        return rows_of(saved.view(float).reshape(-1, WIDTH)).view(np.float32).reshape(-1, LINE)
-    return rows_of(saved) if saved.dtype == float and saved.shape[1:] == (WIDTH,) else saved.copy()
-
-
 def _body(
     mesh: ClothMesh, material: Material, settings: SolverSettings, rules: Rules, fixed: NDArray[np.bool_] | None
 ) -> Body:
@@ -349,14 +343,17 @@ def _body(
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * rules.phase * h * w[e.edge].sum(axis=1))
     grow = 1.0 + rules.bend_gamma
     topology = topology_of(mesh)
+    order = topology.by_wave
     return Body(
         w,
         e.edge,
         topology.edge_tri,
         e.rim,
-        1.0 / e.length**2,
-        1.0 / (w[e.edge].sum(axis=1) + e.compliance / h**2),
-        rate,
+        e.edge[order].view(np.uint32),
+        topology.wave,
+        1.0 / e.length[order] ** 2,
+        1.0 / (w[e.edge].sum(axis=1) + e.compliance / h**2)[order],
+        rate[order],
         e.hinge,
         e.weight,
         grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),

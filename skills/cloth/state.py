@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.cloth.cache_lines import aligned_zeros
 from skills.cloth.elastic import Rub
 from skills.cloth.patches import Patches
 from skills.cloth.vectors import rows
@@ -27,13 +28,17 @@ PACE, BEGUN = 17, 18
 class Body(NamedTuple):
     """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
     the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
-    rim: (e,) edges of hems and seams. inverse_square: (e,) of the lengths at rest [1/m2]; edge_inverse: (e,)
-    1 / (w_i + w_j + compliance / h^2), hinge_inverse: (h,) the same with the squares of the weights K."""
+    rim: (e,) edges of hems and seams. spring: (e, 2) the edges in waves (elastic.py), wave: where each of these
+    begins, and the last one ends; and in the order of spring inverse_square: (e,) of the lengths at rest [1/m2],
+    edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) as edge_inverse, with
+    the squares of the weights K."""
 
     w: Array
     edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     rim: NDArray[np.bool_]
+    spring: NDArray[np.uint32]
+    wave: NDArray[np.int64]
     inverse_square: Array
     edge_inverse: Array
     damping: Array
@@ -120,7 +125,8 @@ class State(NamedTuple):
     floor: Array
     rub: Array
     counts: NDArray[np.int64]
-    edge: NDArray[np.int32]
+    edge: NDArray[np.uint32]
+    wave: NDArray[np.int64]
     inverse_square: Array
     wi: Array
     wj: Array
@@ -142,13 +148,12 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
-    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_j, act_m: (m, 4)
-    what it bears in this substep, and of late; act_n: (m, 4) its normal; act_c: its pair; act_p: (m, 4) how far
-    apart its sides were when the substep began. Scratch: near_c, pairs of a vertex and a triangle that can touch,
-    and places in the lists of pairs that became free; near_row: (m, LINE) what is known of them
-    (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same vertex;
-    second, where the one of the highest rank is, the one that comes after it; better; bearing, those that bore
-    something; some, those of these or of the pairs that are to be looked at; new_vt, new_ee, key, row, kept,
+    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
+    what it bears of late; act_n: (m, 4) its normal; act_c: its pair. Scratch: near_c, pairs of a vertex and a
+    triangle that can touch, and places in the lists of pairs that became free; near_row: (m, LINE) what is known
+    of them (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same
+    vertex; second, where the one of the highest rank is, the one that comes after it; better; bearing, those that
+    bore something; some, those of these or of the pairs that are to be looked at; new_vt, new_ee, key, row, kept,
     kept_normal."""
 
     vt: NDArray[np.int32]
@@ -172,10 +177,8 @@ class Pairs(NamedTuple):
     act_n: Array
     act_d: Array
     act_w: Array
-    act_j: Array
     act_m: Array
     act_c: NDArray[np.int32]
-    act_p: Array
     rank: NDArray[np.uint64]
     ring: NDArray[np.uint32]
     second: NDArray[np.uint32]
@@ -206,12 +209,12 @@ class Holds(NamedTuple):
     points: NDArray[np.int64]
 
 
-def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -> State:
-    """Of n vertices, all awake: nothing is known yet of where they are."""
+def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patches: Patches) -> State:
+    """Of n vertices, all awake: nothing is known yet of where they are. bounds: of the waves of edges."""
     m, corners = len(patches.tri), len(patches.corner)
 
     def f(*shape: int) -> Array:
-        return np.zeros(shape)
+        return aligned_zeros(shape)
 
     return State(
         x=rows(n),
@@ -220,39 +223,40 @@ def new_state(n: int, edges: int, hinges: int, rubbing: int, patches: Patches) -
         u=rows(n),
         ref=f(n, 3),
         last=f(n, 3),
-        base=np.zeros((3, corners), np.float32),
-        course=np.zeros((3, corners), np.float32),
-        slack=np.zeros(m, np.float32),
-        born=np.zeros(m, np.int32),
-        moving=np.zeros(m, np.bool_),
+        base=aligned_zeros((3, corners), np.float32),
+        course=aligned_zeros((3, corners), np.float32),
+        slack=aligned_zeros(m, np.float32),
+        born=aligned_zeros(m, np.int32),
+        moving=aligned_zeros(m, np.bool_),
         expired=np.ones(m, np.bool_),
         ridge_searched=np.zeros_like(patches.rim),
-        watched=np.zeros(m, np.int32),
-        turned=np.zeros(n, np.bool_),
+        watched=aligned_zeros(m, np.int32),
+        turned=aligned_zeros(n, np.bool_),
         wa=f(n),
         free=f(n),
         press=rows(n),
-        quiet=np.zeros(n, np.int32),
-        kept=np.zeros(n, np.int32),
-        still=np.zeros(n, np.bool_),
+        quiet=aligned_zeros(n, np.int32),
+        kept=aligned_zeros(n, np.int32),
+        still=aligned_zeros(n, np.bool_),
         awake=np.ones(n, np.bool_),
-        stirred=np.zeros(n, np.bool_),
+        stirred=aligned_zeros(n, np.bool_),
         top_row=np.full(n, -1, np.int32),
-        near=np.zeros(n, np.bool_),
-        awake_list=np.zeros(n, np.int32),
-        low=np.zeros(n, np.int32),
+        near=aligned_zeros(n, np.bool_),
+        awake_list=aligned_zeros(n, np.int32),
+        low=aligned_zeros(n, np.int32),
         floor=f(n),
         rub=f(n),
-        counts=np.zeros(19, np.int64),
-        edge=np.zeros((edges, 2), np.int32),
+        counts=aligned_zeros(19, np.int64),
+        edge=aligned_zeros((edges, 2), np.uint32),
+        wave=aligned_zeros(bounds, np.int64),
         inverse_square=f(edges),
         wi=f(edges),
         wj=f(edges),
         rate=f(edges),
-        hinge=np.zeros((hinges, 4), np.uint32),
+        hinge=aligned_zeros((hinges, 4), np.uint32),
         weight=f(hinges, 4),
         part=f(hinges, 4),
-        which=np.zeros(hinges, np.int32),
+        which=aligned_zeros(hinges, np.int32),
         slip=f(rubbing),
         held=f(rubbing + 1),
         axis=f(rubbing, 6),
@@ -267,39 +271,37 @@ def new_pairs(vt: int, ee: int) -> Pairs:
     """Lists with room for so many pairs of a vertex and a triangle, and of edges."""
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return Pairs(
-        vt=np.zeros((vt, 2), np.int32),
-        side=np.zeros(vt, np.int8),
-        vt_due=np.zeros(vt, np.int32),
+        vt=aligned_zeros((vt, 2), np.int32),
+        side=aligned_zeros(vt, np.int8),
+        vt_due=aligned_zeros(vt, np.int32),
         vt_j=rows(vt),
-        ee=np.zeros((ee, 2), np.int32),
-        near=np.zeros(ee, np.bool_),
+        ee=aligned_zeros((ee, 2), np.int32),
+        near=aligned_zeros(ee, np.bool_),
         normal=rows(ee),
-        ee_due=np.zeros(ee, np.int32),
+        ee_due=aligned_zeros(ee, np.int32),
         ee_j=rows(ee),
-        new_vt=np.zeros((vt, 2), np.int32),
-        new_ee=np.zeros((ee, 2), np.int32),
-        key=np.zeros(table, np.int64),
-        row=np.zeros(table, np.int32),
+        new_vt=aligned_zeros((vt, 2), np.int32),
+        new_ee=aligned_zeros((ee, 2), np.int32),
+        key=aligned_zeros(table, np.int64),
+        row=aligned_zeros(table, np.int32),
         kept=rows(m),
         kept_normal=rows(m),
-        act_i=np.zeros((m, 4), np.uint32),
-        act_b=np.zeros((m, 4)),
-        act_s=np.zeros((m, 4)),
+        act_i=aligned_zeros((m, 4), np.uint32),
+        act_b=aligned_zeros((m, 4)),
+        act_s=aligned_zeros((m, 4)),
         act_n=rows(m),
-        act_d=np.zeros(m),
-        act_w=np.zeros(m),
-        act_j=rows(m),
+        act_d=aligned_zeros(m),
+        act_w=aligned_zeros(m),
         act_m=rows(m),
-        act_c=np.zeros(m, np.int32),
-        act_p=rows(m),
-        rank=np.zeros(m, np.uint64),
-        ring=np.zeros(m, np.uint32),
-        second=np.zeros(m, np.uint32),
-        better=np.zeros(m, np.int32),
-        bearing=np.zeros(m, np.uint32),
-        some=np.zeros(m, np.uint32),
-        near_c=np.zeros(m, np.int32),
-        near_row=rows(2 * m).view(np.float32).reshape(m, LINE),
+        act_c=aligned_zeros(m, np.int32),
+        rank=aligned_zeros(m, np.uint64),
+        ring=aligned_zeros(m, np.uint32),
+        second=aligned_zeros(m, np.uint32),
+        better=aligned_zeros(m, np.int32),
+        bearing=aligned_zeros(m, np.uint32),
+        some=aligned_zeros(m, np.uint32),
+        near_c=aligned_zeros(m, np.int32),
+        near_row=aligned_zeros((m, LINE), np.float32),
     )
 
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.cloth.elastic import shuffled
+from skills.cloth.cache_lines import aligned
+from skills.cloth.elastic import in_waves, shuffled
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.patches import Patches, build_patches
 
@@ -23,20 +24,23 @@ MESHES = 16  # of which it is kept
 class Topology(NamedTuple):
     """Edges count in the order in which they are solved. tri_edge: (t, 3) edges of the triangles; edge_tri:
     (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and the edges
-    to them, from ring_start[i] to ring_start[i + 1]."""
+    to them, from ring_start[i] to ring_start[i + 1]. by_wave, wave: the edges in waves, and where these begin
+    (`in_waves`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
+    by_wave: NDArray[np.int64]
+    wave: NDArray[np.int64]
     patches: Patches
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
     """The mesh's own, with patches that nobody else has: a simulation writes into them."""
     known = _build(mesh)
-    return known._replace(patches=Patches._make(a.copy() for a in known.patches))
+    return known._replace(patches=Patches._make(map(aligned, known.patches)))
 
 
 @lru_cache(maxsize=MESHES)
@@ -64,4 +68,5 @@ def _build(mesh: ClothMesh) -> Topology:
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
-    return Topology(tri_edge, edge_tri, start, ring, between(both[:, 0], both[:, 1]), build_patches(mesh, edge))
+    ring_edge = between(both[:, 0], both[:, 1])
+    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *in_waves(edge), build_patches(mesh, edge))

@@ -14,17 +14,18 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core.errors import TypingError
 from numba.extending import models, overload, register_model
 
 from robots.ports import Array
-from skills.cloth.registers import elementwise, operation, place_of
+from skills.cloth.cache_lines import aligned_zeros
+from skills.cloth.registers import elementwise, everywhere, operation, place_of
 
 __all__ = [
-    "WIDTH", "cross", "dot", "load", "members", "rows", "rows_of", "spread", "store", "store_singles", "vector",
+    "WIDTH", "cross", "dot", "load", "members", "rows", "spread", "store", "store_singles", "vector",
+    "vector_type",
 ]  # fmt: skip
 
 WIDTH = 4
@@ -37,7 +38,7 @@ class _Vector(types.Type):
     pass
 
 
-_vector = _Vector(name="Vector")
+vector_type = _vector = _Vector(name="Vector")
 
 
 def _check(array: Any) -> None:
@@ -55,17 +56,7 @@ class _VectorModel(models.PrimitiveModel):
 
 def rows(n: int) -> Array:
     """(n, WIDTH) zeros, each row within one line of the cache."""
-    line = 64 // 8
-    flat = np.zeros(n * WIDTH + line)
-    first = -(flat.ctypes.data // 8) % line
-    return flat[first : first + n * WIDTH].reshape(n, WIDTH)
-
-
-def rows_of(a: Array) -> Array:
-    """A copy of (n, WIDTH) as `rows` lie."""
-    made = rows(len(a))
-    made[:] = a
-    return made
+    return aligned_zeros((n, WIDTH))
 
 
 def _row(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
@@ -158,9 +149,7 @@ def _all(typingctx, s):
     """s in every place."""
 
     def generate(context, builder, signature, arguments):
-        empty = ir.Constant(_REGISTER, ir.Undefined)
-        first = builder.insert_element(empty, arguments[0], ir.Constant(_INDEX, 0))
-        return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH))
+        return everywhere(builder, _REGISTER, arguments[0])
 
     return _vector(types.float64), generate
 
@@ -170,11 +159,11 @@ def spread(typingctx, v):
     """Four registers: each place of v in all places of one."""
 
     def generate(context, builder, signature, arguments):
-        def everywhere(k: int) -> Any:
+        def repeated(k: int) -> Any:
             order = ir.Constant(ir.VectorType(_INDEX, WIDTH), [k] * WIDTH)
             return builder.shuffle_vector(arguments[0], ir.Constant(_REGISTER, ir.Undefined), order)
 
-        return context.make_tuple(builder, signature.return_type, [everywhere(k) for k in range(WIDTH)])
+        return context.make_tuple(builder, signature.return_type, [repeated(k) for k in range(WIDTH)])
 
     return types.UniTuple(_vector, WIDTH)(_vector), generate
 

@@ -14,6 +14,7 @@ from numba import njit
 
 from skills.cloth.contact import LEAST_SHARE, PARKED, is_due
 from skills.cloth.corners import common_corner
+from skills.cloth.eights import blocks
 from skills.cloth.lanes import LANES
 from skills.cloth.vectors import load, store, store_singles, vector
 from skills.cloth.vertex_sides import (
@@ -78,7 +79,12 @@ def _find_near(
 ):  # fmt: skip
     """Sides of the pairs that are due, and the rows of those that can touch; -> rows, how many of them bore
     something, and how far the fastest may go. asked: scratch, the pairs that are looked at now."""
-    work, of, hit = np.zeros(ROWS * LANES, np.float32), np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
+    work, of, hit = (
+        blocks(ROWS, 1).view(np.float32).reshape(ROWS * LANES),
+        np.zeros(LANES, np.uint64),
+        np.zeros(LANES, np.uint64),
+    )
+    work[:] = ZERO
     pair, tri, borne = pair.view(np.uint32), tri.view(np.uint32), memory.view(np.int64)
     farthest, n, bear, c = np.float32(0.0), np.uint64(0), np.uint64(0), np.uint64(0)
     end = find_due(count, now, pace, due, asked)

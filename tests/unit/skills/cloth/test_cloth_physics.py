@@ -2,12 +2,14 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from robots.errors import ConfigurationError
-from skills.cloth.elastic import GRAVITY, solve_edges
+from skills.cloth.cache_lines import aligned
+from skills.cloth.elastic import GRAVITY, damp_edges, in_waves, shuffled, solve_edges
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import CapsuleMotion, ClothSimulation
@@ -56,7 +58,7 @@ def test_a_sweep_puts_an_edge_to_its_length(strain, error):
     x[1, :3] = x[0, :3] + (1.0 + strain) * length * along
     middle = x[0] / w[0] + x[1] / w[1]
     one, share = np.array([[0, 1]], np.uint32), w / w.sum()
-    solve_edges(1, one, np.array([length**-2]), share[:1], share[1:], x)
+    solve_edges(np.array([0, 1]), one, np.array([length**-2]), share[:1], share[1:], x)
     assert abs(np.linalg.norm(x[1] - x[0]) / length - 1.0) < error * abs(strain)
     assert x[0] / w[0] + x[1] / w[1] == pytest.approx(middle)
 
@@ -64,8 +66,49 @@ def test_a_sweep_puts_an_edge_to_its_length(strain, error):
 def test_an_edge_without_length_pushes_nowhere():
     x = rows(2)
     x[:, :3] = 1.0
-    solve_edges(1, np.array([[0, 1]], np.uint32), np.array([2500.0]), np.full(1, 0.5), np.full(1, 0.5), x)
+    one, half = np.array([[0, 1]], np.uint32), np.full(1, 0.5)
+    solve_edges(np.array([0, 1]), one, np.array([2500.0]), half, half, x)
     assert (x[:, :3] == 1.0).all()
+
+
+def shuffled_edges(outline, edge):
+    mesh = mesh_from_contour(outline, edge)
+    return mesh.edges[shuffled(len(mesh.edges))], len(mesh.rest)
+
+
+@pytest.mark.parametrize("size", [0.03, 0.1, 0.3])
+def test_edges_of_a_wave_have_no_common_vertex_and_those_that_have_one_keep_their_order(size):
+    edge, n = shuffled_edges(size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
+    order, bounds = in_waves(edge)
+    assert sorted(order.tolist()) == list(range(len(edge)))
+    assert bounds[0] == 0 and bounds[-1] == len(edge)
+    for first, end in pairwise(bounds):
+        assert len(np.unique(edge[order[first:end]])) == 2 * (end - first) > 0
+    for i in range(n):
+        assert (np.diff(order[(edge[order] == i).any(axis=1)]) > 0).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_four_edges_at_once_are_solved_and_damped_as_one_by_one(seed):
+    """To the last bit; some vertices sleep, and some edges have lost their length."""
+    edge, n = shuffled_edges(0.2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
+    rng, m = np.random.default_rng(seed), len(edge)
+    w = np.where(rng.random(n) < 0.4, 0.0, rng.uniform(500.0, 2000.0, n))
+    square, wi, wj, rate = rng.uniform(1e3, 3e3, m), *rng.uniform(0.1, 0.5, (2, m)), rng.uniform(0.0, 0.4, m)
+    place, speed = rows(n), rows(n)
+    place[:, :3], speed[:, :3] = 0.03 * rng.standard_normal((n, 3)), rng.standard_normal((n, 3))
+    for i, j in edge[: m // 10]:
+        place[j] = place[i]
+
+    def swept(order, bounds):
+        x, v, own = aligned(place), aligned(speed), edge[order].astype(np.uint32)
+        damp_edges(bounds, own, rate[order], w, x, v)
+        solve_edges(bounds, own, square[order], wi[order], wj[order], x)
+        return x, v
+
+    single, fours = swept(np.arange(m), np.arange(m + 1)), swept(*in_waves(edge))
+    np.testing.assert_array_equal(fours, single)
+    assert (single[0] != place).any() and (single[1] != speed).any() and np.isfinite(single).all()
 
 
 def slide(mu, angle, frames=60):

@@ -95,7 +95,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     patches.stale[:] = rng.random(m) < stale_share
     patches.stale[0] = True
     speed = np.where(mesh.layer[:, None] == 0, 0.1, 0.0) * np.array([1.0, 0.0, 1.0])
-    base, course = x[corner].T.astype(np.float32), speed[corner].T.astype(np.float32)
+    base, course = (np.ascontiguousarray(a[corner].T, np.float32) for a in (x, speed))
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
     moving, slack = (speed[:, 0] > 0)[corner[patches.corner_start[:-1]]], np.full(m, SLACK, np.float32)
     fit_patches(
@@ -152,7 +152,7 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
     patches = build_patches(mesh, edges)
     m, corner = len(patches.tri), patches.corner
     patches.stale[:] = True
-    base, still = x[corner].T.astype(np.float32), np.zeros((3, len(corner)), np.float32)
+    base, still = np.ascontiguousarray(x[corner].T, np.float32), np.zeros((3, len(corner)), np.float32)
     born, moving, slack = np.zeros(m, np.int32), np.zeros(m, bool), np.full(m, SLACK, np.float32)
     fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
     fit_ridges(patches, still, slack)
@@ -188,7 +188,7 @@ def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
 
     def normals(x, stale, everything):
         patches.stale[:] = stale
-        base = x[corner].T.astype(np.float32)
+        base = np.ascontiguousarray(x[corner].T, np.float32)
         born, moving = np.zeros(m, np.int32), np.ones(m, bool)
         fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
         return patches.normal.copy()

@@ -8,27 +8,33 @@ from numba.core.errors import TypingError
 from skills.cloth.corners import common_corner
 from skills.cloth.lanes import (
     LANES,
-    above,
     all_lanes,
-    all_whole,
-    differ,
     expect_columns,
     expect_rows,
-    greater,
-    how_many,
     least,
-    lesser,
     load_lanes,
-    load_whole,
     most,
     not_above,
+    picked,
+    root,
+    set_lanes,
+    size,
+    where,
+)
+from skills.cloth.vectors import load, rows, store_singles
+from skills.cloth.whole_numbers import (
+    above,
+    all_whole,
+    differ,
+    greater,
+    how_many,
+    lesser,
+    load_whole,
     packed,
     places,
     put_pairs,
     put_whole,
-    size,
 )
-from skills.cloth.vectors import load, rows, store_singles
 
 
 @njit
@@ -48,6 +54,8 @@ def bits_of(given, k):
         made = least(a, b)
     elif k == 6:
         made = most(a, b)
+    elif k == 7:
+        made = root(size(a))
     else:
         made = all_lanes(given[0, 0, 3])
     return not_above(made, limit)
@@ -55,7 +63,7 @@ def bits_of(given, k):
 
 OPERATIONS = [
     lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: a / b, lambda a, b: np.abs(a),
-    np.minimum, np.maximum, lambda a, b: np.full(LANES, a[3]),
+    np.minimum, np.maximum, lambda a, b: np.sqrt(np.abs(a)), lambda a, b: np.full(LANES, a[3]),
 ]  # fmt: skip
 
 
@@ -79,6 +87,24 @@ def test_equal_is_not_above():
 def test_other_arrays_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         njit(lambda a: not_above(load_lanes(a, 0, 0), load_lanes(a, 0, 0)))(wrong)
+
+
+@njit
+def choose(given, which, bits, out):
+    a, b = load_lanes(given, 0, 0), load_lanes(given, 0, 1)
+    set_lanes(out, 1, 0, picked(a, load_whole(which, 0, 0)))
+    set_lanes(out, 1, 2, where(bits, a, b))
+
+
+@pytest.mark.parametrize("bits", [0, 1, 0b1010011100101, 2**LANES - 1])
+def test_numbers_are_picked_and_chosen_as_numpy_does(bits):
+    rng = np.random.default_rng(bits)
+    given, out = rng.normal(size=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
+    which = rng.integers(0, 3 * LANES, (1, 1, LANES)).astype(np.int32)
+    choose(given, which, np.int32(bits), out)
+    np.testing.assert_array_equal(out[1, 0], given[0, 0, which[0, 0] % LANES])
+    np.testing.assert_array_equal(out[1, 2], np.where(bits >> np.arange(LANES) & 1, *given[0]))
+    assert not out[0].any() and not out[1, 1].any()
 
 
 @njit

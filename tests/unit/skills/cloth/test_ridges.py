@@ -20,7 +20,7 @@ def ridges_of(mesh, x, flat):
     """Which edges are bent or at a rim, and which are at a rim."""
     edges = mesh.edges.astype(np.int32)
     patches = build_patches(mesh, edges)
-    base = x[patches.corner].T.astype(np.float32)
+    base = np.ascontiguousarray(x[patches.corner].T, np.float32)
     m = len(patches.tri)
     fit_patches(
         patches, base, 0.0 * base, np.zeros(m, np.float32), np.zeros(m, np.int32), np.ones(m, bool), 0, 0.001, 0.0,

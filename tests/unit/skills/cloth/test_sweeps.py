@@ -6,7 +6,22 @@ from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.spatial.transform import Rotation
 
-from skills.cloth.contact import PARTS, edge_distance, group_contacts, solve_contacts
+from skills.cloth.contact import (
+    APART,
+    BORNE,
+    MEMORY,
+    OVERLAP_SHARE,
+    PARTS,
+    PLACES,
+    apply_impulses,
+    average_impulses,
+    edge_distance,
+    group_contacts,
+    lay_out,
+    release_overlaps,
+    solve_contacts,
+    take_turns,
+)
 from skills.cloth.eights import EIGHT, blocks
 from skills.cloth.vectors import rows
 
@@ -42,18 +57,30 @@ class Contacts:
         return np.einsum("nd,nd->n", self.normal, between)
 
     def groups(self):
-        order, filled, block = np.zeros((self.n, EIGHT), np.uint32), np.zeros(self.n, np.uint8), blocks(self.n, 5)
-        count = group_contacts(
-            self.n, self.members, self.normal, self.aim, self.inverse, np.zeros(len(self.w), np.int32), order,
-            filled, block,
-        )  # fmt: skip
-        return count, order, filled, block
+        order, filled = np.zeros((self.n, EIGHT), np.uint32), np.zeros(self.n, np.uint8)
+        count = group_contacts(self.n, self.members, np.zeros(len(self.w), np.int32), order, filled)
+        return count, order, filled
 
-    def sweep(self, tolerance, friction=0.0, back=False):
-        return solve_contacts(
-            *self.groups(), self.members, self.weight, self.share, self.borne, self.apart, self.x, friction, back,
-            tolerance, rows(EIGHT),
+    def sweep(self, tolerance, friction=0.0, back=False, groups=None):
+        """Of all, or of these groups."""
+        count, order, filled = self.groups() if groups is None else groups
+        member, weight = np.zeros((EIGHT * count, 4), np.uint32), rows(EIGHT * count)
+        share, block = rows(EIGHT * count), blocks(count, PLACES)
+        lay_out(
+            count, order, self.members, self.weight, self.share, self.normal, self.aim, self.inverse, self.borne,
+            member, weight, share, block,
         )  # fmt: skip
+        block[:, APART : APART + 3] = self.apart[order[:count], :3].transpose(0, 2, 1)
+        moved = solve_contacts(
+            count, order, filled, member, weight, share, block, self.x, friction, back, tolerance, rows(self.n)
+        )
+        self.borne[order[:count], :3] = block[:, BORNE : BORNE + 3].transpose(0, 2, 1)
+        return moved
+
+    def turns(self):
+        turn, level, first = (np.zeros(self.n + k, np.uint32) for k in (0, 0, 1))
+        take_turns(self.n, self.members, np.zeros(len(self.w), np.int32), turn, level, first)
+        return turn
 
 
 def least_motion(contacts):
@@ -77,7 +104,7 @@ def least_motion(contacts):
 @pytest.mark.parametrize("n, m", [(1, 4), (30, 60), (301, 200), (40, 9)])
 def test_groups_keep_the_order_of_contacts_that_share_a_vertex(n, m):
     contacts = Contacts(3, n, m)
-    count, order, filled, _ = contacts.groups()
+    count, order, filled = contacts.groups()
     members = [order[g, : filled[g]] for g in range(count)]
     assert sorted(np.concatenate(members)) == list(range(n))
     assert all(len(np.unique(contacts.members[c])) == 4 * len(c) for c in members)
@@ -99,18 +126,82 @@ def test_eight_at_once_are_solved_as_one_by_one(n, m, friction):
     together, alone = Contacts(3, n, m), Contacts(3, n, m)
     length = -(-n // PARTS)
     turn = np.lexsort((np.arange(n) // length, np.arange(n) % length)).astype(np.uint32)
-    block = blocks(n, 5)
-    for k in range(3):
-        block[:, k] = alone.normal[turn, k, None]
-    block[:, 3], block[:, 4] = alone.aim[turn, None], alone.inverse[turn, None]
-    order, filled = np.repeat(turn[:, None], EIGHT, axis=1), np.ones(n, np.uint8)
+    one_by_one = n, np.repeat(turn[:, None], EIGHT, axis=1), np.ones(n, np.uint8)
     for sweep in range(5):
-        moved = solve_contacts(
-            n, order, filled, block, alone.members, alone.weight, alone.share, alone.borne, alone.apart, alone.x,
-            friction, sweep % 2 == 1, 1e-3 * THICK, rows(EIGHT),
-        )  # fmt: skip
+        moved = alone.sweep(1e-3 * THICK, friction, sweep % 2 == 1, one_by_one)
         assert together.sweep(1e-3 * THICK, friction, sweep % 2 == 1) == moved
         assert together.x.tobytes() == alone.x.tobytes() and together.borne.tobytes() == alone.borne.tobytes()
+
+
+@pytest.mark.parametrize("n, m", [(1, 4), (30, 60), (301, 200), (40, 9)])
+def test_turns_keep_the_order_of_contacts_that_share_a_vertex(n, m):
+    contacts = Contacts(3, n, m)
+    turn = contacts.turns()
+    assert sorted(turn) == list(range(n))
+    place = np.argsort(turn)
+    shared = (contacts.members[:, None, :, None] == contacts.members[None, :, None, :]).any(axis=(2, 3))
+    assert (place[:, None] < place[None, :])[np.triu(shared, 1)].all()
+
+
+def test_what_takes_turns_seldom_waits_for_the_one_before():
+    contacts = Contacts(3, 300, 600)
+    contacts.members[:] = np.arange(300)[:, None] // 3 + np.arange(4) * 110  # three in a row share all four
+    turn = contacts.turns()
+    after = contacts.members[turn]
+    assert (after[1:] == after[:-1]).any(axis=1).sum() <= 2
+
+
+@pytest.mark.parametrize("n, m", [(1, 4), (301, 200), (40, 9)])
+def test_contacts_in_turns_do_what_they_do_in_their_order(n, m):
+    """To the last bit: release what overlaps, and apply what they bear."""
+    turns, listed = Contacts(3, n, m), Contacts(3, n, m)
+    x = []
+    for contacts, turn in ((turns, turns.turns()), (listed, np.arange(n, dtype=np.uint32))):
+        before, contacts.borne[:, :3] = contacts.x.copy(), 1e-6 * contacts.normal[:, :3]
+        contacts.borne[::3] = 0.0
+        release_overlaps(
+            n, turn, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
+            contacts.inverse, contacts.x, before, 1e-3,
+        )  # fmt: skip
+        assert contacts.x.tobytes() == before.tobytes()  # shifted alike
+        apply_impulses(n, turn, contacts.members, contacts.share, contacts.borne, contacts.x)
+        x.append(contacts.x.tobytes() + before.tobytes())
+    assert x[0] == x[1]
+
+
+def test_only_an_overlap_is_released_and_not_all_at_once():
+    for way in (-0.1, 0.1):
+        contacts = Contacts(7, 1, 4)
+        contacts.w[:] = 1000.0
+        contacts.share = contacts.weight * contacts.w[contacts.members]
+        contacts.inverse = 1.0 / (contacts.weight * contacts.share).sum(axis=1)
+        contacts.aim = contacts.gaps() + way * THICK
+        begun, before = contacts.gaps(), contacts.x.copy()
+        release_overlaps(
+            1, contacts.turns(), contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
+            contacts.inverse, contacts.x, before, 1.0,
+        )  # fmt: skip
+        released = OVERLAP_SHARE * max(way, 0.0) * THICK
+        assert contacts.gaps() == pytest.approx(begun + released, abs=1e-12)
+
+
+def test_memory_follows_what_is_borne():
+    contacts = Contacts(3, 21, 40)
+    contacts.borne[:, :3] = np.random.default_rng(0).standard_normal((21, 3))
+    count, order, _ = contacts.groups()
+    member, weight = np.zeros((EIGHT * count, 4), np.uint32), rows(EIGHT * count)
+    share, block, memory = rows(EIGHT * count), blocks(count, PLACES), contacts.borne.copy()
+    lay_out(
+        count, order, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
+        contacts.inverse, memory, member, weight, share, block,
+    )  # fmt: skip
+    for now in (3.0, 1.0):  # x what was borne of late
+        block[:, BORNE : BORNE + 3] *= now
+        wanted = memory * (1.0 + MEMORY * (now - 1.0))
+        average_impulses(count, order, block, memory)
+        np.testing.assert_allclose(memory, wanted, rtol=1e-12)
+        begun = block[:, BORNE : BORNE + 3].transpose(0, 2, 1)
+        assert (begun == memory[order[:count], :3]).all()  # the next substep begins with it
 
 
 @pytest.mark.parametrize("seed", range(6))
