@@ -15,6 +15,11 @@ Overlap that is older than the substep is released little by little, as a shift 
 speed comes of it, which would throw layers apart. Friction is Coulomb's at position level, bounded by all that a
 contact has borne in the substep.
 
+The contacts of a narrow phase are in a list, and in two other orders (contact_order.py): in turns they release
+overlap and begin, in groups of EIGHT they are swept over. What sweeps read is laid out group by group (`lay_out`):
+in registers, where what the contacts bear stays for the whole phase. After each substep `average_impulses` puts
+what they bear of late back into the list, with which the next substep begins.
+
 Every contact remembers, averaged over some substeps, what it bears, and begins with it (warm starting, as in
 sequential impulses: Catto 2005). Few sweeps then carry a stack of layers without creep, with true masses: the
 table bears the weight of all of them. The average, and not the last impulse, since the impulses and the speeds
@@ -32,6 +37,7 @@ from skills.cloth.eights import (
     add_shares,
     all_eight,
     any_above,
+    blocks,
     coordinates,
     dots,
     gather,
@@ -64,15 +70,13 @@ STRAY = 2.5e-4  # [m] between two narrow phases, that no relative speed foretell
 PARKED = 2**30  # due date of a pair that sleeps
 MAX_WAIT = 12  # times as long as contacts serve a pair which is far apart is left out, at most
 MEMORY = 0.05  # share of a substep's impulse that a contact's memory takes up: with all of it stacks swing
-# neighbours in the list often share vertices, and can then not be of one group: one contact of each of so many
-# parts of the list comes in turn
-PARTS = 4
 LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
 TOLERANCE = 0.03  # x thickness: from LEAST_SWEEPS on, one that moved no contact by more is the last
 OVERLAP_SHARE = 0.4  # of an overlap that is older is released a substep,
 OVERLAP_SPEED = 0.4  # at most so fast [m/s]
-# where a group's block has the normals of its contacts (three registers), their contact distances, act_w; how far
-# apart the sides were when the substep began, what is borne in it, and of late (three each)
+# where a group's block has the normals of its contacts (three registers), their contact distances, one over their
+# inverse masses; how far apart the sides were when the substep began, what is borne in it, and of late (three
+# registers each)
 NORMAL, GAP, INVERSE, APART, BORNE, OF_LATE, PLACES = 0, 3, 4, 5, 8, 11, 14
 
 
@@ -131,31 +135,6 @@ def later(now, pace, free, reach):
     return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
-@njit(nogil=True)
-def take_turns(n, act_i, taken, turn, level, first):
-    """An order in which contacts that follow each other seldom have a common vertex, so that one need not wait for
-    what another one writes; those that have one keep theirs. turn: (n,) the contacts in it: first all that come
-    after no other, then all that come after one of these, and so on. taken: (vertices,), level: (n,) and first:
-    (n + 1,) scratch."""
-    one, count, levels = np.uint64(1), np.uint64(n), np.uint64(0)
-    taken[:] = 0  # the level after that of the last one of each vertex
-    first[: n + 1] = 0
-    for c in range(count):
-        i, j, k, m = members(act_i, c)
-        own = np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m])))
-        after = own + one
-        taken[i] = taken[j] = taken[k] = taken[m] = after
-        level[c] = own
-        first[after] += np.uint32(1)
-        levels = max(levels, after)
-    for before in range(levels):
-        first[before + one] += first[before]
-    for c in range(count):
-        own = np.uint64(level[c])
-        turn[np.uint64(first[own])] = c
-        first[own] += np.uint32(1)
-
-
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def release_overlaps(n, turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
     """Shift apart what overlapped when the substep began, as it was then and as it is."""
@@ -183,7 +162,7 @@ def release_overlaps(n, turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def apply_impulses(n, turn, act_i, act_s, act_m, x):
-    """What the contacts have borne of late, to begin a substep with."""
+    """What the contacts have borne of late, to begin a substep with. Which bear something is not guessed at."""
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
         i, j, k, m = members(act_i, c)
@@ -196,37 +175,11 @@ def apply_impulses(n, turn, act_i, act_s, act_m, x):
 
 
 @njit(nogil=True)
-def group_contacts(n, act_i, taken, order, filled):
-    """Put the contacts into groups of up to EIGHT without a common vertex, which a sweep solves at once. Where two
-    share a vertex, they are solved in the order in which one contact of each of PARTS of the list comes in turn,
-    and so the sweep's result is that of solving them one by one. -> groups
-
-    order: (m, EIGHT) the contacts of each, filled: (m,) how many of these (the rest repeats the first). taken:
-    (vertices,) scratch."""
-    one, parts, count, full = np.uint64(1), np.uint64(PARTS), np.uint64(n), np.uint64(EIGHT)
-    taken[:] = 0  # the group after the last one of each vertex
-    length, begin, end = (count + parts - one) // parts, np.uint64(0), np.uint64(0)
-    for place in range(length):
-        for part in range(parts):
-            c = part * length + place
-            if c >= count:
-                continue
-            i, j, k, m = members(act_i, c)
-            g = max(begin, np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m]))))
-            while g < end and filled[g] == full:
-                g += one
-            if g == end:
-                filled[g] = 0
-                end += one
-            order[g, np.uint64(filled[g])] = c
-            filled[g] += np.uint8(1)
-            taken[i] = taken[j] = taken[k] = taken[m] = g + one
-            while begin < end and filled[begin] == full:
-                begin += one
-    for row in range(end):
-        for k in range(np.uint64(filled[row]), full):
-            order[row, k] = order[row, np.uint64(0)]
-    return np.int64(end)
+def room_for_groups(n):
+    """Arrays for what is laid out of n groups, without content."""
+    member = np.empty((n * EIGHT, 4), np.uint32)
+    weight, share = blocks(n, 4).reshape((n * EIGHT, 4)), blocks(n, 4).reshape((n * EIGHT, 4))
+    return member, weight, share, blocks(n, PLACES)
 
 
 @njit(nogil=True)
@@ -263,7 +216,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
     """One sweep through the groups of contacts, or `back` from their end: no approach below the contact distance,
     nor nearer than when the substep began where that was less; Coulomb friction. BORNE: what each contact has
     borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
-    moved the sides of one by more than `tolerance` [m]. work: (m, 4) scratch, a row for each contact"""
+    moved the sides of one by more than `tolerance` [m]. work: (n, 4) scratch, a row for each of n contacts"""
     one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, all_eight(0.0), all_eight(1.0)
     rub, most_way, full = all_eight(friction), all_eight(tolerance), np.uint8(EIGHT)
     expect_places(block)

@@ -5,7 +5,7 @@
 coordinate, `add_shares` and `scatter` bring them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`,
 `where_above` compute contact by contact. Products and sums may be contracted, but for those of `dots`, which
 rounds as `dot` of vectors does. Arrays have four columns but where another shape is told; neither that nor places
-are checked.
+are checked, only what numbers they are of.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import models, overload, register_model
 
 from skills.cloth.registers import elementwise, everywhere, operation, place_of, where_above_of
@@ -87,6 +88,13 @@ def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
     return rows
 
 
+def _check(array: Any, dimensions: int, number: Any) -> None:
+    """That its rows are what they are taken for, but for their length, which no type tells."""
+    fits = isinstance(array, types.Array) and array.ndim == dimensions and array.dtype == number
+    if not fits or array.layout != "C":
+        raise TypingError(f"eights are of C-ordered arrays of {dimensions} axes of {number}, not of {array}")
+
+
 def _data(context: Any, builder: Any, kind: Any, array: Any, register: Any) -> Any:
     data = context.make_array(kind)(context, builder, array).data
     return builder.bitcast(data, ir.PointerType(register))
@@ -98,12 +106,12 @@ def _read(builder: Any, row: Any) -> Any:
     return read
 
 
-def _who(context: Any, builder: Any, kind: Any, order: Any, block: Any) -> list[Any]:
-    """The eight numbers in row `block` of an array (k, EIGHT) of them."""
+def _who(context: Any, builder: Any, kind: Any, order: Any, group: Any) -> list[Any]:
+    """The eight numbers in row `group` of an array (k, EIGHT) of them."""
     data = context.make_array(kind)(context, builder, order).data
-    first = builder.mul(block, ir.Constant(block.type, EIGHT))
-    places = (builder.add(first, ir.Constant(block.type, k)) for k in range(EIGHT))
-    return [builder.zext(builder.load(builder.gep(data, [place])), block.type) for place in places]
+    first = builder.mul(group, ir.Constant(group.type, EIGHT))
+    places = (builder.add(first, ir.Constant(group.type, k)) for k in range(EIGHT))
+    return [builder.zext(builder.load(builder.gep(data, [place])), group.type) for place in places]
 
 
 def _each(builder: Any, data: Any, at: Any) -> Any:
@@ -112,20 +120,20 @@ def _each(builder: Any, data: Any, at: Any) -> Any:
 
 
 def _four(
-    context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, block: Any
+    context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, group: Any
 ) -> Callable[[int], list[Any]]:
-    """A function of a contact's number in a block: pointers to the rows of x of its four `members` and, as a
+    """A function of a contact's number in a group: pointers to the rows of x of its four `members` and, as a
     register each, its `share` of them."""
     rows, shares = _data(context, builder, kinds[0], x, _ROW), _data(context, builder, kinds[2], share, _DOUBLE)
-    first = builder.mul(block, ir.Constant(block.type, EIGHT * _WIDTH))
+    first = builder.mul(group, ir.Constant(group.type, EIGHT * _WIDTH))
     member = builder.gep(context.make_array(kinds[1])(context, builder, members).data, [first])
     shares = builder.gep(shares, [first])
 
     def of(c: int) -> list[Any]:
         found = []
         for k in range(_WIDTH):
-            at = ir.Constant(block.type, _WIDTH * c + k)
-            row = builder.zext(builder.load(builder.gep(member, [at])), block.type)
+            at = ir.Constant(group.type, _WIDTH * c + k)
+            row = builder.zext(builder.load(builder.gep(member, [at])), group.type)
             found.append((builder.gep(rows, [row]), _each(builder, shares, at)))
         return found
 
@@ -133,9 +141,13 @@ def _four(
 
 
 @operation
-def gather(typingctx, x, members, share, block):
-    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact of a block, by their `share`
-    (m, 4). Both have EIGHT rows a block."""
+def gather(typingctx, x, members, share, group):
+    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact of a group, by their `share`
+    (m, 4). Both have EIGHT rows a group."""
+
+    for rows in (x, share):
+        _check(rows, 2, types.float64)
+    _check(members, 2, types.uint32)
 
     def generate(context, builder, signature, arguments):
         of, rows = _four(context, builder, signature.args, *arguments), []
@@ -152,8 +164,12 @@ def gather(typingctx, x, members, share, block):
 
 
 @operation
-def add_shares(typingctx, x, members, share, block, ax, ay, az):
+def add_shares(typingctx, x, members, share, group, ax, ay, az):
     """Add to the rows of x of all members, which differ, their share of the vector of their contact."""
+
+    for rows in (x, share):
+        _check(rows, 2, types.float64)
+    _check(members, 2, types.uint32)
 
     def generate(context, builder, signature, arguments):
         of = _four(context, builder, signature.args, *arguments[:4])
@@ -167,8 +183,11 @@ def add_shares(typingctx, x, members, share, block, ax, ay, az):
 
 
 @operation
-def coordinates(typingctx, a, order, block):
-    """Rows order[block] of a, as coordinates."""
+def coordinates(typingctx, a, order, group):
+    """Rows order[group] of a, as coordinates."""
+
+    _check(a, 2, types.float64)
+    _check(order, 2, types.uint32)
 
     def generate(context, builder, signature, arguments):
         data = _data(context, builder, signature.args[0], arguments[0], _ROW)
@@ -180,8 +199,11 @@ def coordinates(typingctx, a, order, block):
 
 
 @operation
-def scatter(typingctx, a, order, block, x, y, z):
-    """Coordinates as rows order[block] of a."""
+def scatter(typingctx, a, order, group, x, y, z):
+    """Coordinates as rows order[group] of a."""
+
+    _check(a, 2, types.float64)
+    _check(order, 2, types.uint32)
 
     def generate(context, builder, signature, arguments):
         data = _data(context, builder, signature.args[0], arguments[0], _ROW)
@@ -197,6 +219,8 @@ def scatter(typingctx, a, order, block, x, y, z):
 def store_eight(typingctx, array, i, j, a):
     """a to array[i, j] of an array (m, k, EIGHT)."""
 
+    _check(array, 3, types.float64)
+
     def generate(context, builder, signature, arguments):
         place = [*arguments[1:3], context.get_constant(types.intp, 0)]
         pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
@@ -209,6 +233,8 @@ def store_eight(typingctx, array, i, j, a):
 @operation
 def load_eight(typingctx, array, i, j):
     """a[i, j] of an array (m, k, EIGHT)."""
+
+    _check(array, 3, types.float64)
 
     def generate(context, builder, signature, arguments):
         place = [*arguments[1:], context.get_constant(types.intp, 0)]

@@ -47,7 +47,7 @@ FLAT = 1e-12  # [m2] a triangle of less has no normal
 
 
 class Elastic(NamedTuple):
-    """Constraints of one mesh and material, in the order in which they are solved.
+    """Constraints of one mesh and material, in a shuffled order; edges are solved in waves of it (`in_waves`).
 
     edge: (e, 2); rim: (e,) edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected for the
     sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance
@@ -205,7 +205,7 @@ def in_waves(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int
     """An order of the edges (e, 2) in waves, and where each wave begins and the last one ends. The edges of a
     wave have no vertex in common, and can be solved at once; those that have one keep their order, so that a sweep
     comes to the same."""
-    wave, free = [], [0] * (int(edge.max()) + 1)  # free: the wave after the last one that each vertex is in
+    wave, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: the wave after the last one of each vertex
     for i, j in edge.tolist():
         wave.append(max(free[i], free[j]))
         free[i] = free[j] = wave[-1] + 1
@@ -411,7 +411,7 @@ def damp_edges(wave, edge, rate, w, x, v):
             total = w[i] + w[j]
             d = load(x, j) - load(x, i)
             d2 = dot(d, d)
-            if d2 >= LOST and total > 0.0:
+            if not d2 < LOST and total > 0.0:  # what is lost (NaN) shows
                 p, q = load(v, i), load(v, j)
                 s = rate[k] * dot(q - p, d) / (d2 * total)
                 store(v, i, p + (s * w[i]) * d)

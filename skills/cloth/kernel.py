@@ -24,20 +24,19 @@ from skills.cloth.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact import (
     LEAST_SWEEPS,
     MOST_SWEEPS,
-    PLACES,
     TOLERANCE,
     apply_impulses,
     average_impulses,
     edge_distance,
-    group_contacts,
     lay_out,
     measure_sides,
     next_narrow_phase,
     release_overlaps,
     remember_impulses,
+    room_for_groups,
     solve_contacts,
-    take_turns,
 )
+from skills.cloth.contact_order import group_contacts, take_turns
 from skills.cloth.edge_edge import narrow_edge_edge
 from skills.cloth.eights import EIGHT, blocks
 from skills.cloth.elastic import (
@@ -75,8 +74,8 @@ from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (
-    "capsules.py", "contact.py", "corners.py", "crossings.py", "edge_edge.py", "eights.py", "elastic.py",
-    "fours.py", "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py",
+    "capsules.py", "contact.py", "contact_order.py", "corners.py", "crossings.py", "edge_edge.py", "eights.py",
+    "elastic.py", "fours.py", "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py",
     "patch_search.py", "patches.py", "registers.py", "ridges.py", "sleep.py", "state.py", "table.py",
     "untangle.py", "vectors.py", "vertex_sides.py", "vertex_triangle.py", "whole_numbers.py",
 )  # fmt: skip
@@ -113,15 +112,13 @@ def _compile(sources: str) -> Callable[..., int]:
         act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
         act_d, act_w = pairs.act_d, pairs.act_w
         act_m, room = pairs.act_m, len(pairs.act_d)
-        # of the present narrow phase. Not kept: the loop is entered at one only, as a frame begins or where a list
-        # had become too small
-        groups, taken, work = 0, np.empty(len(x), np.int32), blocks(room, 1).reshape((2 * room, 4))
+        # The loop is always entered at a narrow phase: none of this is kept. Groups of contacts (contact.py)
+        # seldom need more room than they have at first
+        groups, taken, work = 0, np.empty(len(x), np.int32), blocks((room + 1) // 2, 1).reshape((-1, 4))
         order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
-        block, member = blocks(room, PLACES), np.empty((room * EIGHT, 4), np.uint32)
-        contact_weight = blocks(room, 4).reshape((room * EIGHT, 4))
-        contact_share = blocks(room, 4).reshape((room * EIGHT, 4))
         contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
         first = np.empty(room + 1, np.uint32)
+        member, contact_weight, contact_share, block = room_for_groups(room // EIGHT + 1)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
         soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
@@ -163,6 +160,8 @@ def _compile(sources: str) -> Callable[..., int]:
                         count[ACTIVE] = n
                         take_turns(n, act_i, taken, contact_turn, level, first)
                         groups = group_contacts(n, act_i, taken, order, filled)
+                        if groups > len(block):
+                            member, contact_weight, contact_share, block = room_for_groups(2 * groups)
                         lay_out(
                             groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member,
                             contact_weight, contact_share, block

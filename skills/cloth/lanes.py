@@ -163,10 +163,10 @@ for _sign, _function in (
 
 @operation
 def picked(typingctx, a, i):
-    """a[i] in each place: i below LANES, or so many times LANES more (of which nothing is told)."""
+    """a[i] in each place, i modulo LANES."""
 
     def generate(context, builder, signature, arguments):
-        # one instruction, where there is such a one
+        # written so the compiler makes one instruction of it where the machine has it
         a, i = arguments
         i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
         made = ir.Constant(_REGISTER, ir.Undefined)

@@ -309,7 +309,7 @@ def _near_triangles(
             for k in range(m):
                 i, q = int32(vertex[which[k] // WIDE, which[k] % WIDE]), of[k]
                 t, vertices = load_whole(face, q, 0), all_whole(i)
-                # no empty places: bounds that are no numbers tell nothing
+                # no empty places: their bounds are those of others, or no numbers
                 bits = found[k] & above(t, none) & (int32(0) if i < 0 else int32(-1))
                 for d in range(1, 4):
                     bits &= differ(load_whole(face, q, d), vertices)

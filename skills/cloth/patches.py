@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from robots.errors import InternalError
 from robots.ports import Array
 from skills.cloth.lanes import LANES
 from skills.cloth.mesh import ClothMesh
@@ -26,7 +27,7 @@ from skills.cloth.mesh import ClothMesh
 __all__ = ["FAR", "LEAF", "Patches", "build_patches"]
 
 LEAF = LANES  # triangles of a patch, at most: a row of them
-FAR = 1e6  # [m] where the unused places of a row are
+FAR = 1e6  # [m] where the unused places of a row are; of triangles, see `Patches`
 FACING = 0.1  # sine of the angle by which the middles of two sides of a border have to face each other
 
 
@@ -35,7 +36,8 @@ class Patches(NamedTuple):
     corner_start[k + 1], one or two times LANES (the last one is repeated): each patch has a course of its own for
     them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
     in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
-    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners; face (m, 4, LANES): tri, and the vertices of
+    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners, any where there is
+    none; face (m, 4, LANES): tri, and the vertices of
     each. Each primitive belongs to one patch (of_tri, of_edge, of_vertex), so that a pair is met once. ring,
     ring_start: triangles in and beside each patch, as patch x LANES + place in it; beside, beside_start: patches
     of its layer with a common vertex, itself too; smooth, smooth_start: of these, those that cannot touch it while
@@ -46,9 +48,10 @@ class Patches(NamedTuple):
     each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
     normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
     tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
-    slack; edge_geo (rows, 13, LANES): start, direction, squared length, the same of its motion, and one over the
-    squared length; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose
-    geometry was just put down; hit: (m + LANES,) scratch.
+    slack; in places without a triangle those of some corners, but no normal. edge_geo (rows, 13, LANES): start,
+    direction, squared length, the same of its motion, and one over the squared length; vertex_geo (rows, 7,
+    LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose geometry was just put down; hit:
+    (m + LANES,) scratch.
 
     at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
     it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
@@ -133,7 +136,6 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     box = np.zeros((groups, 9, LANES), np.float32)
     box[:, :3] = FAR
     tri_geo = np.zeros((m, 15, LANES), np.float32)
-    tri_geo[:, :3], tri_geo[:, 3:6] = FAR, -FAR
     edge_geo = np.zeros((len(owned), 13, LANES), np.float32)
     edge_geo[:, :3], edge_geo[:, 3:7], edge_geo[:, 12] = FAR, 1.0, 1.0
     vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
@@ -227,6 +229,9 @@ def _corners(
     lists = [np.unique(mesh.triangles[tris]) for tris in patches]
     padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
     corner, start = _rows(padded)
+    most = max(map(len, padded))
+    if most > 2 * LANES:  # their geometry is taken from two rows (patch_bounds.py)
+        raise InternalError("a patch of too many corners", corners=most)
     number = np.full((len(patches), n), -1, np.int32)
     for k, v in enumerate(lists):
         number[k, v] = start[k] + np.arange(len(v))

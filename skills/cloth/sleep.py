@@ -203,9 +203,11 @@ def _pack_edges(
     edge, wave, inverse, inverse_square, damping, free, to_edge, to_wave, to_inverse_square, to_wi, to_wj, to_rate
 ):  # fmt: skip
     """Edges with a free end, and the waves of these; -> their number."""
-    one, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
-    for row in range(one, np.uint64(len(wave))):
-        for e in range(np.uint64(wave[row - one]), np.uint64(wave[row])):  # without a guess about which they are
+    single, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
+    for row in range(single, np.uint64(len(wave))):
+        for e in range(
+            np.uint64(wave[row - single]), np.uint64(wave[row])
+        ):  # without a guess about which they are
             which[n] = e
             n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
         to_wave[row] = n

@@ -309,10 +309,12 @@ class ClothSimulation:
                 "the state of the cloth was written by another foldcell",
                 "go on with the version that began the run, or start a new one",
             )
-        if saved["state.x"].shape != self._state.x.shape:
-            raise InternalError("a checkpoint of another mesh", shape=tuple(saved["state.x"].shape))
-        if saved["state.slip"].shape != self._state.slip.shape:
-            raise InternalError("a checkpoint of cloth with other friction in bending")
+        for name, a in self._state._asdict().items():
+            if saved[f"state.{name}"].shape != a.shape:
+                raise InternalError(
+                    "a checkpoint of another mesh, or of cloth with other friction in bending",
+                    array=name, shape=tuple(saved[f"state.{name}"].shape), here=tuple(a.shape),
+                )  # fmt: skip
 
         def part(name: str) -> dict[str, Any]:
             return {k.split(".")[1]: aligned(v) for k, v in saved.items() if k.startswith(name + ".")}

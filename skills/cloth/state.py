@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.cloth.cache_lines import aligned_zeros
+from skills.cloth.cache_lines import LINE_BYTES, aligned_zeros
 from skills.cloth.elastic import Rub
 from skills.cloth.patches import Patches
 from skills.cloth.vectors import rows
 
 HANDS = 2
 MAX_HELD = 128
-LINE = 16  # singles in a line of the cache
+LINE = LINE_BYTES // 4  # singles in a line of the cache
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
@@ -85,6 +85,9 @@ class State(NamedTuple):
     fringe behind.
     press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
     low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
+    What `pack` chose (sleep.py), the first so many of each: edge, in waves, of which wave tells where each begins
+    and the last one ends (some may be empty), inverse_square, rate, and wi, wj, the shares of the ends; hinge,
+    weight, and part, the shares of its vertices.
     base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
     born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch);
     ridge_searched: (rows,) bits of its edges that were ridges when it last was (ridges.py).
@@ -149,7 +152,8 @@ class Pairs(NamedTuple):
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
     [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
-    what it bears of late; act_n: (m, 4) its normal; act_c: its pair. Scratch: near_c, pairs of a vertex and a
+    what it bears of late; act_n: (m, 4) its normal; act_d: its distance, act_w: one over its
+    inverse mass; act_c: its pair. Scratch: near_c, pairs of a vertex and a
     triangle that can touch, and places in the lists of pairs that became free; near_row: (m, LINE) what is known
     of them (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same
     vertex; second, where the one of the highest rank is, the one that comes after it; better; bearing, those that

@@ -22,10 +22,10 @@ MESHES = 16  # of which it is kept
 
 
 class Topology(NamedTuple):
-    """Edges count in the order in which they are solved. tri_edge: (t, 3) edges of the triangles; edge_tri:
-    (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and the edges
-    to them, from ring_start[i] to ring_start[i + 1]. by_wave, wave: the edges in waves, and where these begin
-    (`in_waves`)."""
+    """Edges count in a shuffled order, in which pairs refer to them. tri_edge: (t, 3) edges of the triangles;
+    edge_tri: (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and
+    the edges to them, from ring_start[i] to ring_start[i + 1]. by_wave, wave: in which waves the edges are solved,
+    and where these begin (`in_waves`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]

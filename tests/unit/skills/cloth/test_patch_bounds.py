@@ -65,5 +65,5 @@ def test_what_is_read_by_the_register_begins_with_a_line_of_the_cache():
     state = new_state(20, 30, 4, 25, 25, patches)
     for made in (patches, state, new_pairs(50, 40)):
         for name, array in made._asdict().items():
-            if array.ndim > 1 and array.size and name not in ("ref", "last"):
+            if array.size and name not in ("awake", "expired", "ridge_searched", "top_row"):  # read one by one
                 assert array.ctypes.data % 64 == 0, name

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from numba import njit
+from numba.core.errors import TypingError
 from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.spatial.transform import Rotation
@@ -11,18 +13,16 @@ from skills.cloth.contact import (
     BORNE,
     MEMORY,
     OVERLAP_SHARE,
-    PARTS,
     PLACES,
     apply_impulses,
     average_impulses,
     edge_distance,
-    group_contacts,
     lay_out,
     release_overlaps,
     solve_contacts,
-    take_turns,
 )
-from skills.cloth.eights import EIGHT, blocks
+from skills.cloth.contact_order import PARTS, group_contacts, take_turns
+from skills.cloth.eights import EIGHT, blocks, coordinates, gather, load_eight, store_eight
 from skills.cloth.vectors import rows
 
 THICK = 0.003
@@ -153,20 +153,20 @@ def test_what_takes_turns_seldom_waits_for_the_one_before():
 
 @pytest.mark.parametrize("n, m", [(1, 4), (301, 200), (40, 9)])
 def test_contacts_in_turns_do_what_they_do_in_their_order(n, m):
-    """To the last bit: release what overlaps, and apply what they bear."""
-    turns, listed = Contacts(3, n, m), Contacts(3, n, m)
-    x = []
-    for contacts, turn in ((turns, turns.turns()), (listed, np.arange(n, dtype=np.uint32))):
+    """To the last bit: release what overlaps, and apply what they bear. Another order does something else."""
+    x, listed = [], np.arange(n, dtype=np.uint32)
+    for turn in (Contacts(3, n, m).turns(), listed, listed[::-1].copy()):
+        contacts = Contacts(3, n, m)
         before, contacts.borne[:, :3] = contacts.x.copy(), 1e-6 * contacts.normal[:, :3]
         contacts.borne[::3] = 0.0
         release_overlaps(
             n, turn, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
             contacts.inverse, contacts.x, before, 1e-3,
         )  # fmt: skip
-        assert contacts.x.tobytes() == before.tobytes()  # shifted alike
+        assert contacts.x.tobytes() == before.tobytes() != Contacts(3, n, m).x.tobytes()  # shifted alike
         apply_impulses(n, turn, contacts.members, contacts.share, contacts.borne, contacts.x)
         x.append(contacts.x.tobytes() + before.tobytes())
-    assert x[0] == x[1]
+    assert x[0] == x[1] and (x[1] != x[2] or n == 1)
 
 
 def test_only_an_overlap_is_released_and_not_all_at_once():
@@ -245,3 +245,20 @@ def test_edges_push_only_what_is_nearer_than_layers_lie():
         assert 0.5 * thick <= edge_distance(thick) <= 0.8 * thick
     assert edge_distance(0.0012) > 0.75 * 0.0012
     assert edge_distance(0.003) == 0.0015
+
+
+WRONG = [np.zeros((8, 4), np.float32), np.zeros((4, 8)).T, np.zeros(32), np.zeros((8, 4), np.int64)]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_other_arrays_are_refused(wrong):
+    """Else they would be read as what they are not, or written beyond their ends."""
+    x, members, block = rows(8), np.zeros((8, 4), np.uint32), blocks(1, 1)
+    order = np.zeros((1, EIGHT), np.uint32)
+    for of in (
+        lambda a: gather(a, members, x, 0), lambda a: gather(x, members, a, 0), lambda a: gather(x, a, x, 0),
+        lambda a: coordinates(a, order, 0), lambda a: coordinates(x, a, 0), lambda a: load_eight(a, 0, 0),
+        lambda a: store_eight(a, 0, 0, load_eight(block, 0, 0)),
+    ):  # fmt: skip
+        with pytest.raises(TypingError, match="C-ordered"):
+            njit(of)(wrong)
