@@ -21,7 +21,15 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import models, overload, register_model
 
-from skills.cloth.registers import elementwise, everywhere, operation, place_of, where_above_of
+from skills.cloth.registers import (
+    elementwise,
+    everywhere,
+    everywhere_of,
+    load_of,
+    operation,
+    store_of,
+    where_above_of,
+)
 
 __all__ = [
     "EIGHT", "add_shares", "all_eight", "any_above", "blocks", "coordinates", "dots", "gather", "least",
@@ -215,45 +223,13 @@ def scatter(typingctx, a, order, group, x, y, z):
     return types.void(a, order, types.intp, x, y, z), generate
 
 
-@operation
-def store_eight(typingctx, array, i, j, a):
-    """a to array[i, j] of an array (m, k, EIGHT)."""
-
+def _check_block(array: Any) -> None:
     _check(array, 3, types.float64)
 
-    def generate(context, builder, signature, arguments):
-        place = [*arguments[1:3], context.get_constant(types.intp, 0)]
-        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
-        builder.store(arguments[3], pointer, align=8)
-        return context.get_dummy_value()
 
-    return types.void(array, types.intp, types.intp, _eight), generate
-
-
-@operation
-def load_eight(typingctx, array, i, j):
-    """a[i, j] of an array (m, k, EIGHT)."""
-
-    _check(array, 3, types.float64)
-
-    def generate(context, builder, signature, arguments):
-        place = [*arguments[1:], context.get_constant(types.intp, 0)]
-        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
-        return builder.load(pointer, typ=_REGISTER, align=8)
-
-    return _eight(array, types.intp, types.intp), generate
-
-
-@operation
-def all_eight(typingctx, s):
-    """s in every place."""
-
-    def generate(context, builder, signature, arguments):
-        return everywhere(builder, _REGISTER, arguments[0])
-
-    return _eight(types.float64), generate
-
-
+# a[i, j] of an array (m, k, EIGHT)
+load_eight, store_eight = load_of(_eight, _REGISTER, _check_block), store_of(_eight, _REGISTER, _check_block)
+all_eight = everywhere_of(_eight, _REGISTER, types.float64)
 _plus, _minus, _times = (elementwise(_eight, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
 over = elementwise(_eight, "fdiv", ())
 

@@ -18,7 +18,7 @@ from numba import types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 
-from skills.cloth.registers import elementwise, everywhere, operation, place_of, where_above_of
+from skills.cloth.registers import elementwise, everywhere_of, operation, place_of, where_above_of
 from skills.cloth.vectors import WIDTH, vector_type
 
 __all__ = ["FOUR", "all_four", "dots", "ends", "load_four", "over", "pick_four", "where_above"]
@@ -27,16 +27,6 @@ FOUR = WIDTH  # the register of a vector: what computes with these does with tho
 _INDEX = ir.IntType(32)
 _REGISTER = ir.VectorType(ir.DoubleType(), FOUR)
 _PLACES = types.UniTuple(types.uint32, FOUR)
-
-
-@operation
-def all_four(typingctx, s):
-    """s in every place."""
-
-    def generate(context, builder, signature, arguments):
-        return everywhere(builder, _REGISTER, arguments[0])
-
-    return vector_type(types.float64), generate
 
 
 @operation
@@ -58,6 +48,7 @@ def ends(typingctx, array, i):
     return types.UniTuple(_PLACES, 2)(array, types.intp), generate
 
 
+all_four = everywhere_of(vector_type, _REGISTER, types.float64)
 over = elementwise(vector_type, "fdiv", ())
 where_above = where_above_of(vector_type)
 

@@ -23,7 +23,7 @@ from numba.core.errors import TypingError
 from numba.cpython.unsafe.numbers import trailing_zeros
 from numba.extending import models, overload, register_model
 
-from skills.cloth.registers import elementwise, everywhere, operation, place_of
+from skills.cloth.registers import elementwise, everywhere_of, load_of, operation, store_of
 from skills.cloth.whole_numbers import LANES, WHOLE, flags, whole
 
 __all__ = [
@@ -57,43 +57,9 @@ def _check_singles(array: Any) -> None:
         raise TypingError(f"lanes are rows of a C-ordered array (m, k, {LANES}) of singles, not of {array}")
 
 
-@operation
-def load_lanes(typingctx, array, i, j):
-    """a[i, j] of an array (m, k, LANES)."""
-    _check_singles(array)
-
-    def generate(context, builder, signature, arguments):
-        place = [*arguments[1:], context.get_constant(types.intp, 0)]
-        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
-        return builder.load(pointer, typ=_REGISTER, align=4)
-
-    return _lanes(array, types.intp, types.intp), generate
-
-
-@operation
-def set_lanes(typingctx, array, i, j, a):
-    """a to array[i, j] of an array (m, k, LANES)."""
-    _check_singles(array)
-
-    def generate(context, builder, signature, arguments):
-        place = [*arguments[1:3], context.get_constant(types.intp, 0)]
-        pointer = place_of(context, builder, signature.args[0], arguments[0], place, _REGISTER)
-        builder.store(arguments[3], pointer, align=4)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, types.intp, _lanes), generate
-
-
-@operation
-def all_lanes(typingctx, s):
-    """s in every place."""
-
-    def generate(context, builder, signature, arguments):
-        return everywhere(builder, _REGISTER, arguments[0])
-
-    return _lanes(types.float32), generate
-
-
+# a[i, j] of an array (m, k, LANES)
+load_lanes, set_lanes = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
+all_lanes = everywhere_of(_lanes, _REGISTER, types.float32)
 _plus, _minus, _times, _over = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
 
 

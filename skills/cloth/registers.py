@@ -11,7 +11,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["elementwise", "everywhere", "operation", "place_of", "where_above_of"]
+__all__ = [
+    "elementwise", "everywhere", "everywhere_of", "load_of", "operation", "place_of", "store_of", "where_above_of",
+]  # fmt: skip
 
 
 def operation(definition: Callable[..., Any]) -> Any:
@@ -42,6 +44,54 @@ def where_above_of(kind: types.Type) -> Any:
         return kind(kind, kind, kind, kind), generate
 
     return operation(apply)
+
+
+def everywhere_of(kind: types.Type, register: Any, number: types.Type) -> Any:
+    """An operation on a number: a register of a `kind` with it in every place."""
+
+    def apply(typingctx: Any, s: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return everywhere(builder, register, arguments[0])
+
+        return kind(number), generate
+
+    return operation(apply)
+
+
+def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
+    """An operation on an array and two places, i and j: row [i, j] of an array of three axes, as a register."""
+
+    def apply(typingctx: Any, array: Any, i: Any, j: Any) -> Any:
+        check(array)
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = _row_of(context, builder, signature.args[0], arguments, register)
+            return builder.load(pointer, typ=register, align=array.dtype.bitwidth // 8)
+
+        return kind(array, types.intp, types.intp), generate
+
+    return operation(apply)
+
+
+def store_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
+    """The reverse: of an array, two places and the register to put there."""
+
+    def apply(typingctx: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
+        check(array)
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = _row_of(context, builder, signature.args[0], arguments, register)
+            builder.store(arguments[3], pointer, align=array.dtype.bitwidth // 8)
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp, types.intp, kind), generate
+
+    return operation(apply)
+
+
+def _row_of(context: Any, builder: Any, kind: types.Array, arguments: Any, register: Any) -> Any:
+    place = [*arguments[1:3], context.get_constant(types.intp, 0)]
+    return place_of(context, builder, kind, arguments[0], place, register)
 
 
 def everywhere(builder: Any, register: Any, s: Any) -> Any:

@@ -21,7 +21,7 @@ from numba.extending import models, overload, register_model
 
 from robots.ports import Array
 from skills.cloth.cache_lines import aligned_zeros
-from skills.cloth.registers import elementwise, everywhere, operation, place_of
+from skills.cloth.registers import elementwise, everywhere_of, operation, place_of
 
 __all__ = [
     "WIDTH", "cross", "dot", "load", "members", "rows", "spread", "store", "store_singles", "vector",
@@ -141,17 +141,8 @@ def vector(typingctx, x, y, z):
     return _vector(types.float64, types.float64, types.float64), generate
 
 
+_all = everywhere_of(_vector, _REGISTER, types.float64)
 _plus, _minus, _times = (elementwise(_vector, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
-
-
-@operation
-def _all(typingctx, s):
-    """s in every place."""
-
-    def generate(context, builder, signature, arguments):
-        return everywhere(builder, _REGISTER, arguments[0])
-
-    return _vector(types.float64), generate
 
 
 @operation

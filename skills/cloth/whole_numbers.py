@@ -20,7 +20,7 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import models, register_model
 
-from skills.cloth.registers import everywhere, operation, place_of
+from skills.cloth.registers import everywhere, everywhere_of, load_of, operation, place_of
 
 __all__ = [
     "LANES", "WHOLE", "above", "all_whole", "differ", "flags", "greater", "how_many", "lesser", "load_whole",
@@ -51,27 +51,12 @@ def _check_whole(array: Any, dimensions: int) -> None:
         raise TypingError(f"whole numbers are in C-ordered arrays of {dimensions} axes of int32, not in {array}")
 
 
-@operation
-def load_whole(typingctx, array, i, j):
-    """a[i, j] of an array (m, k, LANES)."""
+def _check_rows(array: Any) -> None:
     _check_whole(array, 3)
 
-    def generate(context, builder, signature, arguments):
-        place = [*arguments[1:], context.get_constant(types.intp, 0)]
-        pointer = place_of(context, builder, signature.args[0], arguments[0], place, WHOLE)
-        return builder.load(pointer, typ=WHOLE, align=4)
 
-    return whole(array, types.intp, types.intp), generate
-
-
-@operation
-def all_whole(typingctx, s):
-    """s in every place."""
-
-    def generate(context, builder, signature, arguments):
-        return everywhere(builder, WHOLE, arguments[0])
-
-    return whole(types.int32), generate
+load_whole = load_of(whole, WHOLE, _check_rows)  # a[i, j] of an array (m, k, LANES)
+all_whole = everywhere_of(whole, WHOLE, types.int32)
 
 
 @operation
