@@ -22,8 +22,8 @@ import shapely
 
 from benchmarks.d_relax import distance_to_target, ideal_fold
 from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
-from cell.effects.adapting import FACTORS
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
+from cell.executive.effects.adapting import FACTORS
 from robots.ports import Array, Side
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold

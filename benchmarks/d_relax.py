@@ -23,10 +23,10 @@ import argparse
 import numpy as np
 
 from benchmarks.turned import turned_over
-from cell.garments.garment_file import list_garments, load_garment
-from cell.simulation.folded_mesh import fold_mesh
-from cell.simulation.score import FinalGarment, named_edge_pairs, score
-from skills.cloth.crossings import count_crossings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.simulation.scoring.folded_mesh import fold_mesh
+from cell.simulation.scoring.score import FinalGarment, named_edge_pairs, score
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

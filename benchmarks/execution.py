@@ -19,14 +19,14 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cell.config import load_settings
-from cell.execution import streaming as execution
-from cell.run import FoldRequest, FoldResult, fold_once
+from cell.config.cell_settings import load_settings
+from cell.control import streaming as execution
+from cell.runs.fold_run import FoldRequest, FoldResult, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
 from robots.baxter.model import load_model
 from robots.model import RobotModel
 from robots.ports import Array, JointSetpoint, JointState, Ports, Side, arm_slice
-from skills.motion.ik import tool_pose
+from skills.motion.kinematics.ik import tool_pose
 from skills.vocabulary import Outcome
 
 __all__ = ["measure", "scaled_errors"]

@@ -17,8 +17,8 @@ from functools import partial
 
 import numpy as np
 
-from cell.garments.garment_file import load_garment
-from cell.simulation.score import Score, score_plan
+from cell.config.garments.garment_file import load_garment
+from cell.simulation.scoring.score import Score, score_plan
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings

@@ -63,14 +63,14 @@ class _Commands:
 
 def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> None:
     """Perform a script in the simulated cell and write its record into `folder`."""
-    from cell.config import load_settings
-    from cell.equipment.assembly import load_robot
-    from cell.files.paths import ledger_path
-    from cell.hil.director import Director
-    from cell.hil.script import read_script
-    from cell.journal import Journal
-    from cell.requests.fold_request import FoldRequest
-    from cell.run import fold_once
+    from cell.campaigns.hil.director import Director
+    from cell.campaigns.hil.script import read_script
+    from cell.config.cell_settings import load_settings
+    from cell.hardware.assembly import load_robot
+    from cell.recording.journal import Journal
+    from cell.runs.fold_run import fold_once
+    from cell.states.fold_request import FoldRequest
+    from cell.support.files.paths import ledger_path
 
     own, commands = read_script(script), _Commands()
     settings = load_settings(None)

@@ -7,9 +7,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cell.config import load_settings
-from cell.recorder.screenshot import screenshot
-from cell.run import FoldRequest, fold_once
+from cell.config.cell_settings import load_settings
+from cell.recording.rerun.screenshot import screenshot
+from cell.runs.fold_run import FoldRequest, fold_once
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "medium_towel", 4

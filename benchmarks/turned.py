@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from skills.cloth.crossings import count_crossings
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

@@ -21,7 +21,7 @@ import numpy as np
 
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

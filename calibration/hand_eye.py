@@ -22,7 +22,7 @@ from calibration.board import BOARD, Board, BoardView, draw_view, find_board
 from calibration.effects import Procedure, bring, grip, look, note, reach
 from robots.model import RobotModel
 from robots.ports import Array, BoardPlace, Intrinsics, Side, arm_slice, frozen
-from skills.motion.ik import tool_pose
+from skills.motion.kinematics.ik import tool_pose
 from skills.vocabulary import CameraCalibration, Failure, FailureKind, Outcome, Table
 
 __all__ = [

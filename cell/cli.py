@@ -16,15 +16,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from cell.process.standard_streams import lasting_streams
-from cell.process.terminations import BY_SIGNAL, Terminated, unwinding
+from cell.support.process.standard_streams import lasting_streams
+from cell.support.process.terminations import BY_SIGNAL, Terminated, unwinding
 from robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "build_parser", "main"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
 """Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. (SIGHUP, 129, and SIGTERM, 143:
-cell/process/terminations.py.)"""
+cell/support/process/terminations.py.)"""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
@@ -83,7 +83,7 @@ def _say(code: int, what: str, hint: str) -> int:
 
 def _keep_traceback(options: argparse.Namespace) -> Path | None:
     """Write the traceback among the logs, or else among temporary files."""
-    from cell.files.paths import logs_directory
+    from cell.support.files.paths import logs_directory
 
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"
     for folder in (logs_directory(getattr(options, "logs", None)), Path(tempfile.gettempdir())):

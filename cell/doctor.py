@@ -12,8 +12,8 @@ from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
 
-from cell.files.paths import free_bytes, ledger_path, repository_root, user_cache
-from cell.recorder.viewer import find_viewer
+from cell.recording.rerun.viewer import find_viewer
+from cell.support.files.paths import free_bytes, ledger_path, repository_root, user_cache
 from robots.errors import CellError
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
@@ -186,7 +186,7 @@ def _logs(logs: Path) -> Iterable[Check]:
     ledger = ledger_path(logs)
     if not ledger.exists():
         return
-    from cell.journal import Journal
+    from cell.recording.journal import Journal
 
     with Journal.open(ledger, readonly=True) as journal:
         state = journal.check()
@@ -239,8 +239,8 @@ def _cores() -> Iterable[Check]:
 
 
 def _garments() -> Iterable[Check]:
-    from cell.config import load_settings
-    from cell.garments.garment_file import list_garments, load_garment
+    from cell.config.cell_settings import load_settings
+    from cell.config.garments.garment_file import list_garments, load_garment
 
     surface = load_settings().surface
     names = list_garments()

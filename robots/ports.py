@@ -261,7 +261,7 @@ class Tactile(Protocol):
 
 class Camera(Protocol):
     def capture(self) -> CameraFrame:
-        """Take a still picture now, its depth the mean of some exposures (robots/exposures.py): what is looked at
+        """Take a still picture now, its depth the mean of some exposures (robots/depth_averaging.py): what is looked at
         has to lie still. Raises DriverError(CAMERA_FAULT) when the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from robots.ports import GripperState, Side, TactileReading
-from skills.grasping.reading import HandReading
+from skills.grasping.hand_reading import HandReading
 
 RATE = 100.0
 CELL_NOISE, CELL_GAIN, CELL_DRIFT, DRIFT_TIME = 0.01, 0.01, 0.02, 120.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skills.perception.inspection import Inspection
+from skills.perception.inspection.result import Inspection
 
 __all__ = ["inspection"]
 

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.config import load_settings
-from cell.context import Context, Result
-from cell.effects import EFFECTS
-from cell.equipment.workcell import Workcell
-from cell.journal import Journal
-from cell.operator.commands import CommandQueue
-from cell.replaying.deciding import Verdict, decide_again
-from cell.requests.fold_request import FoldRequest, FoldResult
-from cell.resuming.keeper import Interrupted
-from cell.run import fold_once
-from cell.states import Effect, Event
+from cell.config.cell_settings import load_settings
+from cell.executive.effects import EFFECTS
+from cell.hardware.workcell import Workcell
+from cell.recording.journal import Journal
+from cell.runs.checkpoint_writer import Interrupted
+from cell.runs.decide_again import Verdict, decide_again
+from cell.runs.fold_run import fold_once
+from cell.states.commands import CommandQueue
+from cell.states.context import Context, Result
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
 
 __all__ = ["PLAIN", "Onlooker", "Sent", "decided_again", "fold_request"]
@@ -96,7 +96,7 @@ class Onlooker:
     ) -> FoldResult:
         """`fold_once` with this onlooker beside it."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("cell.run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
+            patch.setattr("cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
 
             def begin(ports: Ports, commands: CommandQueue) -> None:
                 self.ports = ports

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from cell.config import load_settings
-from cell.equipment.camera import camera_calibration
-from cell.equipment.workcell import Workcell
-from cell.execution.streaming import ExecutionLimits
-from cell.operator.commands import CommandQueue
-from cell.recorder import Recorder
+from cell.config.cell_settings import load_settings
+from cell.control.streaming import ExecutionLimits
+from cell.hardware.camera import camera_calibration
+from cell.hardware.workcell import Workcell
+from cell.recording.rerun import Recorder
+from cell.states.commands import CommandQueue
 from skills.trajectory.library import Library
 from tests.fakes import FakeCell
 

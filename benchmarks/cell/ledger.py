@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.journal import Journal
+from cell.recording.journal import Journal
 
 __all__ = ["measure"]
 

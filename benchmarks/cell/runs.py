@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from cell.config import load_settings
-from cell.context import Result
-from cell.executive import Step
-from cell.requests.fold_request import FoldRequest, FoldResult
-from cell.resuming.keeper import Keeper
-from cell.run import fold_once
-from cell.states import Effect
+from cell.config.cell_settings import load_settings
+from cell.executive.machine import Step
+from cell.runs.checkpoint_writer import Keeper
+from cell.runs.fold_run import fold_once
+from cell.states.context import Result
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.transition_table import Effect
 
 __all__ = ["measure"]
 

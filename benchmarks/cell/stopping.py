@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from cell.config import load_settings
-from cell.requests.fold_request import FoldRequest
-from cell.run import fold_once
+from cell.config.cell_settings import load_settings
+from cell.runs.fold_run import fold_once
 from cell.simulation.noise import load_noise
+from cell.states.fold_request import FoldRequest
 from robots.baxter.model import load_model
 from robots.ports import Array, Ports, Side, arm_slice
-from skills.motion.ik import tool_pose
+from skills.motion.kinematics.ik import tool_pose
 
 __all__ = ["measure"]
 

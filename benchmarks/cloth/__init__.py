@@ -158,7 +158,7 @@ class _Kept:
             self.parts = parts
 
     def put(self, name: str, figures: dict[str, Any]) -> None:
-        from cell.files.whole_file import write_whole
+        from cell.support.files.whole_file import write_whole
 
         self.parts[name] = figures
         if self._path is not None:

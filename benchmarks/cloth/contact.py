@@ -25,9 +25,9 @@ from benchmarks.cloth.scenes import (
     timed,
 )
 from benchmarks.cloth.strain import MOST_STRAIN, TURN, EdgeStrains, edge_strains, on_the_line, reach
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
-from skills.cloth.crossings import count_crossings
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.physics import EDGES
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from skills.cloth.mesh import mesh_from_contour
 
 

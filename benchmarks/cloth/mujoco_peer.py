@@ -1,6 +1,6 @@
 """MuJoCo's flex as an independent cloth: the optional extra `peers`, never needed at run time.
 
-The very body that is the cell's second world (`cell/simulation/mujoco_cloth.py`), with our meshes, pads and
+The very body that is the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads and
 materials. How fine its steps and how stiff its contacts must be is taken from its own refinement, without a look
 at our result: both are halved until the end of the fold stops changing.
 """
@@ -28,9 +28,9 @@ from benchmarks.cloth.physics import (
 )
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, hand_motion, optimised_fold, plain_fold
 from calibration.bending import peirce
-from cell.simulation.mujoco_cloth import MujocoCloth, MujocoSettings
+from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 from robots.ports import Array
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 

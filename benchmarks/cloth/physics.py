@@ -11,7 +11,7 @@ from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, frames_of, stacked, towel_half, towel_mesh
 from calibration.bending import cantilever
 from robots.ports import Array
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation, ToolMotion

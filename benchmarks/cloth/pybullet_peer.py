@@ -18,7 +18,7 @@ from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import RELEASE, SETTLE, SharedFold, plain_fold
 from robots.baxter.pybullet_body import pb
 from robots.ports import Array
-from skills.cloth.elastic import GRAVITY, membrane_modulus
+from skills.cloth.elasticity import GRAVITY, membrane_modulus
 from skills.vocabulary import REFERENCE_DROP
 
 STEP = 1.0 / 240.0

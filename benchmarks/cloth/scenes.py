@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from robots.ports import Array, Side
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
@@ -226,7 +226,7 @@ def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
 def optimised_fold() -> SharedFold:
     """The medium towel's first fold along the trajectory that our predictor found (the shipped library's)."""
     from benchmarks.d_relax import distance_to_target
-    from cell.library.library_file import load_library
+    from cell.config.library.library_file import load_library
     from skills.trajectory.library import lookup, trajectory_from
     from skills.trajectory.paths import tool_paths
 

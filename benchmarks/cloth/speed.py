@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import TIMES, mirrored, shortened, timed, towel_half, towel_mesh, towel_quarter
 from robots.errors import InternalError
-from skills.cloth.crossings import count_crossings
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.predict import predict_fold
 from skills.cloth.solver import ClothSimulation
 

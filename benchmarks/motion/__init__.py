@@ -13,8 +13,8 @@ from typing import Any
 from benchmarks.motion.folds import measure_folds
 from benchmarks.motion.grasps import measure_grasps
 from benchmarks.motion.kinematics import measure_kinematics
-from cell.config import load_settings
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
 from robots.baxter.model import load_model
 
 __all__ = ["measure"]

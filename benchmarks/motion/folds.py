@@ -18,12 +18,12 @@ from scipy.spatial import cKDTree
 
 from benchmarks.motion.bound import time_bound
 from benchmarks.motion.workload import Task, tasks
-from cell.config import CellSettings
+from cell.config.cell_settings import CellSettings
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice
-from skills.motion import timing
-from skills.motion.collision import CollisionChecker
-from skills.motion.fold import FoldMotion, plan_fold_motion
+from skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from skills.motion.timing import timing
+from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import ToolPath
 
 __all__ = ["measure_folds"]

@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.noise import load_noise
-from cell.simulation.tactile import SimulatedTactile
+from cell.simulation.robot.tactile import SimulatedTactile
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side
 from skills.garments.garment import Garment
 from skills.grasping.confirm import Expectation, Held, LayerCount, confirm, start_confirm
-from skills.grasping.reading import HandReading
+from skills.grasping.hand_reading import HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
-from skills.grasping.zero import Zero, ZeroState, start_zero, zero
+from skills.grasping.tare import Zero, ZeroState, start_zero, zero
 from skills.vocabulary import Outcome
 
 __all__ = ["measure_grasps"]

@@ -18,10 +18,10 @@ from scipy.optimize import least_squares
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.pybullet_body import joint_map, pb
 from robots.baxter.pybullet_files import moving_urdf
-from robots.baxter.silence import silenced
+from robots.baxter.suppress_output import silenced
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
-from skills.motion import ik
+from skills.motion.kinematics import ik
 
 __all__ = ["measure_kinematics"]
 

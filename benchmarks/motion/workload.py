@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from robots.ports import Side
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds

@@ -36,8 +36,8 @@ import numpy as np
 from benchmarks.optimise.cases import Case, initial, judge, prepare
 from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import measure_lookup_times, measure_lookups, summary_of_lookups
-from cell.files.paths import logs_directory
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.support.files.paths import logs_directory
 from skills.trajectory.optimise import optimise_fold
 from skills.vocabulary import GraspTrajectory
 

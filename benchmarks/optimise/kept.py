@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import garment_path
+from cell.config.garments.garment_file import garment_path
+from cell.support.files.whole_file import write_whole
 
 __all__ = ["Kept", "fingerprint"]
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.optimise.cases import Case, initial, judge, prepare
-from cell.garments.garment_file import load_garment
-from cell.library.library_file import entry_of, load_library
+from cell.config.garments.garment_file import load_garment
+from cell.config.library.library_file import entry_of, load_library
 from robots.ports import Side
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import LibraryEntry, lookup, trajectory_from

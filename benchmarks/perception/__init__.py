@@ -22,7 +22,7 @@ from benchmarks.perception.paper_method import paper_keypoints
 from benchmarks.perception.photograph_figures import measure_photographs
 from benchmarks.perception.scenes import TABLE, LabelledScene, draw_scene
 from benchmarks.perception.strangers import measure_strangers
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.garments.garment import Garment
 from skills.perception.perceive import perceive

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from benchmarks.figures_file import command, read_figures
 from benchmarks.perception.scenes import TABLE, draw_scene
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.perception.fitting_picture import draw_fitting
 from skills.perception.perceive import perceive

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.fabric import SIZE, fabric_texture
+from cell.simulation.garment.fabric import SIZE, fabric_texture
 from robots.ports import Array
 
 __all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]

@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
-from cell.equipment.camera import nominal_calibration
-from cell.garments.garment_file import load_garment
-from cell.simulation.fabric import garment_uv
+from cell.config.garments.garment_file import load_garment
+from cell.hardware.camera import nominal_calibration
+from cell.simulation.garment.fabric import garment_uv
+from cell.simulation.garment.outline import draw_outline
 from cell.simulation.noise import load_noise
-from cell.simulation.outline import draw_outline
 from robots.errors import FailureKind
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.garments.garment import Garment
-from skills.perception.inspect import inspect
+from skills.perception.inspection.inspect import inspect
 from skills.perception.perceive import perceive
-from skills.perception.refine import refine_calibration
+from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.planning.folding import fold_xy, target_vertices
 from skills.planning.plan import plan_folds
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen

@@ -13,11 +13,11 @@ import numpy as np
 
 from benchmarks.perception.scenes import TABLE, LabelledScene
 from robots.ports import Array
-from skills.perception.energy import Boundary, EnergyWeights
-from skills.perception.register import RegistrationSettings, fit
-from skills.perception.segment_watershed import segment_watershed
+from skills.perception.rectification.table_view import TableView
+from skills.perception.registration.energy import Boundary, EnergyWeights
+from skills.perception.registration.register import RegistrationSettings, fit
+from skills.perception.segmentation.watershed import segment_watershed
 from skills.perception.template import GarmentOutline, polygon_area
-from skills.perception.view import TableView
 
 __all__ = ["paper_keypoints"]
 

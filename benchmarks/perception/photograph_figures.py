@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
-from cell.config import load_settings
+from cell.config.cell_settings import load_settings
 from cell.subcommands.perceive import ANY_SIZE, photographed
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment

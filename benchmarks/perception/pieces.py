@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.simulation.garment.outline import draw_outline
 from cell.simulation.noise import load_noise
-from cell.simulation.outline import draw_outline
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.garments.garment import Garment

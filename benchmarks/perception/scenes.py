@@ -18,20 +18,20 @@ import numpy as np
 
 from benchmarks.perception.fabrics import Light, draw_fabric
 from benchmarks.perception.pieces import Laying, Piece, draw_piece
-from cell.equipment.camera import nominal_calibration
-from cell.garments.garment_file import load_garment
-from cell.simulation.camera import SimulatedCamera
-from cell.simulation.fabric import garment_uv, table_texture
+from cell.config.garments.garment_file import load_garment
+from cell.hardware.camera import nominal_calibration
+from cell.simulation.camera.camera import SimulatedCamera
+from cell.simulation.camera.render_server import Picture, Scene, Shot, _Stage
+from cell.simulation.garment.fabric import garment_uv, table_texture
 from cell.simulation.noise import load_noise
-from cell.simulation.render_server import Picture, Scene, Shot, _Stage
 from cell.simulation.settings import DEFAULT_TABLE
 from robots.baxter.camera_mount import INTRINSICS, T_base_camera
 from robots.baxter.pybullet_body import pb
+from robots.depth_averaging import EXPOSURES
 from robots.errors import ConfigurationError
-from robots.exposures import EXPOSURES
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
-from skills.perception.refine import refine_calibration
+from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["TABLE", "LabelledScene", "Studio", "draw_scene", "open_studio"]

@@ -9,13 +9,13 @@ import numpy as np
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, open_studio
-from cell.equipment.camera import nominal_calibration
-from cell.simulation.fabric import garment_uv
+from cell.hardware.camera import nominal_calibration
+from cell.simulation.garment.fabric import garment_uv
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment
 from skills.perception.perceive import perceive
-from skills.perception.refine import refine_calibration
+from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["STRANGERS", "draw_stranger", "measure_strangers"]

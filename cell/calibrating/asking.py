@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 
-from cell.states import Event
+from cell.states.transition_table import Event
 
 __all__ = ["Asking"]
 

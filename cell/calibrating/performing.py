@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
 from cell.calibrating.reaching import reach, settled_joints, with_board
 from cell.calibrating.touching import touch_table
-from cell.effects.hands import command_grip
-from cell.effects.seeing import capture
-from cell.equipment.workcell import Workcell
-from cell.execution.streaming import stopped, wait
-from cell.execution.ticks import TICK_S
-from cell.journal import RunJournal
+from cell.control.streaming import stopped, wait
+from cell.control.ticks import TICK_S
+from cell.executive.effects.hands import command_grip
+from cell.executive.effects.seeing import capture
+from cell.hardware.workcell import Workcell
+from cell.recording.journal import RunJournal
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import BoardPlace, Side, TactileReading
-from skills.grasping.reading import GripCommand
+from skills.grasping.hand_reading import GripCommand
 from skills.vocabulary import Outcome
 
 __all__ = ["STATE", "Performer"]

@@ -11,18 +11,18 @@ import pinocchio as pin
 from calibration.board import BOARD
 from calibration.effects import Reach
 from cell.calibrating.touching import park_other
-from cell.effects.hands import telemetry
-from cell.effects.moving import move
-from cell.equipment.assembly import SLACK
-from cell.equipment.workcell import Workcell
-from cell.execution.streaming import fresh_state, wait
-from cell.execution.ticks import TICK_S
+from cell.control.streaming import fresh_state, wait
+from cell.control.ticks import TICK_S
+from cell.executive.effects.hands import telemetry
+from cell.executive.effects.moving import move
+from cell.hardware.assembly import SLACK
+from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice, frozen
-from skills.motion import ik
-from skills.motion.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.motion.free_motion import plan_free_motion
+from skills.motion.kinematics import ik
+from skills.motion.moves.free_motion import plan_free_motion
+from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
 from skills.vocabulary import Outcome
 
 __all__ = ["holding_board", "reach", "settled_joints", "with_board"]

@@ -19,24 +19,24 @@ from numpy.typing import NDArray
 from calibration.effects import Procedure
 from cell.calibrating.asking import Asking
 from cell.calibrating.performing import STATE, Performer
-from cell.config import CellSettings
-from cell.context import Context
-from cell.effects.moving import hold_still, make_safe, prepare
-from cell.equipment.assembly import assemble, load_robot
-from cell.equipment.driver import check_cell, is_simulated, opened_cell
-from cell.equipment.owned import begun_run, owned_cell
-from cell.equipment.workcell import Workcell
-from cell.files.whole_file import write_whole
-from cell.journal import RunJournal, to_json
-from cell.operator.attendant import PersonAttendant
-from cell.operator.commands import CommandQueue
-from cell.operator.keys import TerminalOperator, check_terminal
-from cell.process.interrupts import Interrupts
-from cell.process.terminations import BY_SIGNAL
-from cell.progress.compiling import compiling_told
-from cell.recorder import Recorder
-from cell.requests.fold_request import FoldRequest
+from cell.config.cell_settings import CellSettings
+from cell.executive.effects.moving import hold_still, make_safe, prepare
+from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.driver import check_cell, is_simulated, opened_cell
+from cell.hardware.workcell import Workcell
+from cell.operator.progress.compiling import compiling_told
+from cell.operator.terminal.attendant import PersonAttendant
+from cell.operator.terminal.keys import TerminalOperator, check_terminal
+from cell.recording.journal import RunJournal, to_json
+from cell.recording.rerun import Recorder
+from cell.runs.ownership import begun_run, owned_cell
 from cell.simulation import SimulationSettings, Truth, truth
+from cell.states.commands import CommandQueue
+from cell.states.context import Context
+from cell.states.fold_request import FoldRequest
+from cell.support.files.whole_file import write_whole
+from cell.support.process.interrupts import Interrupts
+from cell.support.process.terminations import BY_SIGNAL
 from robots.errors import (
     CellError,
     DriverError,

@@ -7,23 +7,23 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.effects import Touch, Touched
-from cell.effects.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
-from cell.effects.moving import move
-from cell.equipment.workcell import Workcell
-from cell.execution.streaming import fresh_state, wait
-from cell.execution.ticks import TICK_S
+from cell.control.streaming import fresh_state, wait
+from cell.control.ticks import TICK_S
+from cell.executive.effects.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
+from cell.executive.effects.moving import move
+from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side, arm_slice
 from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
-from skills.grasping.reading import GripCommand, HandReading
+from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero, start_zero, zero
-from skills.motion import ik
-from skills.motion.follow import Follower
-from skills.motion.free_motion import plan_free_motion
-from skills.motion.grasp import Descent, GraspMotion, plan_grasp
-from skills.motion.lift import plan_lift
-from skills.motion.posture import Posture
+from skills.grasping.tare import Zero, start_zero, zero
+from skills.motion.kinematics import ik
+from skills.motion.kinematics.posture import Posture
+from skills.motion.moves.free_motion import plan_free_motion
+from skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
+from skills.motion.moves.lift import plan_lift
+from skills.motion.timing.jerk_limiter import Follower
 from skills.vocabulary import Outcome, ToolPath, tool_rotation
 
 __all__ = ["park_other", "touch_table"]

@@ -35,8 +35,8 @@ __all__ = [
 def check_settings(settings: SimulationSettings) -> None:
     """Raises ConfigurationError for what no cell can be opened with: a garment that does not exist, that the world
     does not carry, or a world that is not installed."""
-    from cell.garments.garment_file import load_garment
-    from cell.simulation.cloth_body import check_body
+    from cell.config.garments.garment_file import load_garment
+    from cell.simulation.garment.cloth_body import check_body
 
     if settings.garment == "auto":  # the world draws one that it carries
         check_body(settings.world, "the garment", 1)

@@ -15,28 +15,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.files.packing import packed
-from cell.garments.garment_file import list_garments, load_garment
-from cell.simulation import contact
-from cell.simulation.board import WorldBoard, built_lens, built_table
-from cell.simulation.camera import Renderer, SimulatedCamera
-from cell.simulation.cloth_body import FRAME_RATE, check_body
-from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.simulation.camera.board import WorldBoard, built_lens, built_table
+from cell.simulation.camera.camera import Renderer, SimulatedCamera
+from cell.simulation.camera.render_server import Scene, Shot
 from cell.simulation.faults import FaultBoard, FaultKind
-from cell.simulation.garment import WorldGarment
-from cell.simulation.gripper import SimulatedGripper
+from cell.simulation.garment.cloth_body import FRAME_RATE, check_body
+from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
+from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import CameraNoise, NoiseTable, load_noise
-from cell.simulation.render_server import Scene, Shot
-from cell.simulation.robot import SimulatedRobot
+from cell.simulation.robot import contact
+from cell.simulation.robot.arms import SimulatedRobot
+from cell.simulation.robot.gripper import SimulatedGripper
+from cell.simulation.robot.tactile import SimulatedTactile
 from cell.simulation.settings import SimulationSettings
-from cell.simulation.tactile import SimulatedTactile
 from cell.simulation.truth import GarmentTruth, Truth
+from cell.support.files.packing import packed
 from robots.baxter.camera_mount import INTRINSICS, T_HEAD_CAMERA, T_base_head
 from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
 from robots.baxter.pybullet_body import BaxterBody, pb
 from robots.baxter.pybullet_files import seen_urdf
+from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import DriverError, FailureKind
-from robots.exposures import EVERY_S, EXPOSURES
 from robots.ports import Array, BoardPlace, CameraFrame, Side, frozen
 from skills.garments.garment import Garment
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from cell.subcommands.output import print_json, print_table, progress_stream
 from robots.errors import ConfigurationError
 

@@ -8,8 +8,8 @@ from typing import Any
 from calibration.board import BOARD, DICTIONARY
 from calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
 from cell.calibrating.sheet_file import SHEET_FORMATS
-from cell.files.whole_file import write_whole
 from cell.subcommands.output import print_json
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 
 __all__ = ["run"]

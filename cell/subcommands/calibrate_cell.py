@@ -18,14 +18,14 @@ from calibration.table import TableCalibration, TableSettings, calibrate_table
 from calibration.tactile import TactileCalibration, calibrate_tactile
 from cell.calibrating.score import hand_eye_error, intrinsics_error, table_error, tactile_error
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
-from cell.config import CellSettings, load_settings
-from cell.equipment.camera import camera_calibration
-from cell.equipment.workcell import Workcell
-from cell.files.calibration_file import calibration_text, read_camera_file, table_text, tactile_text
-from cell.files.paths import logs_directory, prepare_logs
-from cell.files.whole_file import write_whole
+from cell.config.calibration_file import calibration_text, read_camera_file, table_text, tactile_text
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.camera import camera_calibration
+from cell.hardware.workcell import Workcell
 from cell.simulation import Truth
 from cell.subcommands.output import print_json, progress_stream
+from cell.support.files.paths import logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.vocabulary import Array
 

@@ -14,16 +14,16 @@ from typing import Any
 from calibration.bending import calibrate_bending
 from calibration.friction import FrictionCalibration, calibrate_friction
 from calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
-from cell.config import load_settings
-from cell.files.paths import logs_directory, prepare_logs
-from cell.files.whole_file import write_whole
-from cell.files.yaml_file import read_yaml
-from cell.garments.garment_file import garment_path, load_garment, shipped_garment_path
-from cell.garments.material_file import with_material
-from cell.progress.compiling import compiling_told
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
+from cell.config.garments.material_file import with_material
+from cell.config.yaml_file import read_yaml
+from cell.operator.progress.compiling import compiling_told
 from cell.subcommands.output import print_json, print_table, progress_stream
+from cell.support.files.paths import logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
-from skills.cloth.elastic import flexural_rigidity, membrane_modulus
+from skills.cloth.elasticity import flexural_rigidity, membrane_modulus
 from skills.garments.garment import Garment
 from skills.vocabulary import REFERENCE_DROP, Array
 
@@ -140,7 +140,7 @@ def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Te
     l1, l2 = options.l1, options.l2
 
     def record(path: Path) -> None:
-        from cell.recorder.material import record_shear
+        from cell.recording.rerun.material import record_shear
 
         record_shear(path, test)
 
@@ -189,7 +189,7 @@ def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell:
     degrees = math.degrees(test.angle)
 
     def record(path: Path) -> None:
-        from cell.recorder.material import record_friction
+        from cell.recording.rerun.material import record_friction
 
         record_friction(path, test)
 
@@ -214,7 +214,7 @@ def _bending(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     test = calibrate_bending(garment.material, options.overhang)
 
     def record(path: Path) -> None:
-        from cell.recorder.material import record_bending
+        from cell.recording.rerun.material import record_bending
 
         record_bending(path, test)
 

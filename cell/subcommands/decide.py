@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.files.paths import ledger_path, logs_directory
-from cell.journal import Journal
+from cell.recording.journal import Journal
 from cell.subcommands.output import print_json, progress_stream
+from cell.support.files.paths import ledger_path, logs_directory
 
 __all__ = ["run"]
 
@@ -18,9 +18,9 @@ def run(options: argparse.Namespace) -> int:
     with Journal.open(ledger_path(logs_directory(options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
         entries = journal.entries(record.id)
-    from cell.progress.compiling import compiling_told
-    from cell.progress.lines import ProgressLines
-    from cell.replaying.deciding import changed_versions, decide_again
+    from cell.operator.progress.compiling import compiling_told
+    from cell.operator.progress.lines import ProgressLines
+    from cell.runs.decide_again import changed_versions, decide_again
 
     changed = changed_versions(record.versions)
     lines = ProgressLines(progress_stream(options.json))

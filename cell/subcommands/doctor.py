@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from cell.doctor import Verdict, examine
-from cell.files.paths import logs_directory
 from cell.subcommands.output import print_json, print_table
+from cell.support.files.paths import logs_directory
 
 __all__ = ["run"]
 

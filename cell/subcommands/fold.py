@@ -7,15 +7,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cell.config import load_settings
-from cell.files.paths import command_for, logs_directory, prepare_logs
-from cell.garments.garment_file import load_garment
-from cell.reports.recording_losses import recording_losses
-from cell.resuming.resumable import has_belief
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.recording.report.recording_losses import recording_losses
+from cell.runs.resumable import has_belief
 from cell.subcommands.output import print_json
+from cell.support.files.paths import command_for, logs_directory, prepare_logs
 
 if TYPE_CHECKING:
-    from cell.requests.fold_request import FoldResult
+    from cell.states.fold_request import FoldResult
 
 __all__ = ["run", "tell"]
 
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     if options.garment != "auto":
         load_garment(options.garment, settings.surface)
     logs = prepare_logs(logs_directory(options.logs))
-    from cell.run import FoldRequest, fold_once
+    from cell.runs.fold_run import FoldRequest, fold_once
 
     result = fold_once(
         FoldRequest(

@@ -7,11 +7,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from cell.config import load_settings
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import list_garments, load_garment
-from cell.garments.new_garment import check_plan
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.garments.new_garment import check_plan
 from cell.subcommands.output import print_json, print_table
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 
@@ -121,7 +121,7 @@ def _draw(garment: Garment, folder: Path | None) -> str | None:
         raise ConfigurationError(f"{folder}: there is no such folder", "make it, or give another one with --draw")
     import cv2
 
-    from cell.garments.drawing import draw_garment
+    from cell.config.garments.drawing import draw_garment
 
     done, png = cv2.imencode(".png", draw_garment(garment)[:, :, ::-1])
     if not done:

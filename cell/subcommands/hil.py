@@ -10,17 +10,17 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from cell.config import CellSettings, load_settings
-from cell.equipment.driver import is_simulated
-from cell.files.paths import campaign_folder, logs_directory, prepare_logs
-from cell.files.whole_file import write_whole
-from cell.hil.junit import junit_text
-from cell.hil.performing import Performance, check_script, perform_script
-from cell.hil.script import Script, read_script
-from cell.journal import to_json
-from cell.process.lock import OwnerLock
-from cell.process.terminations import BY_SIGNAL, Terminated
+from cell.campaigns.hil.junit import junit_text
+from cell.campaigns.hil.performing import Performance, check_script, perform_script
+from cell.campaigns.hil.script import Script, read_script
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.driver import is_simulated
+from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, progress_stream
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
+from cell.support.process.lock import OwnerLock
+from cell.support.process.terminations import BY_SIGNAL, Terminated
 from robots.errors import ConfigurationError
 
 __all__ = ["run"]

@@ -6,15 +6,15 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from cell.config import load_settings
-from cell.files.paths import logs_directory, prepare_logs
-from cell.garments.garment_file import list_garments, load_garment
-from cell.library.build import BuildProgress, BuiltStep, build_library
-from cell.library.library_file import load_library, put_garments, user_library_path
-from cell.library.unfinished_build import UnfinishedBuild
-from cell.process.workers import worker_pool
-from cell.progress.bar import ProgressBar
+from cell.campaigns.library.build import BuildProgress, BuiltStep, build_library
+from cell.campaigns.library.unfinished_build import UnfinishedBuild
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.library.library_file import load_library, put_garments, user_library_path
+from cell.operator.progress.bar import ProgressBar
 from cell.subcommands.output import print_json, print_table, progress_stream
+from cell.support.files.paths import logs_directory, prepare_logs
+from cell.support.process.workers import worker_pool
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["run"]

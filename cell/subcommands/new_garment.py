@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from calibration.shear import clip_and_lowest
-from cell.config import load_settings
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import load_garment
-from cell.garments.new_garment import new_garment_text
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.config.garments.new_garment import new_garment_text
 from cell.subcommands.output import print_json
 from cell.subcommands.perceive import look_at, write_overlay
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.garments.fitted import fitted_template
 from skills.garments.garment import Garment

@@ -11,13 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.config import load_settings
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import load_garment
-from cell.journal import to_json
-from cell.progress.bar import ProgressBar
-from cell.progress.compiling import compiling_told
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.operator.progress.bar import ProgressBar
+from cell.operator.progress.compiling import compiling_told
+from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, progress_stream
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config import load_settings
-from cell.equipment.camera import camera_calibration
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.hardware.camera import camera_calibration
 from cell.subcommands.output import print_json
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame, Intrinsics, frozen
 from skills.perception.overlay import draw_on_camera

@@ -7,10 +7,10 @@ import os
 import subprocess
 import sys
 
-from cell.files.paths import ledger_path, logs_directory
-from cell.journal import Journal
-from cell.recorder.viewer import find_viewer
+from cell.recording.journal import Journal
+from cell.recording.rerun.viewer import find_viewer
 from cell.subcommands.output import print_json
+from cell.support.files.paths import ledger_path, logs_directory
 from robots.errors import StorageError
 
 __all__ = ["run"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.files.paths import command_for, ledger_path, logs_directory
-from cell.journal import NOT_BEGUN, Entry, Journal, RunRecord
-from cell.resuming.resumable import resumable
+from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord
+from cell.runs.resumable import resumable
 from cell.subcommands.output import print_json
 from cell.subcommands.runs import run_figures
+from cell.support.files.paths import command_for, ledger_path, logs_directory
 
 __all__ = ["run"]
 

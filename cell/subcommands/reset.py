@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from cell.equipment.driver import stop_circuit
+from cell.hardware.driver import stop_circuit
 from cell.subcommands.output import print_json
 from robots.errors import DriverError, FailureKind
 from robots.ports import Stop

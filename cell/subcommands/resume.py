@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.files.paths import ledger_path, logs_directory, prepare_logs
-from cell.journal import Journal
+from cell.recording.journal import Journal
 from cell.subcommands.fold import tell
+from cell.support.files.paths import ledger_path, logs_directory, prepare_logs
 
 __all__ = ["run"]
 
 
 def run(options: argparse.Namespace) -> int:
     """What is left of the run is read and checked before the cell is opened."""
-    from cell.resuming.keeper import interrupted_run
-    from cell.run import fold_once
+    from cell.runs.checkpoint_writer import interrupted_run
+    from cell.runs.fold_run import fold_once
 
     logs = logs_directory(options.logs)
     changes: dict[str, Any] = {"quiet": options.json, "live": options.live}

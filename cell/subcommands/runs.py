@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from cell.files.paths import command_for, ledger_path, logs_directory
-from cell.journal import Journal, RunRecord
-from cell.resuming.resumable import has_belief
+from cell.recording.journal import Journal, RunRecord
+from cell.runs.resumable import has_belief
 from cell.subcommands.output import print_json, print_table
+from cell.support.files.paths import command_for, ledger_path, logs_directory
 
 __all__ = ["run", "run_figures"]
 

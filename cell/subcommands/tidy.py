@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from cell.files.paths import logs_directory
+from cell.runs.tidying import heavy_runs, lighten
 from cell.subcommands.output import print_json, print_table
-from cell.tidying import heavy_runs, lighten
+from cell.support.files.paths import logs_directory
 
 __all__ = ["run"]
 

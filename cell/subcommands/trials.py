@@ -11,15 +11,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.config import CellSettings, load_settings
-from cell.files.paths import campaign_folder, logs_directory, new_folder, prepare_logs
-from cell.files.whole_file import write_whole
-from cell.garments.garment_file import list_garments, load_garment
-from cell.journal import to_json
-from cell.library.library_file import user_library_path
-from cell.process.workers import worker_pool
+from cell.campaigns.trials import GarmentFigures, Trial, run_trials, tabulate
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.library.library_file import user_library_path
+from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, print_table, progress_stream
-from cell.trials import GarmentFigures, Trial, run_trials, tabulate
+from cell.support.files.paths import campaign_folder, logs_directory, new_folder, prepare_logs
+from cell.support.files.whole_file import write_whole
+from cell.support.process.workers import worker_pool
 from robots.errors import StorageError
 
 __all__ = ["run"]
@@ -87,7 +87,7 @@ def _one(
 ) -> dict[str, Any]:
     """One run in a worker process, in logs of its own: a cell has one owner, and what another run has optimised
     must not decide how this one folds. The user's library, as it is, is at hand to all."""
-    from cell.run import FoldRequest, fold_once
+    from cell.runs.fold_run import FoldRequest, fold_once
 
     logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
     _copy_library(campaign, logs)

@@ -13,7 +13,7 @@ import numpy as np
 
 from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES
 from robots.baxter.pybullet_files import moving_urdf, srdf_disabled_pairs
-from robots.baxter.silence import silenced
+from robots.baxter.suppress_output import silenced
 from robots.ports import Array, Side
 
 with silenced():  # it prints when it was built

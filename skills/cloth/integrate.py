@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.vectors import dot, load, store, vector
+from skills.cloth.simd.vec3 import dot, load, store, vector
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

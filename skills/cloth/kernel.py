@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from skills.cloth.capsules import near_capsules, push_by_capsules
-from skills.cloth.contact import (
+from skills.cloth.contact.capsules import near_capsules, push_by_capsules
+from skills.cloth.contact.contact_order import group_contacts, take_turns
+from skills.cloth.contact.contacts import (
     LEAST_SWEEPS,
     MOST_SWEEPS,
     TOLERANCE,
@@ -36,10 +37,11 @@ from skills.cloth.contact import (
     room_for_groups,
     solve_contacts,
 )
-from skills.cloth.contact_order import group_contacts, take_turns
-from skills.cloth.edge_edge import narrow_edge_edge
-from skills.cloth.eights import EIGHT, blocks
-from skills.cloth.elastic import (
+from skills.cloth.contact.edge_edge import narrow_edge_edge
+from skills.cloth.contact.pairs import needs_search, search
+from skills.cloth.contact.table import find_low, press_on_table
+from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
+from skills.cloth.elasticity import (
     damp_edges,
     measure_turns,
     rub_hinges,
@@ -49,7 +51,8 @@ from skills.cloth.elastic import (
 )
 from skills.cloth.hold import hold, let_go
 from skills.cloth.integrate import follow, integrate, lead, put_back, take_speed
-from skills.cloth.pairs import needs_search, search
+from skills.cloth.intersections.resolve import GLANCE, untangle
+from skills.cloth.simd.f64x8 import EIGHT, blocks
 from skills.cloth.sleep import pack, update_sleep
 from skills.cloth.state import (
     ACTIVE,
@@ -68,9 +71,6 @@ from skills.cloth.state import (
     SUBSTEP,
     VT,
 )
-from skills.cloth.table import find_low, press_on_table
-from skills.cloth.untangle import GLANCE, untangle
-from skills.cloth.vertex_triangle import narrow_vertex_triangle
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (

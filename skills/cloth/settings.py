@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robots.errors import ConfigurationError
-from skills.cloth.contact import PHASE
-from skills.cloth.elastic import stretch_excess
+from skills.cloth.contact.contacts import PHASE
+from skills.cloth.elasticity import stretch_excess
 from skills.cloth.mesh import ClothMesh
 from skills.vocabulary import Material
 

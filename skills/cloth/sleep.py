@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.capsules import squared_distance
-from skills.cloth.fours import pick_four
+from skills.cloth.contact.capsules import squared_distance
+from skills.cloth.simd.f64x4 import pick_four
+from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
-from skills.cloth.vectors import load, members, store
 
 STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
 SWINGS = 3  # times the frames of rest: what has not left its place for so long does not topple, it swings

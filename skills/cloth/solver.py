@@ -13,20 +13,21 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
-from skills.cloth.cache_lines import aligned
-from skills.cloth.contact import phase_length
-from skills.cloth.elastic import (
+from skills.cloth.contact.contacts import phase_length
+from skills.cloth.contact.pairs import CALM_SLACK, SLACK
+from skills.cloth.contact.ridges import flat_cosine
+from skills.cloth.elasticity import (
     build_elastic,
     build_rub,
     flexural_rigidity,
     membrane_modulus,
     turns,
 )
+from skills.cloth.intersections.resolve import Tangles, no_tangles
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.pairs import CALM_SLACK, SLACK
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
-from skills.cloth.ridges import flat_cosine
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
+from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.state import (
     AWAKE,
     FITTED,
@@ -42,7 +43,6 @@ from skills.cloth.state import (
     new_state,
 )
 from skills.cloth.topology import topology_of
-from skills.cloth.untangle import Tangles, no_tangles
 from skills.vocabulary import Material
 
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]

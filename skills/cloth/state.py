@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.cloth.cache_lines import LINE_BYTES, aligned_zeros
-from skills.cloth.elastic import Rub
-from skills.cloth.patches import Patches
-from skills.cloth.vectors import rows
+from skills.cloth.broad_phase.patches import Patches
+from skills.cloth.elasticity import Rub
+from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
+from skills.cloth.simd.vec3 import rows
 
 HANDS = 2
 MAX_HELD = 128

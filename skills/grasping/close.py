@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.reading import GripCommand, HandReading, fault
+from skills.grasping.hand_reading import GripCommand, HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero
+from skills.grasping.tare import Zero
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["CloseState", "Closed", "close", "speed_of", "start_close"]

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero
+from skills.grasping.tare import Zero
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Confirmation", "Expectation", "Held", "LayerCount", "confirm", "count_layers", "start_confirm"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skills.grasping.reading import GripCommand, HandReading, fault
+from skills.grasping.hand_reading import GripCommand, HandReading, fault
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Failure, FailureKind, Outcome
 

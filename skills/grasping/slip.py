@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skills.grasping.confirm import Held
-from skills.grasping.reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero
+from skills.grasping.tare import Zero
 from skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]

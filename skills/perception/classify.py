@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.energy import Boundary, EnergyWeights
-from skills.perception.register import RegistrationSettings, bend, best_starts
+from skills.perception.registration.energy import Boundary, EnergyWeights
+from skills.perception.registration.register import RegistrationSettings, bend, best_starts
 from skills.perception.template import GarmentOutline, polygon_area
 
 __all__ = ["Match", "classify", "polygon_iou"]

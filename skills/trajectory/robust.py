@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from skills.trajectory.mesh_refinement import refined
 from skills.trajectory.problem import Candidate, Evaluator, Mishap
-from skills.trajectory.refine import refined
 from skills.vocabulary import Array, Side
 
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]

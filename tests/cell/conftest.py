@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.journal import Entry, Journal, RunRecord
-from cell.requests.fold_request import FoldRequest, FoldResult
+from cell.recording.journal import Entry, Journal, RunRecord
+from cell.states.fold_request import FoldRequest, FoldResult
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 4, "use_library": False}}

@@ -15,16 +15,16 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.executive import Step
-from cell.files.frame_store import FRAMES, FrameStore
-from cell.journal import RunRecord
-from cell.operator.commands import CommandQueue
-from cell.replaying.answering import Halt
-from cell.replaying.deciding import Verdict, decide_again
-from cell.replaying.exchange import Channel, Exchange, Picture, pack, unpack
-from cell.replaying.transcript import TRANSCRIPT, Transcript, write_transcript
-from cell.run import fold_once
-from cell.states import Effect, Event
+from cell.executive.machine import Step
+from cell.recording.frame_store import FRAMES, FrameStore
+from cell.recording.journal import RunRecord
+from cell.recording.transcript.replay_ports import Halt
+from cell.recording.transcript.transcript import TRANSCRIPT, Transcript, write_transcript
+from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
+from cell.runs.decide_again import Verdict, decide_again
+from cell.runs.fold_run import fold_once
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Effect, Event
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
 from tests.runs import decided_again, fold_request
@@ -213,7 +213,7 @@ def test_other_settings_are_told_where_they_decide(seen: Any, copied: RunRecord)
 def test_another_program_is_told_where_it_decides(
     seen: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cell.effects.moving.HEAD_TURN_S", 1.0)
+    monkeypatch.setattr("cell.executive.effects.moving.HEAD_TURN_S", 1.0)
     assert main(["replay", "last", "--decide", "--logs", str(seen.request.logs)]) == 2
     text = capsys.readouterr().out
     assert "ANOTHER DECISION at 1.00 s, state preparing, effect prepare" in text

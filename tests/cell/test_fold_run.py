@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.executive import Executive
-from cell.journal import Entry
-from cell.library.library_file import load_library
-from cell.process.lock import is_held
-from cell.states import TERMINAL, Effect, Event, State
+from cell.config.library.library_file import load_library
+from cell.executive.machine import Executive
+from cell.recording.journal import Entry
+from cell.states.transition_table import TERMINAL, Effect, Event, State
+from cell.support.process.lock import is_held
 from robots.baxter.model import load_model
-from skills.motion.collision import CollisionChecker
+from skills.motion.validation.collision import CollisionChecker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

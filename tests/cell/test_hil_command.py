@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from cell.campaigns.hil.performing import Performance
+from cell.campaigns.hil.script import Script
 from cell.cli import main
-from cell.hil.performing import Performance
-from cell.hil.script import Script
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from cell.run import fold_once
+from cell.runs.fold_run import fold_once
 from tests.runs import decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -58,7 +58,9 @@ class Operator(threading.Thread):
 def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
-    monkeypatch.setattr("cell.run.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None)
+    monkeypatch.setattr(
+        "cell.runs.fold_run.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None
+    )
     operator = Operator(addresses)
     operator.start()
     request = fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True, record=True)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.journal import Journal
+from cell.recording.journal import Journal
 from cell.simulation import Fault, FaultKind, inject
 from robots.errors import StorageError
 from tests.runs import PLAIN, Onlooker, fold_request

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.garments.garment_file import load_garment
-from cell.journal import Journal
-from cell.operator.commands import CommandQueue
-from cell.recovery import Adjustment
-from cell.requests.fold_request import FoldRequest
+from cell.config.garments.garment_file import load_garment
+from cell.recording.journal import Journal
 from cell.simulation import Fault, FaultKind, inject
-from cell.states import Effect, Event
+from cell.states.commands import CommandQueue
+from cell.states.fold_request import FoldRequest
+from cell.states.recovery_table import Adjustment
+from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports, Side
-from skills.motion.fold import plan_fold_motion
+from skills.motion.moves.fold import plan_fold_motion
 from skills.trajectory.optimise import optimise_fold
 from skills.vocabulary import Outcome
 from tests.runs import PLAIN, Onlooker, decided_again, fold_request
@@ -62,7 +62,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     def lose(*_: Any) -> None:
         journals[0]._connection.execute("PRAGMA query_only = ON")
 
-    monkeypatch.setattr("cell.equipment.owned.Journal.open", keep)
+    monkeypatch.setattr("cell.runs.ownership.Journal.open", keep)
     onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path, record=True)
     result = onlooker.fold(request)
     monkeypatch.undo()
@@ -157,7 +157,7 @@ def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(
         failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
         return Outcome(failure=failure, notes={"simulations": 7})
 
-    monkeypatch.setattr("cell.effects.planning.optimise_fold", broken)
+    monkeypatch.setattr("cell.executive.effects.planning.optimise_fold", broken)
     onlooker = Onlooker()
     request = fold_request(tmp_path, {"optimiser": {"use_library": False}})
     onlooker.after[Effect.PLAN_MOTION] = abort
@@ -174,7 +174,7 @@ def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(
 
 def test_an_optimiser_that_always_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
-    monkeypatch.setattr("cell.effects.planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
+    monkeypatch.setattr("cell.executive.effects.planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
     onlooker = Onlooker()
     result = onlooker.fold(fold_request(tmp_path))
     assert (result.state, result.failure["kind"]) == ("not_folded", "optimiser_failed")
@@ -187,7 +187,7 @@ def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
     def crash(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError("of course")
 
-    monkeypatch.setattr("cell.effects.seeing.perceive", crash)
+    monkeypatch.setattr("cell.executive.effects.seeing.perceive", crash)
     onlooker, request = Onlooker(), fold_request(tmp_path)
     result = onlooker.fold(request)
     assert (result.result, result.exit_code) == ("fault", 3)
@@ -207,7 +207,7 @@ def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
             return Outcome(failure=Failure(FailureKind.UNREACHABLE, "something stands there", "move it"))
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
-    monkeypatch.setattr("cell.effects.planning.plan_fold_motion", blocked)
+    monkeypatch.setattr("cell.executive.effects.planning.plan_fold_motion", blocked)
     # a seed at which nothing is near a limit: with seed 1 a corner lies 16 or 31 mm behind, by the last bits
     onlooker, request = Onlooker(), fold_request(tmp_path, {}, seed=4, witness=True, record=which == "quarter")
     result = onlooker.fold(request)

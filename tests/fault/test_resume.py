@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.files.packing import packed
-from cell.journal import Journal
-from cell.operator.commands import CommandQueue
-from cell.requests.fold_request import FoldRequest, FoldResult
-from cell.resuming.keeper import Interrupted, interrupted_run
-from cell.states import Effect, Event
+from cell.recording.journal import Journal
+from cell.runs.checkpoint_writer import Interrupted, interrupted_run
+from cell.states.commands import CommandQueue
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.transition_table import Effect, Event
+from cell.support.files.packing import packed
 from robots.baxter.model import load_model
 from robots.errors import StorageError
 from robots.ports import Ports

@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from cell.cli import build_parser
-from cell.config import load_settings
-from cell.effects import seeing
-from cell.execution import streaming as execution
-from cell.execution import ticks
-from cell.garments.garment_file import list_garments
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments
+from cell.control import streaming as execution
+from cell.control import ticks
+from cell.executive.effects import seeing
 from robots import setpoint
-from robots.baxter.ros import arms, electric_gripper
+from robots.baxter.ros import electric_gripper
+from robots.baxter.ros.ports import arms
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -41,9 +41,11 @@ def house(folder: Path, files: dict[str, str], contract: str) -> subprocess.Comp
 def test_an_import_that_goes_up_is_found(tmp_path: Path) -> None:
     """The check itself can fail: one stair upwards."""
     floors = 'name = "floors"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
-    answer = house(tmp_path, {"skills/grasp.py": "import cell.runner\n", "cell/runner.py": ""}, floors)
+    answer = house(
+        tmp_path, {"skills/grasp.py": "import cell.executive.runner\n", "cell/executive/runner.py": ""}, floors
+    )
     assert answer.returncode == 1
-    assert "skills.grasp -> cell.runner" in answer.stdout
+    assert "skills.grasp -> cell.executive.runner" in answer.stdout
 
 
 def test_a_circle_between_packages_is_found(tmp_path: Path) -> None:

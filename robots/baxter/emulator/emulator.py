@@ -17,12 +17,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from robots.baxter.emulator import telling
-from robots.baxter.emulator.errands import Errands
+from robots.baxter.emulator import message_conversion
 from robots.baxter.emulator.grippers import ElectricGripper
+from robots.baxter.emulator.initial_state import USED, Past
 from robots.baxter.emulator.limbs import TICK, Limb
+from robots.baxter.emulator.loop_tasks import Errands
 from robots.baxter.emulator.motors import Motors
-from robots.baxter.emulator.past import USED, Past
 from robots.baxter.ros import topics
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node, Publisher
@@ -285,19 +285,19 @@ class Emulator:
         """The clock last: who waits for it has the states of its time, or has them at once."""
         m, tell, ports = self._messages, self._publishers, self._ports
         joints = ports.arms.state()
-        tell[topics.JOINT_STATES].tell(telling.joint_state(m, joints))
+        tell[topics.JOINT_STATES].tell(message_conversion.joint_state(m, joints))
         turning = abs(joints.head_pan - self._pan) > TURNING * TICK
         self._pan = joints.head_pan
         tell[topics.HEAD_STATE].tell(m.head_state(joints.head_pan, turning, False, True))
-        tell[topics.ROBOT_STATE].tell(telling.assembly_state(m, self._motors.state()))
+        tell[topics.ROBOT_STATE].tell(message_conversion.assembly_state(m, self._motors.state()))
         if self._now >= self._next_grippers - FULLY * TICK:
             self._next_grippers = self._now + GRIPPERS_EVERY
             for side, gripper in self._grippers.items():
-                tell[topics.gripper_state(side)].tell(telling.gripper_state(m, gripper.report()))
+                tell[topics.gripper_state(side)].tell(message_conversion.gripper_state(m, gripper.report()))
         for side, tactile in ports.tactile.items():
-            tell[topics.tactile(side)].tell(telling.tactile_state(m, tactile.reading()))
+            tell[topics.tactile(side)].tell(message_conversion.tactile_state(m, tactile.reading()))
         self._publish_picture()
-        tell[topics.CLOCK].tell(m.clock(telling.ros_time(m, self._now)))
+        tell[topics.CLOCK].tell(m.clock(message_conversion.ros_time(m, self._now)))
 
     def _publish_picture(self) -> None:
         """As openni2 does: only while somebody listens to the colour picture."""
@@ -311,7 +311,7 @@ class Emulator:
             return
         if frame is None:
             return
-        rgb, depth, info = telling.picture(self._messages, frame)
+        rgb, depth, info = message_conversion.picture(self._messages, frame)
         self._publishers[self._camera.info].tell(info)
         self._publishers[self._camera.depth].tell(depth)
         colour.tell(rgb)

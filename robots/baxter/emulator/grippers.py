@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.emulator.past import NEW, Past
+from robots.baxter.emulator.initial_state import NEW, Past
 from robots.baxter.ros.electric_gripper import (
     CALIBRATE,
     CLEAR_CALIBRATION,

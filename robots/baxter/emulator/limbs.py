@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.baxter.emulator.past import NEW, Past
+from robots.baxter.emulator.initial_state import NEW, Past
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.ports import Array, Side, arm_slice

@@ -8,15 +8,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from robots.baxter.ros.arms import RosArms
-from robots.baxter.ros.camera import RosCamera
-from robots.baxter.ros.clock import TopicClock, WallClock, cell_clock
-from robots.baxter.ros.gripper import RosGripper
-from robots.baxter.ros.head import RosHead
-from robots.baxter.ros.hearing import Hearing
+from robots.baxter.ros.latest_message import Hearing
 from robots.baxter.ros.node import Node, master_address, open_node
-from robots.baxter.ros.stop import RosStop
-from robots.baxter.ros.tactile import RosTactile
+from robots.baxter.ros.ports.arms import RosArms
+from robots.baxter.ros.ports.camera import RosCamera
+from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
+from robots.baxter.ros.ports.gripper import RosGripper
+from robots.baxter.ros.ports.head import RosHead
+from robots.baxter.ros.ports.stop import RosStop
+from robots.baxter.ros.ports.tactile import RosTactile
 from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics, joint_command
 from robots.errors import ConfigurationError
 from robots.model import JointLimits

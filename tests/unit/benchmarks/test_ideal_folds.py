@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.d_relax import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
 from benchmarks.turned import turned_over
-from cell.garments.garment_file import load_garment
-from skills.cloth.crossings import count_crossings
+from cell.config.garments.garment_file import load_garment
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

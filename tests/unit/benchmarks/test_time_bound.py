@@ -8,7 +8,7 @@ import pytest
 from benchmarks.motion.bound import time_bound
 from benchmarks.motion.folds import hermite, peak_shares
 from robots.baxter.model import load_model
-from skills.motion.timing import free_motion, time_path
+from skills.motion.timing.timing import free_motion, time_path
 
 LIMITS = load_model().planning
 

@@ -22,7 +22,7 @@ from robots.baxter.camera_mount import INTRINSICS, T_base_camera
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import BoardPlace, CameraFrame, Side, arm_slice
-from skills.motion import ik
+from skills.motion.kinematics import ik
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

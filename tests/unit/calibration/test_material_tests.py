@@ -20,9 +20,9 @@ from calibration.shear import (
     hung_shape,
     stretch_fraction,
 )
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from robots.errors import ConfigurationError
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.vocabulary import REFERENCE_DROP, Material

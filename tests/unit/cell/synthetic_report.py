@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.reports.figures import KeyFrame, fold_strip, outline
-from cell.reports.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
+from cell.recording.report.figures import KeyFrame, fold_strip, outline
+from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
 
 
 def run_record() -> RunRecord:

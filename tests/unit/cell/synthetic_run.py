@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cell.recorder import Recorder, RecorderReport
-from cell.states import State
+from cell.recording.rerun import Recorder, RecorderReport
+from cell.states.transition_table import State
 from robots.baxter.model import load_model
 from robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
-from skills.motion.ik import solve_seeds
+from skills.motion.kinematics.ik import solve_seeds
 from skills.vocabulary import (
     CameraCalibration,
     FoldLine,

@@ -17,11 +17,11 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.config import load_settings
-from cell.equipment.camera import camera_calibration
-from cell.files.calibration_file import calibration_text
-from cell.garments.garment_file import shipped_garment_path
-from cell.process.lock import OwnerLock
+from cell.config.calibration_file import calibration_text
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import shipped_garment_path
+from cell.hardware.camera import camera_calibration
+from cell.support.process.lock import OwnerLock
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from cell.cli import build_parser, main
-from cell.journal import Journal
+from cell.recording.journal import Journal
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
 
 FIGURES: dict[str, Any] = {
@@ -76,7 +76,7 @@ class Result:
 
 
 class FakeRun:
-    """Stands in for cell.run: keeps what was asked, answers what it is told to, or raises it."""
+    """Stands in for cell.runs.fold_run: keeps what was asked, answers what it is told to, or raises it."""
 
     def __init__(self) -> None:
         self.requests: list[Request] = []
@@ -92,10 +92,10 @@ class FakeRun:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeRun:
     run = FakeRun()
-    module = types.ModuleType("cell.run")
+    module = types.ModuleType("cell.runs.fold_run")
     module.FoldRequest = Request  # type: ignore[attr-defined]
     module.fold_once = run.fold_once  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cell.run", module)
+    monkeypatch.setitem(sys.modules, "cell.runs.fold_run", module)
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
     return run
 
@@ -538,7 +538,7 @@ def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
-from cell.process.standard_streams import lasting_streams
+from cell.support.process.standard_streams import lasting_streams
 with lasting_streams():
     sys.exit(subprocess.run([sys.executable, "-c", {child!r}]).returncode)
 """
@@ -611,9 +611,9 @@ def test_garment_show(capsys: pytest.CaptureFixture[str]) -> None:
 
 def picture(path: Path, garment: bool) -> Path:
     """A table as the nominal camera sees it: even grey, with the medium towel as an even dark rectangle."""
-    from cell.config import load_settings
-    from cell.equipment.camera import camera_calibration
-    from cell.garments.garment_file import load_garment
+    from cell.config.cell_settings import load_settings
+    from cell.config.garments.garment_file import load_garment
+    from cell.hardware.camera import camera_calibration
 
     calibration = camera_calibration(load_settings())
     rng = np.random.default_rng(0)

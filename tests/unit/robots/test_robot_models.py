@@ -10,11 +10,11 @@ import pytest
 from robots.baxter.model import load_model
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
-from skills.motion import ik
-from skills.motion.check import check_trajectory
-from skills.motion.collision import CollisionChecker
-from skills.motion.fold import plan_fold_motion
-from skills.motion.timing import free_motion, peaks, stop_profile, time_path
+from skills.motion.kinematics import ik
+from skills.motion.moves.fold import plan_fold_motion
+from skills.motion.timing.timing import free_motion, peaks, stop_profile, time_path
+from skills.motion.validation.collision import CollisionChecker
+from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath
 from tests.pandas import load_pandas
 from tests.tool_paths import path_deviation

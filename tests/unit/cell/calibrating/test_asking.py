@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 
 from cell.calibrating.asking import Asking
-from cell.operator.commands import CommandQueue
-from cell.operator.keys import TerminalOperator
-from cell.states import Event
+from cell.operator.terminal.keys import TerminalOperator
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Event
 
 
 def test_only_what_is_asked_for_can_be_approved() -> None:

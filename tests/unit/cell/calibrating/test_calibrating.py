@@ -15,24 +15,24 @@ from calibration.table import TableSettings, calibrate_table
 from cell.calibrating.reaching import holding_board
 from cell.calibrating.session import CalibrationRequest, calibrate
 from cell.cli import main
-from cell.config import load_settings
-from cell.equipment.assembly import load_robot
-from cell.equipment.camera import camera_calibration
-from cell.execution.ticks import TICK_S
-from cell.files.calibration_file import (
+from cell.config.calibration_file import (
     calibration_text,
     load_camera_calibration,
     read_camera_file,
     table_text,
     tactile_text,
 )
-from cell.files.paths import ledger_path
-from cell.journal import Journal
+from cell.config.cell_settings import load_settings
+from cell.control.ticks import TICK_S
+from cell.hardware.assembly import load_robot
+from cell.hardware.camera import camera_calibration
+from cell.recording.journal import Journal
 from cell.simulation.ports import _Arms
+from cell.support.files.paths import ledger_path
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Ports, Side, arm_slice
-from skills.motion import ik
-from skills.motion.collision import CollisionChecker
+from skills.motion.kinematics import ik
+from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Table
 
 
@@ -151,7 +151,7 @@ def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
 
     command = _Arms.command
     monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
-    monkeypatch.setattr("cell.equipment.owned.Journal.open", journal)
+    monkeypatch.setattr("cell.runs.ownership.Journal.open", journal)
     code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
     assert code == 3 and "held where they are" in report["hint"] and "ledger.db" in err
     assert len(told) == 1 and not np.any(told[0])

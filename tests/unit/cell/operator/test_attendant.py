@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from cell.console.board import Board
-from cell.executive import Step
-from cell.operator.attendant import PersonAttendant
-from cell.operator.commands import CommandQueue
-from cell.states import Effect, Event, State
+from cell.executive.machine import Step
+from cell.operator.console.board import Board
+from cell.operator.terminal.attendant import PersonAttendant
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, FailureKind
 from robots.ports import BoardPlace
 from tests.fakes import FakeCell

@@ -5,12 +5,12 @@ import os
 import re
 from contextlib import suppress
 
-from cell.context import Context, Result
-from cell.executive import Step
-from cell.operator.commands import OPERATOR_EVENTS, CommandQueue
-from cell.operator.keys import KEYS, TerminalOperator
-from cell.progress.lines import ProgressLines
-from cell.states import Effect, Event, State
+from cell.executive.machine import Step
+from cell.operator.progress.lines import ProgressLines
+from cell.operator.terminal.keys import KEYS, TerminalOperator
+from cell.states.commands import OPERATOR_EVENTS, CommandQueue
+from cell.states.context import Context, Result
+from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 
 

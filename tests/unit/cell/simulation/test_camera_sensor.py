@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cell.simulation.camera import Renderer, SimulatedCamera
-from cell.simulation.fabric import fabric_texture, garment_uv, table_texture
+from cell.simulation.camera.camera import Renderer, SimulatedCamera
+from cell.simulation.camera.render_server import Picture, Scene, Shot
+from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.noise import load_noise
-from cell.simulation.render_server import Picture, Scene, Shot
 from cell.simulation.settings import DEFAULT_TABLE
 from robots.baxter.camera_mount import INTRINSICS, T_base_camera
 from robots.baxter.model import JOINT_NAMES, load_model

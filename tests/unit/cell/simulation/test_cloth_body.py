@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from cell.cli import main
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from cell.simulation import SimulationSettings, check_settings
-from cell.simulation.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
-from cell.simulation.garment import WorldGarment
+from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
+from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
 from robots.errors import ConfigurationError
 from robots.ports import Array
-from skills.cloth.elastic import GRAVITY
+from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.vocabulary import Material

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.simulation.contact import Stiffness, finger_axes, fingertips, touch
+from cell.simulation.robot.contact import Stiffness, finger_axes, fingertips, touch
 from robots.baxter.pybullet_body import PAD_THICKNESS
 
 S = Stiffness(arm=1500.0, tip=2500.0, cloth=250.0)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.simulation.gripper import SimulatedGripper
 from cell.simulation.noise import load_noise
+from cell.simulation.robot.gripper import SimulatedGripper
 from robots.errors import DriverError, FailureKind
 from robots.ports import Side
 

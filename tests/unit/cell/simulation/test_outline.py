@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
+from cell.simulation.garment.outline import draw_outline
 from cell.simulation.noise import load_noise
-from cell.simulation.outline import draw_outline
 
 NOISE = load_noise().garment
 TOWELS = ("small_towel", "medium_towel", "large_towel")

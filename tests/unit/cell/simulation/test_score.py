@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from cell.simulation.folded_mesh import fold_mesh
-from cell.simulation.score import (
+from cell.simulation.scoring.folded_mesh import fold_mesh
+from cell.simulation.scoring.score import (
     FinalGarment,
     diagonal,
     named_edge_pairs,
@@ -23,7 +23,7 @@ from cell.simulation.score import (
     score_plan,
     ways_to_fold,
 )
-from cell.simulation.table_raster import PIXEL, rasterise
+from cell.simulation.scoring.table_raster import PIXEL, rasterise
 from robots.errors import InternalError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.solver import ClothSimulation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.simulation.noise import load_noise
-from cell.simulation.tactile import SimulatedTactile
+from cell.simulation.robot.tactile import SimulatedTactile
 from robots.ports import Side
 
 NOISE = load_noise().tactile

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-import cell.simulation.witness as module
-from cell.garments.garment_file import load_garment, shipped_garment_path
+import cell.simulation.scoring.truth_recorder as module
+from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.simulation.scoring.truth_recorder import Witness
 from cell.simulation.truth import GarmentTruth
-from cell.simulation.witness import Witness
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.garments.garment_file import load_garment
-from cell.operator.commands import CommandQueue
-from cell.replaying.stenographer import Stenographer
+from cell.config.garments.garment_file import load_garment
+from cell.recording.transcript.port_recorder import Stenographer
 from cell.simulation import (
     Fault,
     FaultKind,
@@ -26,14 +25,15 @@ from cell.simulation import (
     restore,
     truth,
 )
-from cell.simulation.garment import WorldGarment
+from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
 from cell.simulation.world import World
+from cell.states.commands import CommandQueue
 from robots.baxter.model import load_model
+from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError
-from robots.exposures import EVERY_S, EXPOSURES
 from robots.ports import Array, Ports, Side
-from skills.motion.ik import solve_pose
+from skills.motion.kinematics.ik import solve_pose
 from skills.vocabulary import tool_rotation
 
 BLIND = SimulationSettings(garment="small_towel", render=False)
@@ -262,7 +262,7 @@ def test_arms_follow_within_their_error_and_report_what_was_sent(opened: Any) ->
 def test_encoders_do_not_know_the_bias(opened: Any) -> None:
     bench = opened()
     T = truth(bench.ports).tools[Side.LEFT]
-    from skills.motion.ik import tool_pose
+    from skills.motion.kinematics.ik import tool_pose
 
     believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3]
     believed = believed - (0.0, 0.0, bench.height)

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.garments.garment_file import load_garment, shipped_garment_path
-from cell.garments.material_file import with_material
+from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.config.garments.material_file import with_material
 from robots.errors import ConfigurationError
 from skills.vocabulary import REFERENCE_DROP
 

@@ -17,7 +17,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from cell.cli import main
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from skills.planning.folding import silhouette, target_vertices
 from skills.planning.plan import plan_folds
 

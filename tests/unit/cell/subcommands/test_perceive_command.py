@@ -10,7 +10,7 @@ import pytest
 from benchmarks.perception.photograph_figures import look_at, worst_error
 from benchmarks.perception.photographs import photograph as drawn
 from cell.cli import main
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 
 KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robots.baxter.emulator import Emulator
-from robots.baxter.emulator.past import NEW
+from robots.baxter.emulator.initial_state import NEW
 from robots.baxter.ros import topics
 from robots.baxter.ros.installation import import_ros
 from robots.baxter.ros.messages import load_messages

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from served import Program, Serve, wait
 
-from robots.baxter.emulator.past import NEW, USED, Past
+from robots.baxter.emulator.initial_state import NEW, USED, Past
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robots.baxter.emulator.grippers import ElectricGripper
-from robots.baxter.emulator.past import NEW, USED, Past
+from robots.baxter.emulator.initial_state import NEW, USED, Past
 from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from robots.baxter.emulator.initial_state import Past
 from robots.baxter.emulator.limbs import TICK, Limb
-from robots.baxter.emulator.past import Past
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
 from robots.ports import Array, Side
 

@@ -184,8 +184,8 @@ def test_nothing_complains_when_it_ends_in_the_middle_of_something(
 
     ear = Ear(logging.WARNING)
     logging.getLogger("rosout").addHandler(ear)
-    monkeypatch.setattr("robots.baxter.ros.gripper.REPEAT_S", 0.0)
-    monkeypatch.setattr("robots.baxter.ros.head.REPEAT_S", 0.0)
+    monkeypatch.setattr("robots.baxter.ros.ports.gripper.REPEAT_S", 0.0)
+    monkeypatch.setattr("robots.baxter.ros.ports.head.REPEAT_S", 0.0)
     puppet.deaf.add("/robot/head/command_head_pan")
     for hand in puppet.hands.values():
         hand.deaf = True

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robots.ports import Side
-from skills.cloth.crossings import count_crossings
+from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold

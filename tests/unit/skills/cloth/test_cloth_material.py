@@ -12,7 +12,7 @@ from scipy.sparse.linalg import spsolve
 from benchmarks.cloth.scenes import stacked
 from robots.errors import ConfigurationError, InternalError
 from skills.cloth import kernel
-from skills.cloth.elastic import GRAVITY, build_elastic, flexural_rigidity, membrane_modulus
+from skills.cloth.elasticity import GRAVITY, build_elastic, flexural_rigidity, membrane_modulus
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import MOST_PAIRS, ClothSimulation

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from robots.errors import ConfigurationError, InternalError
-from skills.cloth.cache_lines import aligned
-from skills.cloth.elastic import GRAVITY, damp_edges, in_waves, shuffled, solve_edges
+from skills.cloth.elasticity import GRAVITY, damp_edges, in_waves, shuffled, solve_edges
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
+from skills.cloth.simd.aligned_arrays import aligned
+from skills.cloth.simd.vec3 import rows
 from skills.cloth.solver import CapsuleMotion, ClothSimulation
-from skills.cloth.vectors import rows
 from skills.vocabulary import Material
 
 MATERIAL = Material(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robots.errors import ConfigurationError, InternalError
-from skills.cloth.elastic import flexural_rigidity, turns
+from skills.cloth.elasticity import flexural_rigidity, turns
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, frames_of, planned_folds, towel_half, towel_mesh
-from skills.cloth.elastic import build_elastic, in_waves
+from skills.cloth.elasticity import build_elastic, in_waves
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skills.cloth.elastic import shuffled
+from skills.cloth.elasticity import shuffled
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.topology import topology_of
 

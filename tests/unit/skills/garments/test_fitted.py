@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from skills.garments.fitted import fitted_template, mirror_images
 
 SHIRT = load_garment("t_shirt", "bare_table").template

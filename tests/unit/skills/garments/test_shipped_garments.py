@@ -11,7 +11,7 @@ import pytest
 import shapely
 import yaml
 
-from cell.garments.garment_file import list_garments, load_garment
+from cell.config.garments.garment_file import list_garments, load_garment
 from skills.cloth.settings import SolverSettings
 from skills.planning.plan import plan_folds
 

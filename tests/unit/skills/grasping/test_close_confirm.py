@@ -12,7 +12,7 @@ from skills.grasping.close import Closed, CloseState, close, speed_of, start_clo
 from skills.grasping.confirm import Expectation, Held, confirm, count_layers, start_confirm
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero, start_zero, zero
+from skills.grasping.tare import Zero, start_zero, zero
 from skills.vocabulary import Outcome
 from tests.hands import ClosingHand, SensedHand
 

@@ -11,7 +11,7 @@ import pytest
 from robots.errors import FailureKind
 from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
 from skills.grasping.settings import GraspSettings
-from skills.grasping.zero import Zero, start_zero, zero
+from skills.grasping.tare import Zero, start_zero, zero
 from skills.vocabulary import Outcome
 from tests.hands import DescendingHand, SensedHand
 

@@ -11,12 +11,12 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side, TactileReading
 from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.lift import check_lift, start_lift_check
-from skills.grasping.reading import HandReading, fault
 from skills.grasping.release import ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
-from skills.grasping.stuck import check_stuck, residual_bound, start_stuck_check
-from skills.grasping.zero import Zero
+from skills.grasping.stuck_on_finger import check_stuck, residual_bound, start_stuck_check
+from skills.grasping.tare import Zero
 from skills.vocabulary import Outcome
 
 S = GraspSettings()

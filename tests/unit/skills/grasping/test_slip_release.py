@@ -14,8 +14,8 @@ from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.release import Released, ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import NORMAL_DIFFERENCE, SlipWatch, start_slip_watch, watch_slip
-from skills.grasping.stuck import Clear, check_stuck, start_stuck_check
-from skills.grasping.zero import Zero, start_zero, zero
+from skills.grasping.stuck_on_finger import Clear, check_stuck, start_stuck_check
+from skills.grasping.tare import Zero, start_zero, zero
 from skills.vocabulary import Failure, Outcome
 from tests.hands import ClosingHand, SensedHand
 

@@ -7,8 +7,8 @@ import pytest
 
 from robots.baxter.model import load_model
 from robots.ports import Side, arm_slice
-from skills.motion import ik
-from skills.motion.collision import CollisionChecker
+from skills.motion.kinematics import ik
+from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Table, tool_rotation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.motion.follow import Follower, follow
+from skills.motion.timing.jerk_limiter import Follower, follow
 
 DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
 

@@ -8,7 +8,7 @@ import pytest
 
 from robots.baxter.model import load_model
 from robots.ports import Side, arm_slice
-from skills.motion import ik
+from skills.motion.kinematics import ik
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import pytest
 from robots.baxter.model import load_model
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory
-from skills.motion.check import check_trajectory, contact_along
-from skills.motion.collision import CollisionChecker, Contact
-from skills.motion.free_motion import plan_free_motion
-from skills.motion.timing import free_motion
+from skills.motion.moves.free_motion import plan_free_motion
+from skills.motion.timing.timing import free_motion
+from skills.motion.validation.collision import CollisionChecker, Contact
+from skills.motion.validation.trajectory_check import check_trajectory, contact_along
 from skills.vocabulary import Table
 
 MODEL = load_model()

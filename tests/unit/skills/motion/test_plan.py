@@ -10,17 +10,17 @@ import pytest
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Side, arm_slice
-from skills.motion import route
-from skills.motion.arc import plan_arc
-from skills.motion.check import check_trajectory
-from skills.motion.collision import CollisionChecker
-from skills.motion.fold import plan_fold_motion
-from skills.motion.free_motion import plan_free_motion
-from skills.motion.grasp import plan_grasp
-from skills.motion.lift import plan_lift
-from skills.motion.posture import Posture, angles_of
-from skills.motion.timing import free_motion, peaks
-from skills.motion.withdrawal import plan_withdrawal
+from skills.motion.kinematics.posture import Posture, angles_of
+from skills.motion.moves import rrt_connect
+from skills.motion.moves.arc import plan_arc
+from skills.motion.moves.fold import plan_fold_motion
+from skills.motion.moves.free_motion import plan_free_motion
+from skills.motion.moves.grasp import plan_grasp
+from skills.motion.moves.lift import plan_lift
+from skills.motion.moves.retreat import plan_withdrawal
+from skills.motion.timing.timing import free_motion, peaks
+from skills.motion.validation.collision import CollisionChecker
+from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, Outcome, Table, ToolPath, tool_rotation
 from tests.tool_paths import path_deviation
 
@@ -268,7 +268,7 @@ def test_what_is_planned_after_a_lift_is_what_is_executed_after_it(checker, numb
 def test_a_lift_into_a_collision_is_no_plan(checker, monkeypatch):
     step, paths = towel_fold("medium", 1)
     blocked = Outcome(failure=Failure(FailureKind.IN_COLLISION, "the way up comes too near: a - b"))
-    monkeypatch.setattr("skills.motion.fold.plan_lift", lambda *_, **__: blocked)
+    monkeypatch.setattr("skills.motion.moves.fold.plan_lift", lambda *_, **__: blocked)
     assert planned(checker, step, paths, lift=0.03).failure.kind is FailureKind.IN_COLLISION
     assert planned(checker, step, paths).ok
 
@@ -425,7 +425,7 @@ def test_rrt_connect_finds_the_same_way_for_the_same_seed(checker):
     a = planned(checker, step, paths).unwrap().grasp.q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
     b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
-    ways = [route._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
+    ways = [rrt_connect._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
     assert ways[0] is not None and np.array_equal(*ways)
     assert np.array_equal(ways[0][0], a) and np.array_equal(ways[0][-1], b)
     for p, q in zip(ways[0], ways[0][1:], strict=False):

@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from robots.baxter.model import load_model
 from robots.errors import InternalError
 from robots.ports import ArmTrajectory
-from skills.motion.route import rounded
-from skills.motion.timing import (
+from skills.motion.moves.rrt_connect import rounded
+from skills.motion.timing.timing import (
     STOP_TIME,
     TICK,
     ClockWarp,

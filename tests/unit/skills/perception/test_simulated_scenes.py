@@ -7,9 +7,9 @@ import pytest
 from benchmarks.perception.fabrics import LEAST_DIFFERENCE
 from benchmarks.perception.pieces import Laying, draw_piece
 from benchmarks.perception.scenes import TABLE, draw_scene, open_studio
-from cell.garments.garment_file import list_garments, load_garment
-from cell.simulation.fabric import garment_uv
-from cell.simulation.render_server import leading
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.simulation.camera.render_server import leading
+from cell.simulation.garment.fabric import garment_uv
 from robots.baxter.camera_mount import INTRINSICS
 from skills.perception.perceive import perceive
 

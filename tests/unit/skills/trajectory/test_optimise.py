@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from robots.errors import CellError, FailureKind
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import arc_lengths, initial_controls
 from skills.trajectory.frame import frames_of

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.garments.garment_file import load_garment
+from cell.config.garments.garment_file import load_garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import FoldFrame, frames_of

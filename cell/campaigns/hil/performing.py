@@ -1,0 +1,101 @@
+"""Scripts performed one after the other, each in a run of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.hil.director import Director
+from cell.campaigns.hil.script import Script
+from cell.campaigns.hil.verdict import broken_expectations
+from cell.config.cell_settings import CellSettings, overlaid
+from cell.config.garments.garment_file import load_garment
+from cell.hardware.assembly import load_robot
+from cell.hardware.driver import is_simulated
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.transition_table import State
+from robots.errors import CellError, ConfigurationError
+
+__all__ = ["Performance", "check_script", "perform_script"]
+
+
+@dataclass(frozen=True)
+class Performance:
+    """A script that was performed. broken: what was not as expected; result: None where there was no run."""
+
+    script: Script
+    broken: tuple[str, ...]
+    result: FoldResult | None
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        return not self.broken
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the cell ended in a fault, or did not begin, without the script having asked for it."""
+        if self.result is None:
+            return True
+        return self.result.state == State.FAULT and State.FAULT not in self.script.expect.end
+
+    def as_json(self) -> dict[str, Any]:
+        run = self.result
+        return {
+            "script": str(self.script.path), "name": self.script.name, "passed": self.passed,
+            "broken": list(self.broken), "garment": self.script.garment, "seed": self.script.seed,
+            "end": run.state if run else None, "robot_time_s": run.robot_time_s if run else None,
+            "wall_time_s": self.seconds, "run_dir": run.run_dir if run else None,
+        }  # fmt: skip
+
+
+def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
+    """The settings of the script's run. Raises ConfigurationError for a script that cannot be performed."""
+    if script.needs_simulation and not is_simulated(driver):
+        raise ConfigurationError(
+            f"{script.path}: only a simulated cell can be made to fail, and is scored",
+            "use `tell` to have a person do it, leave `passed` out, or use --driver sim or emulator",
+        )
+    own = overlaid(settings, script.cell, script.path, script.setting_lines)
+    if script.garment != "auto":
+        load_garment(script.garment_named, own.surface)
+    return own
+
+
+def perform_script(
+    script: Script,
+    settings: CellSettings,
+    logs: Path,
+    *,
+    driver: str = "sim",
+    world: str = "xpbd",
+    live: bool = False,
+    realtime: bool = False,
+    tell: Callable[[str], None] = print,
+) -> Performance:
+    """One run in `logs`, with what the script does to it. What keeps the run from beginning is a broken
+    expectation like any other: the next script is performed all the same."""
+    from cell.runs.fold_run import fold_once
+
+    began = time.monotonic()
+    director: Director | None = None
+    try:
+        own = check_script(script, settings, driver)
+        request = FoldRequest(
+            garment=script.garment_named, seed=script.seed, driver=driver, settings=own, settings_path=None,
+            logs=logs, live=live, approve=script.attended,
+            terminal=not is_simulated(driver), realtime=realtime, world=world,
+            quiet=True,
+        )  # fmt: skip
+        director = Director(script, load_robot(own).q_park, tell)
+        result = fold_once(request, director.begin, (director,))
+    except CellError as e:
+        return Performance(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
+    finally:
+        if director is not None:
+            director.close()
+    broken = broken_expectations(script, result, director.seen())
+    return Performance(script, broken, result, time.monotonic() - began)

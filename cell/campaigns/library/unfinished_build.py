@@ -1,0 +1,70 @@
+"""What builds of a trajectory library that have not ended leave beside it, so that they can go on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from cell.config.library.library_file import alone_with, write_text
+from robots.errors import StorageError
+from skills.garments.garment import Garment
+from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
+from skills.trajectory.paths import LIFT_HEIGHT
+
+__all__ = ["UnfinishedBuild"]
+
+
+class UnfinishedBuild:
+    """The entries so far of a build of some garments. What other builds have left in the file stays there.
+
+    lift_height: before each arc [m]. A damaged entry counts as not yet built, and so do those of a garment that is
+    planned or lifted otherwise by now.
+    """
+
+    def __init__(self, library: Path, garments: Iterable[Garment], lift_height: float = LIFT_HEIGHT) -> None:
+        self.path = library.with_name(library.name + ".part")
+        self._plans = {garment.name: _digest(garment, lift_height) for garment in garments}
+        there, plans = _load(self.path)
+        same = {name for name, plan in self._plans.items() if plans.get(name) == plan}
+        self.library = Library(tuple(e for e in there.entries if e.garment in same))
+
+    def keep(self, entry: LibraryEntry) -> None:
+        """Raises StorageError."""
+        self.library = self.library.with_entry(entry)
+        self._write(self.library.entries)
+
+    def end(self) -> None:
+        """The library itself is written: nothing of these garments is left to go on from."""
+        self.library = Library()
+        with suppress(StorageError):  # then it is gone on from once more, to the same end
+            self._write(())
+
+    def _write(self, own: tuple[LibraryEntry, ...]) -> None:
+        with alone_with(self.path):
+            there, plans = _load(self.path)
+            entries = (*own, *(e for e in there.entries if e.garment not in self._plans))
+            if not entries:
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
+                return
+            data = json.loads(to_json(Library(entries)))
+            write_text(self.path, json.dumps({**data, "plans": {**plans, **self._plans}}, indent=1) + "\n")
+
+
+def _load(path: Path) -> tuple[Library, dict[str, str]]:
+    """The entries that can be trusted, and what their garments' plans were: name -> digest."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        plans = json.loads(text)["plans"]
+        return from_json(text)[0], {str(name): str(plan) for name, plan in plans.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return Library(), {}
+
+
+def _digest(garment: Garment, lift_height: float) -> str:
+    """Of all that decides how a garment's folds are planned and begun."""
+    plan = (garment.plan, garment.layers, garment.keypoints, garment.template.tolist(), garment.poses, lift_height)
+    return hashlib.sha256(repr(plan).encode()).hexdigest()

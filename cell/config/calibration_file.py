@@ -1,0 +1,181 @@
+"""Calibration files: what `foldcell calibrate` writes and the cell reads, one file a kind.
+
+YAML (or JSON, which is YAML) with `schema: 1` and `kind`:
+
+camera    `intrinsics` (width, height, fx, fy, cx, cy in pixels), `T_table_camera` (4 rows of 4: camera coordinates
+          to table coordinates, metres), `head_pan` [rad], and `table_height`: where the table frame stood in the
+          base frame then [m]; without it, where cell.yaml has it.
+table     `height` of the top in the base frame [m].
+tactile   `contact_force`, `held_force` [N].
+
+`provenance` tells where the values come from: per part when, by what, simulated or not, and the figures. It is
+for people; nothing is decided by it. A matrix that is no rigid motion, or a camera that looks away from the
+table, is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from cell.config.yaml_file import read_yaml, validated
+from robots.errors import ConfigurationError
+from skills.vocabulary import Array, CameraCalibration, Intrinsics, Table, frozen
+
+__all__ = [
+    "CameraFile",
+    "calibration_text",
+    "load_camera_calibration",
+    "load_table_height",
+    "load_tactile_thresholds",
+    "read_camera_file",
+    "table_text",
+    "tactile_text",
+]
+
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Row = tuple[_Number, _Number, _Number, _Number]
+
+
+class _IntrinsicsFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    width: int = Field(ge=16, le=8192, strict=True)
+    height: int = Field(ge=16, le=8192, strict=True)
+    fx: float = Field(ge=10, le=20000, strict=True, description="focal length in pixels")
+    fy: float = Field(ge=10, le=20000, strict=True, description="focal length in pixels")
+    cx: float = Field(ge=0, le=8192, strict=True, description="principal point in pixels")
+    cy: float = Field(ge=0, le=8192, strict=True, description="principal point in pixels")
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_: Literal[1] = Field(alias="schema")
+    provenance: dict[str, dict[str, Any]] = Field(default={}, description="part -> where its values come from")
+
+
+class _CameraFile(_File):
+    kind: Literal["camera"]
+    intrinsics: _IntrinsicsFile
+    T_table_camera: tuple[_Row, _Row, _Row, _Row] = Field(description="4 rows of 4 numbers")
+    head_pan: float = Field(ge=-1.6, le=1.6, strict=True, json_schema_extra={"unit": "rad"})
+    table_height: float | None = Field(default=None, ge=-0.6, le=0.5, strict=True, json_schema_extra={"unit": "m"})
+
+
+class _TableFile(_File):
+    kind: Literal["table"]
+    height: float = Field(ge=-0.6, le=0.5, strict=True, allow_inf_nan=False, json_schema_extra={"unit": "m"})
+
+
+class _TactileFile(_File):
+    kind: Literal["tactile"]
+    contact_force: float = Field(ge=0.05, le=20.0, strict=True, json_schema_extra={"unit": "N"})
+    held_force: float = Field(ge=0.05, le=20.0, strict=True, json_schema_extra={"unit": "N"})
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFile:
+    """A camera file as read. table_height: None where the file does not say."""
+
+    calibration: CameraCalibration
+    table_height: float | None
+    provenance: Mapping[str, Mapping[str, Any]]
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """Raises ConfigurationError for a file that cannot be used as one."""
+    document = read_yaml(path, "camera calibration file")
+    file = validated(document, _CameraFile)
+    T = np.array(file.T_table_camera)
+    _check_pose(T, f"{document.where(('T_table_camera',))}: T_table_camera")
+    calibration = CameraCalibration(Intrinsics(**file.intrinsics.model_dump()), frozen(T), file.head_pan)
+    return CameraFile(calibration, file.table_height, file.provenance)
+
+
+def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCalibration:
+    """Read a camera file, its pose stated for `table` as it is believed now. Raises ConfigurationError."""
+    file = read_camera_file(path)
+    if table is None or file.table_height is None:
+        return file.calibration
+    T = np.array(file.calibration.T_table_camera)
+    T[2, 3] += file.table_height - table.height
+    return CameraCalibration(file.calibration.intrinsics, frozen(T), file.calibration.head_pan)
+
+
+def load_table_height(path: Path) -> float:
+    """Of the top in the base frame [m]. Raises ConfigurationError."""
+    return validated(read_yaml(path, "table calibration file"), _TableFile).height
+
+
+def load_tactile_thresholds(path: Path) -> dict[str, float]:
+    """contact_force, held_force [N], by their names in GraspSettings. Raises ConfigurationError."""
+    file = validated(read_yaml(path, "tactile calibration file"), _TactileFile)
+    return {"contact_force": file.contact_force, "held_force": file.held_force}
+
+
+def calibration_text(
+    calibration: CameraCalibration,
+    table_height: float | None = None,
+    provenance: Mapping[str, Mapping[str, Any]] | None = None,
+) -> str:
+    """A camera file's text: what `load_camera_calibration` reads back."""
+    i = calibration.intrinsics
+    data: dict[str, Any] = {
+        "intrinsics": {
+            "width": i.width,
+            "height": i.height,
+            **{name: float(getattr(i, name)) for name in ("fx", "fy", "cx", "cy")},
+        },
+        "T_table_camera": [[float(v) for v in row] for row in calibration.T_table_camera],
+        "head_pan": float(calibration.head_pan),
+    }
+    if table_height is not None:
+        data["table_height"] = float(table_height)
+    return _text("camera", data, provenance)
+
+
+def table_text(height: float, provenance: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """A table file's text."""
+    return _text("table", {"height": float(height)}, provenance)
+
+
+def tactile_text(
+    thresholds: Mapping[str, float], provenance: Mapping[str, Mapping[str, Any]] | None = None
+) -> str:
+    """A tactile file's text."""
+    return _text("tactile", {name: float(value) for name, value in thresholds.items()}, provenance)
+
+
+def _text(kind: str, data: Mapping[str, Any], provenance: Mapping[str, Mapping[str, Any]] | None) -> str:
+    told = {"provenance": {part: dict(notes) for part, notes in provenance.items()}} if provenance else {}
+    return yaml.safe_dump({"schema": 1, "kind": kind, **data, **told}, sort_keys=False, allow_unicode=True)
+
+
+def _check_pose(T: Array, where: str) -> None:
+    R = T[:3, :3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
+        raise ConfigurationError(
+            f"{where}: not a rotation (R R^T differs from the identity by {np.abs(R @ R.T - np.eye(3)).max():.2g},"
+            f" determinant {np.linalg.det(R):.3g})",
+            "calibrate the camera again",
+        )
+    if not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0]):
+        raise ConfigurationError(f"{where}: the last row has to be 0, 0, 0, 1", "calibrate the camera again")
+    if not 0.1 <= T[2, 3] <= 5.0 or np.abs(T[:2, 3]).max() > 5.0:
+        raise ConfigurationError(
+            f"{where}: the camera would stand at ({T[0, 3]:g}, {T[1, 3]:g}, {T[2, 3]:g}) m in the table frame;"
+            " allowed is 0.1 to 5 m above the table",
+            "looks like millimetres" if np.abs(T[:3, 3]).max() > 50 else "calibrate the camera again",
+        )
+    if R[2, 2] > -0.1:
+        raise ConfigurationError(
+            f"{where}: the camera looks away from the table",
+            "its z axis is the view: give camera to table, with z towards the table",
+        )

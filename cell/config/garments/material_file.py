@@ -1,0 +1,78 @@
+"""Putting a measured value into a copy of a garment file, and nothing else: its comments and layout stay."""
+
+from __future__ import annotations
+
+import copy
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cell.config.garments.garment_file import DEFAULT_SURFACE, load_garment
+from cell.config.yaml_file import parse_yaml
+
+__all__ = ["with_material"]
+
+
+def with_material(
+    text: str,
+    name: str,
+    values: Mapping[str, Any],
+    measured: Mapping[str, str],
+    no_longer_assumed: Sequence[str],
+    surface: str = DEFAULT_SURFACE,
+) -> str:
+    """The garment file `text` with `values` under `material`, and where they come from under `material.measured`.
+
+    A value that is a mapping is merged with what is there. no_longer_assumed: names taken off `material.assumed`.
+    name: the file's (NAME.yaml), for messages. Raises ConfigurationError when the result is no good garment file.
+    """
+    file = Path(f"{name}.yaml")
+    wanted = dict(parse_yaml(text, file, "garment file").data)
+    material = copy.deepcopy(wanted.get("material") or {})
+    changed = {key: _merged(material.get(key), value) for key, value in values.items()}
+    changed["measured"] = _merged(material.get("measured"), dict(measured))
+    if any(field in no_longer_assumed for field in material.get("assumed", [])):
+        changed["assumed"] = [field for field in material["assumed"] if field not in no_longer_assumed]
+    wanted["material"] = material | changed
+    edited = _edited(text, changed)
+    if parse_yaml(edited, file, "garment file").data != wanted:  # a layout that is not edited line by line
+        edited = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True)
+    with tempfile.TemporaryDirectory() as folder:
+        trial = Path(folder) / file
+        trial.write_text(edited, encoding="utf-8")
+        load_garment(trial, surface)
+    return edited
+
+
+def _merged(old: Any, new: Any) -> Any:
+    return {**old, **new} if isinstance(old, Mapping) and isinstance(new, Mapping) else new
+
+
+def _edited(text: str, changed: Mapping[str, Any]) -> str:
+    """`changed` in the block `material:`, one line a key; what stands there of these keys goes."""
+    lines = text.splitlines()
+    start = next((i for i, line in enumerate(lines) if re.match(r"material:\s*(#.*)?$", line)), None)
+    if start is None:
+        return text
+    end = start + 1
+    while end < len(lines) and (not lines[end].strip() or lines[end][0] in " #"):
+        end += 1
+    block = lines[start + 1 : end]
+    stated = (line for line in block if line.strip() and not line.lstrip().startswith("#"))
+    indent = next((len(line) - len(line.lstrip()) for line in stated), 2)
+    for key, value in changed.items():
+        flow = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+        line = " " * indent + f"{key}: {flow.removesuffix('...' + chr(10)).strip()}"
+        first = next((i for i, old in enumerate(block) if re.match(rf" {{{indent}}}{key}:", old)), None)
+        if first is None:
+            block.append(line)
+            continue
+        last = first + 1
+        while last < len(block) and len(block[last]) - len(block[last].lstrip()) > indent:
+            last += 1
+        block[first:last] = [line]
+    return "\n".join([*lines[: start + 1], *block, *lines[end:]]) + "\n"

@@ -1,0 +1,56 @@
+"""The file of a garment of one's own: like one that is known, with the outline that was seen."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_garment
+from cell.config.yaml_file import read_yaml
+from robots.errors import ConfigurationError
+from robots.ports import Array
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+
+__all__ = ["check_plan", "new_garment_text"]
+
+
+def new_garment_text(like: str, name: str, title: str, template: Array, origin: str, surface: str) -> str:
+    """A garment file with the folds, fabric and poses of the garment `like`, and the key points `template` (k, 2).
+
+    All of its fabric is marked as assumed: it was measured on another garment, if at all. origin: a line that says
+    where the outline is from. Raises ConfigurationError where the folds cannot be planned on this outline.
+    """
+    data = dict(read_yaml(garment_path(like), "garment file").data)
+    fabric = {k: v for k, v in data.get("material", {}).items() if k not in ("measured", "hang_drop")}
+    fabric |= {
+        "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # of its strip
+        "assumed": list(FABRIC_FIELDS),
+    }
+    points = {n: [round(float(v), 4) for v in p] for n, p in zip(data["keypoints"], template, strict=True)}
+    data |= {"title": title, "keypoints": points, "material": fabric}
+    text = f"# {origin}\n# Folds, fabric and poses are those of {like}: measure the fabric (foldcell calibrate).\n"
+    text += _dumped(data)
+    with tempfile.TemporaryDirectory() as folder:
+        trial = Path(folder) / f"{name}.yaml"
+        trial.write_text(text, encoding="utf-8")
+        check_plan(name, load_garment(trial, surface))
+    return text
+
+
+def check_plan(name: str, garment: Garment) -> None:
+    """Raises ConfigurationError for a garment whose folds cannot be planned."""
+    planned = plan_folds(garment.flat_state(*garment.poses.middle), garment)
+    if planned.failure is not None:
+        raise ConfigurationError(
+            f"{name}: its folds cannot be planned: {planned.failure.what}", planned.failure.hint
+        )
+
+
+def _dumped(data: Mapping[str, Any]) -> str:
+    """YAML with points and short lists on one line, as in the shipped files."""
+    return yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=115)

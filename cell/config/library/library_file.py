@@ -1,0 +1,170 @@
+"""The trajectory library's files: the shipped one and the user's own."""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import metadata, resources
+from pathlib import Path
+
+from cell.support.files.whole_file import write_whole
+from robots.errors import StorageError
+from skills.garments.garment import Garment
+from skills.trajectory.library import Library, LibraryEntry, Refusal, entry_from, from_json, to_json
+from skills.vocabulary import FoldStep, GraspTrajectory
+
+__all__ = [
+    "LoadedLibrary",
+    "add_entry",
+    "alone_with",
+    "entry_of",
+    "load_library",
+    "put_garments",
+    "shipped_library_path",
+    "user_library_path",
+    "write_library",
+    "write_text",
+]
+
+
+_HINT = "make room or make the library's folder writable, or put the logs elsewhere with --logs"
+
+
+@dataclass(frozen=True)
+class LoadedLibrary:
+    """library: what can be used. refused: file and reason of what cannot, for the operator to see."""
+
+    library: Library
+    refused: tuple[tuple[Path, Refusal], ...] = ()
+
+
+def shipped_library_path() -> Path:
+    return Path(str(resources.files("cell.config.library") / "library.json"))
+
+
+def user_library_path(logs: Path) -> Path:
+    """Where this user's own optimised folds are kept."""
+    return logs / "library.json"
+
+
+def load_library(logs: Path | None = None) -> LoadedLibrary:
+    """The user's library, then the shipped one. A file that is missing is empty; a broken one is refused."""
+    library, refused = Library(), []
+    paths = [] if logs is None else [user_library_path(logs)]
+    for path in (*paths, shipped_library_path()):
+        part, bad = _load(path)
+        library = library.merged(part)
+        refused += [(path, refusal) for refusal in bad]
+    return LoadedLibrary(library, tuple(refused))
+
+
+def entry_of(
+    garment: Garment, step: FoldStep, trajectory: GraspTrajectory, method: str, dissimilarity_initial: float
+) -> LibraryEntry:
+    """What a library keeps of a fold. dissimilarity_initial: of the arc that the search began with [m]."""
+    return entry_from(
+        trajectory,
+        step,
+        category=garment.category,
+        variant=step.variant,
+        garment=garment.name,
+        material=garment.material,
+        size_m=garment.size_m,
+        edge_length=garment.mesh_edge_m,
+        method=method,
+        dissimilarity_initial=dissimilarity_initial,
+        max_tool_speed=garment.max_tool_speed,
+        version=metadata.version("foldcell"),
+    )
+
+
+def add_entry(logs: Path, entry: LibraryEntry) -> Path:
+    """Keep one more fold in the user's library. Raises StorageError; a broken library is set aside, not lost."""
+    path = user_library_path(logs)
+    with alone_with(path):
+        library, refused = _load(path)
+        if refused:
+            _set_aside(path)
+        write_library(path, library.with_entry(entry))
+    return path
+
+
+def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
+    """Write `library` in place of what the file holds of these garments; what it holds of others stays.
+
+    Raises StorageError; a broken library is set aside, not lost.
+    """
+    with alone_with(path):
+        there, refused = _load(path)
+        if refused:
+            _set_aside(path)
+        built = set(garments)
+        others = Library(tuple(e for e in there.entries if e.garment not in built))
+        write_library(path, library.merged(others))
+
+
+def write_library(path: Path, library: Library) -> None:
+    """Write the whole file or none of it. Raises StorageError."""
+    write_text(path, to_json(library))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write the whole file or none of it, and the folder where there is none. Raises StorageError."""
+    _made(path.parent)
+    write_whole(path, text, _HINT)
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be made: {error.strerror}", _HINT, path=str(folder)) from None
+    return folder
+
+
+@contextmanager
+def alone_with(path: Path) -> Iterator[None]:
+    """Nobody else reads a library to write it anew meanwhile: a run that ends beside a build would undo it. Raises
+    StorageError.
+
+    The lock is the folder's (`flock`), for the instant that it takes; where a file system has none, there is none.
+    """
+    folder = _made(path.absolute().parent)
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be read: {error.strerror}", _HINT, path=str(folder)) from None
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        return Library(), ()
+    except (OSError, UnicodeDecodeError) as error:
+        return Library(), (Refusal(-1, f"cannot be read: {error}"),)
+    return from_json(text)
+
+
+def _set_aside(path: Path) -> None:
+    """Under a name that is free: what was set aside before stays. One that another program has moved is gone."""
+    names = itertools.chain([".refused"], (f".refused-{k}" for k in itertools.count(2)))
+    there = next(p for name in names if not (p := path.with_name(path.name + name)).exists())
+    try:
+        os.replace(path, there)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise StorageError(
+            f"{path}: a broken library cannot be set aside: {error.strerror}", "Remove it by hand.", path=str(path)
+        ) from None

@@ -1,0 +1,112 @@
+"""Where a motion is on its path, and what can hold it up there: it never leaves the path that was checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from cell.control.sent import Sent
+from cell.control.ticks import TICK_S
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Event
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, Array
+from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
+
+__all__ = ["PathClock", "PathControl"]
+
+
+@dataclass(eq=False)
+class PathControl:
+    """What can hold up a motion on its path, and the limits within which it then stops and starts.
+
+    commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
+    the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the ledger: paused
+    and resumed, both written while the arms rest. sent: remembers the set-points. waited_s: cell time spent at
+    rest in a pause, summed over the motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
+    """
+
+    commands: CommandQueue | None
+    stop: JointLimits
+    go: JointLimits
+    tell: Callable[[str], None] = lambda _: None
+    note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
+    sent: Sent = field(default_factory=Sent)
+    waited_s: float = 0.0
+    stop_s: float = STOP_TIME
+
+    def wanted(self) -> Event | None:
+        return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
+
+    def answer(self) -> Event | None:
+        """What ends a pause, if it is said within a tick of real time."""
+        assert self.commands is not None
+        return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
+
+
+class PathClock:
+    """Where a motion is on its path: it runs, comes to rest, rests, and runs again, never leaving the path."""
+
+    def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
+        self._trajectory, self._control = trajectory, control
+        self._base, self._ticks = 0.0, 0
+        """The clock when it last changed, and the ticks since: counted, so that rounding does not add up."""
+        self._warp: ClockWarp | None = None
+        self._goal = 1.0
+
+    @property
+    def t(self) -> float:
+        """The motion's own time [s]."""
+        if self._warp is None:
+            return self._base + self._ticks * TICK_S * self._goal
+        return float(self._warp.at(self._ticks * TICK_S)[0])
+
+    @property
+    def resting(self) -> bool:
+        return self._goal == 0.0 and self._warp is None
+
+    @property
+    def stopping(self) -> bool:
+        return self._goal == 0.0 and self._warp is not None
+
+    @property
+    def arrived(self) -> bool:
+        return self._goal == 1.0 and self.t >= self._trajectory.duration
+
+    def setpoint(self) -> tuple[Array, Array]:
+        """q, qd (14,) for now."""
+        q, qd = self._trajectory.at(self.t)
+        return q, qd * self._rate()[0]
+
+    def advance(self) -> None:
+        """One tick on."""
+        self._ticks += 1
+        if self._warp is not None and self._ticks * TICK_S >= self._warp.duration - 1e-9:
+            beyond = self._ticks * TICK_S - self._warp.duration
+            self._base, self._ticks = self.t + beyond * self._goal, 0
+            self._warp = None
+
+    def stop(self) -> None:
+        self._change(0.0, self._control.stop, self._control.stop_s)
+
+    def go(self) -> None:
+        self._change(1.0, self._control.go, STOP_TIME)
+
+    def begin_again(self) -> bool:
+        """After a stall the arms stand: from the last set-point on, the clock runs up as after a pause. -> False
+        for one that runs down or rests already."""
+        if self._goal != 1.0:
+            return False
+        self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0
+        self.go()
+        return True
+
+    def _rate(self) -> tuple[float, float]:
+        if self._warp is None:
+            return self._goal, 0.0
+        _, rate, slope = self._warp.at(self._ticks * TICK_S)
+        return float(rate), float(slope)
+
+    def _change(self, goal: float, limits: JointLimits, seconds: float) -> None:
+        change = ClockWarp(self.t, seconds, goal, *self._rate())
+        self._warp, self._goal, self._ticks = warp_clock(self._trajectory, change, limits), goal, 0

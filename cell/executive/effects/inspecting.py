@@ -1,0 +1,156 @@
+"""Effects that judge a fold: what lies there against what the simulation predicted, and what follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.executive.effects.adapting import adapt
+from cell.executive.effects.drifting import moved_along
+from cell.executive.effects.pressing import plan_pressing
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context, Result
+from cell.states.step_notes import note_of
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose, outline_good, told_by_height
+from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
+from skills.perception.registration.alignment import edge_deviation
+from skills.vocabulary import FoldStep, Outcome, PredictedShape
+
+__all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
+
+DISPLACED = 0.010
+"""An outline that pressing displaced by so much is judged as any other [m]: corners that turn up move more."""
+
+HINTS = {
+    FailureKind.DRIFT: "the garment moved as a whole: a rougher table or a slower fold",
+    FailureKind.PILING: "cloth is heaped up: a lower arc near the target",
+    FailureKind.SAG: "the part between the hands hung: hold it wider apart",
+    FailureKind.DROPPED_CORNER: "a corner was lost on the way: grip lower or harder",
+    FailureKind.MISSED_LAYER: "not all layers were taken: grip lower",
+}
+
+
+def inspect_fold(cell: Workcell, context: Context) -> Result:
+    """Accept the fold, or name what went wrong with it."""
+    assert context.predicted is not None
+    outcome = _compare(cell, context, context.predicted, context.step)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    seen = outcome.unwrap()
+    if context.pressed:
+        seen = judged_as_before(context.pressed[0], seen, context.step, cell.inspection)
+    context = replace(context, inspection=seen)
+    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
+    if seen.diagnosis is None or told_by_height(seen, cell.inspection):
+        pressing = plan_pressing(cell, context)
+        if pressing is not None:
+            return replace(pressing, record={**figures(seen), **pressing.record})
+    if seen.diagnosis is None:
+        context, learned = adapt(cell, context)
+        ended = next_step(cell, context)
+        return replace(ended, record={**figures(seen), **learned, **ended.record})
+    failure = Failure(
+        seen.diagnosis,
+        f"fold {context.step.name}: {', '.join(beyond_limits(seen, cell.inspection))}",
+        HINTS.get(seen.diagnosis, "compare the observed with the predicted shape in the recording"),
+        figures(seen),
+    )
+    return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+
+
+def judged_as_before(
+    before: Inspection, seen: Inspection, step: FoldStep, settings: InspectionSettings
+) -> Inspection:
+    """What is seen after a fold was pressed, judged anew, but for an outline that was good and lies as it lay: a
+    crease that is pressed reaches further out than the unpressed one that was predicted."""
+    displaced, _ = edge_deviation(before.contour, seen.contour)
+    if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
+        return seen
+    kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
+    return replace(seen, diagnosis=kind, confidence=confidence)
+
+
+def next_step(cell: Workcell, context: Context) -> Result:
+    """Past the fold at hand: what was predicted is now believed, moved to where it is seen. After the last one the
+    garment is folded, unless the operator left folds out."""
+    ending = context.failure
+    context = moved_along(_noted(context), context.inspection)
+    fresh = replace(
+        context, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
+        inspection=None, pictures=(), plan_frames=None, avoided=(), carried=False,
+        pressed=(), press_tries=0, press_motion=None, unpressed=False,
+    )  # fmt: skip
+    if context.index + 1 < len(context.steps):
+        return Result(Event.NEXT_FOLD, replace(fresh, index=context.index + 1, grasps=0))
+    made = {note.name for note in fresh.done}
+    left_out = [step.name for step in fresh.steps if step.name not in made]
+    if fresh.steps and not left_out:
+        return Result(Event.ALL_FOLDED, fresh)
+    if left_out:
+        ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(left_out)}")
+    return Result(Event.GIVE_UP, replace(fresh, failure=ending, through=bool(fresh.steps)))
+
+
+def find_folded(cell: Workcell, context: Context) -> Result:
+    """Between two folds: the garment is where the believed shape lies best over what is seen."""
+    assert context.mesh is not None and context.vertices is not None
+    believed = PredictedShape(context.vertices, context.mesh.triangles, context.mesh.rest)
+    outcome = _compare(cell, context, believed, None)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    seen = outcome.unwrap()
+    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
+    if seen.iou_aligned < cell.settings.inspection.iou:
+        failure = Failure(
+            FailureKind.NOT_FLAT,
+            f"the garment does not lie as the last fold left it (overlap {seen.iou_aligned:.2f})",
+            "lay it back as it was and go on (foldcell resume last), or lay it flat and start again",
+            figures(seen),
+        )
+        return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+    return Result(Event.DONE, moved_along(context, seen), figures(seen))
+
+
+def figures(seen: Inspection) -> dict[str, float]:
+    """An inspection as plain numbers; what nobody could see is left out."""
+    edge = {} if seen.edge is None else {"edge_corner_m": seen.edge.corner, "edge_sag_m": seen.edge.sag}
+    hard_to_see = {"height_m": seen.height_m, "missing_layer": seen.missing_layer, **edge}
+    return {
+        "iou": seen.iou,
+        "iou_aligned": seen.iou_aligned,
+        "drift_m": seen.drift_m,
+        "drift_rad": seen.drift_rad,
+        "extra_height_m": seen.extra_height_m,
+        "edge_deviation_m": seen.edge_deviation_m,
+        "confidence": seen.confidence,
+        **{name: value for name, value in hard_to_see.items() if np.isfinite(value)},
+    }
+
+
+def _compare(
+    cell: Workcell, context: Context, shape: PredictedShape, made: FoldStep | None
+) -> Outcome[Inspection]:
+    """What is seen against a shape. made: the fold that has just been made, None where none has."""
+    assert context.frame is not None
+    frame = context.frame
+    flat_top = context.perception.top if context.perception else None
+    return cell.compute(
+        cell.settings.computing.inspection_s,
+        lambda: inspect(
+            frame, context.calibration(cell.calibration), cell.table, context.reference, shape,
+            made, cell.inspection, context.previous, flat_top, context.before_fold,
+        ),
+    )  # fmt: skip
+
+
+def _noted(context: Context) -> Context:
+    """The fold on record, with the predicted shape as the belief of where the garment lies: a fold that was
+    carried through is believed, and made once somebody has seen what came of it."""
+    note = note_of(context)
+    if note is None or not (context.carried or note.inspected):  # the operator left it out
+        return context
+    done = (*context.done, note) if note.inspected else context.done
+    return replace(context, done=done, vertices=note.predicted.vertices)

@@ -1,0 +1,116 @@
+"""The pure machine over the table of states.py: an event goes in, the effect to perform comes out.
+
+One thread, no clock, no I/O, nothing done inside callbacks. `transitions` validates the triggers and
+draws the chart. What happens outside the working flow (stop, crash, abort, pause) is added here once,
+for every working state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from transitions import Machine, MachineError
+
+from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
+from robots.errors import InternalError
+
+__all__ = ["Executive", "Step", "complete_table"]
+
+_ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
+
+
+def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
+    """The table with the rows that hold in every working state: stop, lost ledger, crash, abort, pause and resume.
+
+    Pause is taken between two effects; resuming enters the interrupted state anew (its effect is
+    issued again and checks its own start). While the cell makes itself safe it can only be stopped.
+    """
+    working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
+    added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # target: see Executive.handle
+    for s in [*working, State.PAUSED]:
+        added.append(Row(s, Event.STOP, State.STOPPED, Effect.HOLD))
+        added.append(Row(s, Event.UNRECORDED, State.FAULT, Effect.HOLD))
+        if s in _ENDING:
+            added.append(Row(s, Event.CRASH, State.FAULT, Effect.HOLD))
+            continue
+        added.append(Row(s, Event.CRASH, State.MAKING_SAFE, Effect.MAKE_SAFE))
+        added.append(Row(s, Event.ABORT, State.GIVING_UP, Effect.MAKE_SAFE))
+        if s is not State.PAUSED:
+            added.append(Row(s, Event.PAUSE, State.PAUSED, Effect.WAIT))
+    return (*rows, *added)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One turn of the machine."""
+
+    source: State
+    event: Event
+    target: State
+    effect: Effect
+
+
+@dataclass
+class _Model:
+    """What `transitions` moves: it only carries the state."""
+
+    state: str = State.IDLE.value
+    trigger: object = field(default=None, repr=False)
+
+
+class Executive:
+    """Walks the table. `handle` raises InternalError for an event that the state does not know."""
+
+    def __init__(self, rows: tuple[Row, ...] = TRANSITIONS) -> None:
+        self._rows = {(r.state, r.event): r for r in complete_table(rows)}
+        if len(self._rows) != len(complete_table(rows)):
+            raise InternalError("two rows of the table share a state and an event")
+        self._model = _Model()
+        self._interrupted: tuple[State, Effect] | None = None
+        self._effect = Effect.NOTHING
+        self._machine = Machine(
+            model=self._model,
+            states=[s.value for s in State],
+            transitions=[
+                {"trigger": r.event.value, "source": r.state.value, "dest": r.target.value}
+                for r in self._rows.values()
+            ],
+            initial=State.IDLE.value,
+            auto_transitions=False,
+            send_event=False,
+            model_override=False,
+        )
+
+    @property
+    def state(self) -> State:
+        return State(self._model.state)
+
+    @property
+    def ended(self) -> bool:
+        return self.state in TERMINAL
+
+    def allowed(self) -> tuple[Event, ...]:
+        """The events that the present state knows, for buttons and messages."""
+        return tuple(Event(t) for t in self._machine.get_triggers(self._model.state))
+
+    def handle(self, event: Event) -> Step:
+        """Move by one event and say what is to be done now."""
+        source = self.state
+        if event is Event.RESUME and source is State.PAUSED and self._interrupted:
+            target, effect = self._interrupted
+            self._machine.set_state(target.value, self._model)
+            self._interrupted, self._effect = None, effect
+            return Step(source, event, target, effect)
+        row = self._rows.get((source, event))
+        if row is None:
+            raise InternalError(
+                f"event '{event}' in state '{source}'", f"known there: {', '.join(self.allowed()) or 'none'}"
+            )
+        if event is Event.PAUSE:
+            self._interrupted = (source, self._effect)
+        try:
+            self._model.trigger(event.value)  # type: ignore[operator]
+        except MachineError as e:  # the chart and our rows are built from one table
+            raise InternalError(str(e)) from e
+        self._effect = row.effect
+        return Step(source, event, row.target, row.effect)

@@ -1,0 +1,120 @@
+"""Putting a cell together from its settings: models, thresholds, garments, library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from cell.config.cell_settings import CellSettings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.library.library_file import add_entry, entry_of, load_library
+from cell.control.streaming import ExecutionLimits
+from cell.hardware.camera import camera_calibration
+from cell.hardware.workcell import Workcell
+from cell.recording.rerun import Recorder
+from cell.states.commands import CommandQueue
+from cell.states.fold_request import FoldRequest
+from robots.model import RobotModel
+from robots.ports import Ports
+from skills.garments.garment import Garment
+from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
+from skills.trajectory.library import Library
+from skills.vocabulary import FoldStep, GraspTrajectory
+
+__all__ = ["assemble", "load_robot"]
+
+
+SLACK = 0.002
+"""What is executed may come nearer than what is planned by this much [m]: the arms stand a little off."""
+
+
+def load_robot(settings: CellSettings) -> RobotModel:
+    """The robot that the settings name."""
+    from robots.baxter.model import load_model  # the only robot yet: settings.robot is validated
+
+    return load_model()
+
+
+def assemble(
+    request: FoldRequest,
+    robot: RobotModel,
+    ports: Ports,
+    recorder: Recorder,
+    commands: CommandQueue,
+    workers: ThreadPoolExecutor,
+    tell: Callable[[str], None],
+    progress: Callable[[int, int, str], None],
+) -> Workcell:
+    """Everything that a run works with. Raises ConfigurationError for a file that cannot be used."""
+    settings = request.settings
+    expected = None if request.garment == "auto" else load_garment(request.garment, settings.surface)
+    shipped = [load_garment(name, settings.surface) for name in list_garments()]
+    garments = [g for g in shipped if expected is None or g.name != expected.name]
+    library = _RunLibrary(request)
+    return Workcell(
+        ports=ports,
+        settings=settings,
+        table=settings.table,
+        calibration=camera_calibration(settings),
+        robot=robot,
+        checker=CollisionChecker(robot, settings.table),
+        guard=CollisionChecker(
+            robot,
+            settings.table,
+            body_margin=BODY_MARGIN - SLACK,
+            table_margin=TABLE_MARGIN - SLACK,
+            fingertip_margin=FINGERTIP_MARGIN - SLACK,
+        ),
+        limits=robot.limits(settings.motion.accelerations, settings.motion.velocity_scale),
+        execution=_execution(settings),
+        garments=tuple([*([expected] if expected else []), *garments]),
+        expected=expected,
+        grasp=settings.grasp.settings(),
+        perception=settings.perception.settings(),
+        inspection=settings.inspection.settings(settings.perception),
+        library=library.present,
+        keep=library.keep,
+        recorder=recorder,
+        commands=commands,
+        workers=workers,
+        attended=request.approve,
+        approve=request.approve,
+        tell=tell,
+        progress=progress,
+        rng=_generator,
+    )
+
+
+class _RunLibrary:
+    """The trajectories known at the run's start, and those that it adds to the user's file."""
+
+    def __init__(self, request: FoldRequest) -> None:
+        self._logs = request.logs
+        self._library = load_library(request.logs).library
+
+    def present(self) -> Library:
+        return self._library
+
+    def keep(
+        self, trajectory: GraspTrajectory, step: FoldStep, garment: Garment, notes: Mapping[str, float | int | str]
+    ) -> None:
+        initial = float(notes["dissimilarity_initial_m"])
+        entry = entry_of(garment, step, trajectory, str(notes["method"]), initial)
+        self._library = self._library.with_entry(entry)
+        add_entry(self._logs, entry)
+
+
+def _generator() -> np.random.Generator:
+    """The motion planner's own draws, the same in every run."""
+    return np.random.default_rng(1)
+
+
+def _execution(settings: CellSettings) -> ExecutionLimits:
+    motion = settings.motion
+    return ExecutionLimits(
+        start=float(np.deg2rad(motion.start_tolerance_deg)),
+        tracking=motion.tracking_tolerance,
+        stale_s=motion.state_age,
+    )

@@ -1,0 +1,28 @@
+"""What the executive believes of its camera: a calibration file, or the drawing of its bracket."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.config.calibration_file import load_camera_calibration
+from cell.config.cell_settings import CellSettings
+from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from skills.vocabulary import CameraCalibration, Table, frozen
+
+__all__ = ["camera_calibration", "nominal_calibration"]
+
+
+def nominal_calibration(table: Table) -> CameraCalibration:
+    """The camera's nominal pose in the table frame, for the head looking straight ahead."""
+    return CameraCalibration(
+        intrinsics=INTRINSICS,
+        T_table_camera=frozen(np.linalg.inv(table.T_base_table) @ T_base_camera(0.0)),
+        head_pan=0.0,
+    )
+
+
+def camera_calibration(settings: CellSettings) -> CameraCalibration:
+    """What the executive believes of its camera: the file that the settings name, or the bracket's drawing."""
+    if settings.camera.calibration is not None:
+        return load_camera_calibration(settings.camera.calibration, settings.table)
+    return nominal_calibration(settings.table)

@@ -1,0 +1,94 @@
+"""Everything that a run works with, bundled once: the ports, the models, the files read, and the workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from cell.config.cell_settings import CellSettings
+from cell.control.sent import Sent
+from cell.control.streaming import ExecutionLimits, stopped
+from cell.recording.rerun import Recorder
+from cell.states.commands import CommandQueue
+from robots.errors import DriverError, FailureKind
+from robots.model import JointLimits, RobotModel
+from robots.ports import Ports, Stop
+from skills.garments.garment import Garment
+from skills.grasping.settings import GraspSettings
+from skills.motion.validation.collision import CollisionChecker
+from skills.perception.inspection.inspect import InspectionSettings
+from skills.perception.perceive import PerceptionSettings
+from skills.trajectory.library import Library
+from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
+
+__all__ = ["Workcell"]
+
+T = TypeVar("T")
+
+_POLL_S = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Workcell:
+    """The cell as a run sees it. `expected` is the garment named on the command line, None for 'auto'."""
+
+    ports: Ports
+    settings: CellSettings
+    table: Table
+    calibration: CameraCalibration
+    robot: RobotModel
+    checker: CollisionChecker
+    guard: CollisionChecker
+    """Judges what is about to be executed, with a little less margin than what is planned keeps."""
+    limits: JointLimits
+    execution: ExecutionLimits
+    garments: tuple[Garment, ...]
+    expected: Garment | None
+    grasp: GraspSettings
+    perception: PerceptionSettings
+    inspection: InspectionSettings
+    library: Callable[[], Library]
+    keep: Callable[[GraspTrajectory, FoldStep, Garment, Mapping[str, float | int | str]], None]
+    """Adds an optimised trajectory to the user's library."""
+    recorder: Recorder
+    commands: CommandQueue
+    workers: ThreadPoolExecutor
+    attended: bool
+    approve: bool
+    tell: Callable[[str], None]
+    """Says something to whoever watches."""
+    progress: Callable[[int, int, str], None]
+    """Says how far a long computation is: so many done of so many at most, a remark."""
+    rng: Callable[[], np.random.Generator]
+    """Makes the motion planner's generator, always from the same seed."""
+    note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
+    """Keeps in the ledger what happens within an effect: name, figures."""
+    sent: Sent = field(default_factory=Sent)
+    """What the arms were last told."""
+    watched_stop: Stop | None = None
+    """The stop as it is asked while a skill computes, at the pace of the wall's clock; None: that of the ports.
+    What it says only ends the waiting: `ports.stop` is asked then, and by that it is decided."""
+
+    def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
+        """Run a skill on a worker while watching the stop; in simulation it takes its declared time at least.
+
+        Raises DriverError(STOPPED) when the stop is triggered meanwhile; the skill's result is then void.
+        """
+        began = self.ports.clock.now()
+        future = self.workers.submit(work)
+        watched = self.watched_stop or self.ports.stop
+        while not wait([future], timeout=_POLL_S).done and not watched.state().stopped:
+            pass
+        failure = stopped(self.ports)
+        if failure:
+            future.cancel()
+            raise DriverError(FailureKind.STOPPED, failure.what, failure.hint)
+        result = future.result()
+        if self.ports.simulated:
+            cost = charge_s(result) if callable(charge_s) else charge_s
+            self.ports.clock.sleep_until(began + cost)
+        return result

@@ -1,0 +1,37 @@
+"""What a supervised run has beside others: the page that shows its board, and the Rerun view in it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from cell.operator.console.board import Board
+from cell.operator.console.server import operators_page
+from cell.recording.rerun import Recorder
+from cell.recording.rerun.live import viewer_address, web_viewer
+from cell.states.commands import CommandQueue
+from cell.states.fold_request import FoldRequest
+from robots.ports import Stop
+
+__all__ = ["Supervision"]
+
+
+class Supervision:
+    """Of one run. board: what the page shows; commands: the run's queue, which the board hears too."""
+
+    def __init__(
+        self, request: FoldRequest, board: Board, commands: CommandQueue, listener: socket.socket
+    ) -> None:
+        self._board, self._commands = board, commands
+        self._listener = listener
+        self._viewer = web_viewer() if request.record else None
+
+    @contextmanager
+    def page(self, recorder: Recorder, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
+        """The operator's page, for as long as the context lasts. Raises StorageError as `operators_page`."""
+        live = recorder.live_url
+        viewer = viewer_address(self._viewer, live) if self._viewer and live else None
+        with operators_page(self._board, self._commands, stop, viewer, self._listener) as address:
+            say(f"operator's page: {address}")
+            yield

@@ -1,0 +1,47 @@
+"""Progress as plain lines: cell time, state, and what failed. An observer of the runner."""
+
+from __future__ import annotations
+
+from typing import TextIO
+
+from cell.executive.machine import Step
+from cell.operator.progress.bar import ProgressBar
+from cell.states.context import Result
+from cell.states.observers import FAILING
+from cell.states.transition_table import State
+
+__all__ = ["ProgressLines"]
+
+_HINTS = {
+    State.AWAITING_APPROVAL: "approve the fold (a), look again (r) or end the run (q)",
+    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it so (s) or end the run (q)",
+    State.ASKING: "with the garment as it was before this fold try again (r), leave this fold out (s)"
+    " or end the run (q)",
+    State.PAUSED: "resume (c) or end the run (q)",
+}
+
+
+class ProgressLines:
+    """One line a state, one more for a failure, a bar for long computing; nothing without a stream. A terminal
+    that is gone never hinders the run."""
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._bar = ProgressBar(stream)
+
+    def entered(self, t: float, step: Step) -> None:
+        hint = _HINTS.get(step.target)
+        self._bar.line(f"{t:8.1f} s  {step.target.value.replace('_', ' ')}" + (f": {hint}" if hint else ""))
+        self._bar.restart()
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        if failure is not None and result.event in FAILING:
+            self._bar.line(f"{t:8.1f} s    {failure}")
+
+    def computing(self, done: int, total: int, remark: str) -> None:
+        """How far the state's long computing is."""
+        self._bar.update(done, total, remark)
+
+    def note(self, text: str) -> None:
+        """What happens within a state."""
+        self._bar.line(f"{'':12}{text}")

@@ -1,0 +1,165 @@
+"""What a run believes, put down after each effect: what it goes on from when it is interrupted.
+
+A folder with one file `context`, written whole: a line of JSON that says what it is, then the context as a pickle
+of which only values of this program and arrays can come back. Large arrays stand beside it, each once under the
+hash of what is in it; pictures in the run's own store (cell/recording/frame_store.py).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import io
+import json
+import pickle
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.recording.frame_store import FrameStore
+from cell.runs.resumable import CONTEXT
+from cell.states.context import Context, StepNote
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError, InternalError, StorageError
+from robots.ports import CameraFrame, frozen
+from skills.perception.inspection.result import Inspection
+
+__all__ = ["read_belief", "write_belief"]
+
+SCHEMA = 2
+LARGE = 2**16
+"""Arrays of so many bytes have files of their own: most stay the same from effect to effect."""
+_OURS = ("cell.", "robots.", "skills.")
+_ARRAYS = frozenset(
+    {
+        ("numpy", "dtype"),
+        ("numpy", "ndarray"),
+        ("numpy._core.multiarray", "_reconstruct"),
+        ("numpy._core.multiarray", "scalar"),
+        ("numpy._core.numeric", "_frombuffer"),
+    }
+)
+"""What numpy's arrays are made of in a pickle."""
+
+
+def write_belief(folder: Path, context: Context, frames: FrameStore) -> None:
+    """Put the context down; on disk when the call returns. Raises StorageError."""
+    stream = io.BytesIO()
+    try:
+        folder.mkdir(exist_ok=True)
+        _Pickler(stream, folder, frames).dump(context)
+    except OSError as e:
+        raise StorageError(f"{folder} cannot be made: {e.strerror}", "make room", path=str(folder)) from e
+    except (pickle.PicklingError, TypeError, AttributeError) as e:
+        raise InternalError(f"a value of the context cannot be put down: {e}") from e
+    body = stream.getvalue()
+    head = {"foldcell": metadata.version("foldcell"), "schema": _schema(), "sha256": _hash(body)}
+    write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
+
+
+def read_belief(folder: Path, frames: FrameStore) -> Context:
+    """The context as it was put down. Raises StorageError for a file or picture that is missing or damaged,
+    ConfigurationError for one of another version of this program."""
+    path = folder / CONTEXT
+    try:
+        head_line, _, body = path.read_bytes().partition(b"\n")
+        head = json.loads(head_line)
+        version, schema, digest = head["foldcell"], head["schema"], head["sha256"]
+    except (OSError, ValueError, KeyError, TypeError) as e:
+        raise _damaged(path, e) from None
+    if (version, schema) != (metadata.version("foldcell"), _schema()):
+        raise ConfigurationError(
+            f"{path} was written by another foldcell (that was {version}, this is {metadata.version('foldcell')})",
+            "go on with the version that began the run, or start a new one",
+        )
+    if digest != _hash(body):
+        raise _damaged(path, "its hash is another")
+    try:
+        context = _Unpickler(io.BytesIO(body), folder, frames).load()
+    except StorageError:
+        raise
+    except Exception as e:  # whatever a pickle can raise
+        raise _damaged(path, e) from e
+    if not isinstance(context, Context):
+        raise _damaged(path, "it holds something else")
+    return context
+
+
+def _schema() -> str:
+    """Of what a context is made of: a checkout can change without its version."""
+    fields = [f.name for kind in (Context, StepNote, Inspection) for f in dataclasses.fields(kind)]
+    return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
+
+
+def _hash(body: bytes) -> str:
+    return hashlib.sha256(body).hexdigest()
+
+
+def _damaged(path: Path, why: object) -> StorageError:
+    return StorageError(f"{path} is missing or damaged: {why}", "start a new run", path=str(path))
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
+        super().__init__(stream, protocol=5)
+        self._folder, self._frames = folder, frames
+
+    def persistent_id(self, obj: Any) -> tuple[str, str] | None:
+        if isinstance(obj, CameraFrame):
+            return "frame", self._frames.put(obj)
+        if type(obj) is np.ndarray and obj.nbytes >= LARGE and not obj.dtype.hasobject:
+            return "array", self._put(obj)
+        return None
+
+    def reducer_override(self, obj: Any) -> Any:
+        # some Pythons (3.11.0 to 3.11.3) put an Enum's member down as getattr(...), which nobody may call here
+        return (type(obj), (obj.value,)) if isinstance(obj, Enum) else NotImplemented
+
+    def _put(self, array: NDArray[Any]) -> str:
+        stream = io.BytesIO()
+        np.save(stream, array, allow_pickle=False)
+        name = _hash(stream.getvalue())
+        path = _array_path(self._folder, name)
+        if not path.exists():
+            write_whole(path, stream.getvalue())
+        return name
+
+
+def _array_path(folder: Path, name: str) -> Path:
+    return folder / f"{name}.npy"
+
+
+def _is_value(kind: type) -> bool:
+    """Skills touch nothing but values; of the other rooms only plain values are taken."""
+    return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
+
+
+class _Unpickler(pickle.Unpickler):
+    """A pickle can call anything; this one only makes our own values and arrays."""
+
+    def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
+        super().__init__(stream)
+        self._folder, self._frames = folder, frames
+
+    def persistent_load(self, pid: tuple[str, str]) -> CameraFrame | NDArray[Any]:
+        kind, name = pid
+        if kind == "frame":
+            return self._frames.get(name)
+        content = _array_path(self._folder, name).read_bytes()
+        if _hash(content) != name:
+            raise pickle.UnpicklingError(f"the hash of its array {name} is another")
+        return frozen(np.load(io.BytesIO(content), allow_pickle=False))
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in _ARRAYS:
+            return super().find_class(module, name)
+        if module.startswith(_OURS) and "." not in name:
+            found = getattr(importlib.import_module(module), name)
+            if isinstance(found, type) and _is_value(found):
+                return found
+        raise pickle.UnpicklingError(f"it names {module}.{name}")

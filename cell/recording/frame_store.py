@@ -1,0 +1,80 @@
+"""The pictures that a run decided by, each kept once in its folder under the hash of what is in it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from cell.support.files.packing import packed
+from cell.support.files.whole_file import write_whole
+from robots.errors import StorageError
+from robots.ports import CameraFrame, Intrinsics, frozen
+
+__all__ = ["FRAMES", "FrameStore"]
+
+FRAMES = "frames"
+"""The pictures' folder in a run's."""
+
+
+class FrameStore:
+    """A folder of pictures. What is put is on disk when the call returns, bit for bit."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # a frame equals only itself
+
+    def put(self, frame: CameraFrame) -> str:
+        """Keep a picture; -> its name. Raises StorageError."""
+        if frame in self._known:
+            return self._known[frame]
+        name = _name(frame)
+        path = self._path(name)
+        if not path.exists():
+            try:
+                self._folder.mkdir(exist_ok=True)
+            except OSError as e:
+                raise StorageError(f"{self._folder} cannot be made: {e.strerror}", "make room") from e
+            write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
+        self._known[frame] = name
+        return name
+
+    def get(self, name: str) -> CameraFrame:
+        """The picture of this name. Raises StorageError where it is missing or damaged."""
+        path = self._path(name)
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                plain = json.loads(str(data["plain"]))
+                frame = CameraFrame(
+                    plain["stamp"],
+                    plain["sequence"],
+                    frozen(data["rgb"]),
+                    frozen(data["depth"]),
+                    Intrinsics(**plain["intrinsics"]),
+                )
+            if _name(frame) != name:
+                raise ValueError("its hash is another")
+        except Exception as e:  # whatever a damaged archive can raise
+            raise StorageError(f"the picture {path} is missing or damaged", str(e), path=str(path)) from e
+        self._known[frame] = name
+        return frame
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.npz"
+
+
+def _name(frame: CameraFrame) -> str:
+    """The hash of all that is in a picture."""
+    digest = hashlib.sha256(_plain(frame).encode())
+    for pixels in (frame.rgb, frame.depth):
+        digest.update(np.ascontiguousarray(pixels).tobytes())
+    return digest.hexdigest()
+
+
+def _plain(frame: CameraFrame) -> str:
+    rest = {"stamp": frame.stamp, "sequence": frame.sequence, "intrinsics": asdict(frame.intrinsics)}
+    return json.dumps(rest, sort_keys=True)

@@ -1,0 +1,532 @@
+"""The ledger: every run and all that it did, in one SQLite file that survives `kill -9` at any instant.
+
+An effect (one look, one motion, one gripper command) is written as an intent before it begins and as a
+result after it ended. Each entry is its own transaction, on disk when the call returns. What a reader finds
+is therefore never more than was done and at most one effect less.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from cell.support.files.paths import new_folder
+from cell.support.process.lock import OwnerLock, is_held
+from robots.errors import CellError, ConfigurationError, InternalError, StorageError
+
+__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]
+
+SCHEMA_VERSION = 1
+PAYLOAD_SCHEMA = 1
+APPLICATION_ID = 0x466F4C64  # "FoLd": tells our file from any other SQLite file
+OWNER_FILE = ".owner"
+NOT_BEGUN = "not_begun"
+"""The result of a run whose cell could not be opened."""
+BUSY_S = 10.0
+
+_TABLES = """
+CREATE TABLE runs (
+    id TEXT PRIMARY KEY,
+    garment TEXT NOT NULL,
+    seed INTEGER,
+    driver TEXT NOT NULL,
+    versions TEXT NOT NULL,          -- JSON: package -> version
+    settings_hash TEXT NOT NULL,
+    pid INTEGER NOT NULL,
+    started REAL NOT NULL,           -- seconds since 1970, wall clock
+    ended REAL,
+    result TEXT,                     -- folded, not_folded, fault; done, not_done; not_begun
+    summary TEXT                     -- JSON
+);
+CREATE TABLE events (
+    run TEXT NOT NULL REFERENCES runs(id),
+    sequence INTEGER NOT NULL,       -- from 1, without gaps
+    cell_time REAL NOT NULL,         -- seconds of the cell's clock
+    wall_time REAL NOT NULL,         -- seconds since 1970
+    state TEXT NOT NULL,
+    kind TEXT NOT NULL CHECK (kind IN ('event', 'intent', 'result')),
+    name TEXT NOT NULL,
+    answers INTEGER,                 -- of a result: the sequence of its intent
+    payload TEXT NOT NULL,           -- JSON with 'schema'
+    PRIMARY KEY (run, sequence)
+) WITHOUT ROWID;
+CREATE UNIQUE INDEX one_result ON events (run, answers) WHERE answers IS NOT NULL;
+"""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of a run. cell_time and wall_time [s]; kind: event, intent or result."""
+
+    sequence: int
+    cell_time: float
+    wall_time: float
+    state: str
+    kind: str
+    name: str
+    answers: int | None
+    payload: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Intent:
+    """An effect as it was begun, and its result if it ended."""
+
+    begun: Entry
+    result: Entry | None
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One run. status: its result, or `running`, or `interrupted`: its process ended without ending the run."""
+
+    id: str
+    garment: str
+    seed: int | None
+    driver: str
+    versions: Mapping[str, str]
+    settings_hash: str
+    pid: int
+    started: float
+    ended: float | None
+    result: str | None
+    summary: Mapping[str, Any]
+    status: str
+    directory: Path
+
+
+class Journal:
+    """The ledger file of one logs folder. Make it with `open`; several processes may have it open."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, readonly: bool) -> None:
+        self.path = path
+        self.readonly = readonly
+        self._connection = connection
+        self._mutex = threading.RLock()
+
+    @classmethod
+    def open(cls, path: Path, readonly: bool = False) -> Self:
+        """Open the ledger, making it unless `readonly`.
+
+        Raises StorageError when it cannot be read or written, is no ledger, or was written by a newer
+        version. A file that is not ours is never changed.
+        """
+        try:
+            connection = _connect_readonly(path) if readonly else _connect(path)
+        except sqlite3.Error as e:
+            raise _storage_error(path, e) from e
+        return cls(path, connection, readonly)
+
+    def close(self) -> None:
+        with self._mutex:
+            self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # writing
+
+    def begin_run(
+        self,
+        *,
+        garment: str,
+        seed: int | None,
+        driver: str,
+        settings_hash: str = "",
+        versions: Mapping[str, str] | None = None,
+        wall_clock: Callable[[], float] = time.time,
+    ) -> RunJournal:
+        """Open a run: its folder beside the ledger, its row, and the lock that says that it is alive.
+
+        The run's id is its folder's name. On a StorageError neither row nor folder is left.
+        """
+        started = wall_clock()
+        folder = _make_run_folder(self.path.parent, garment, seed, started)
+        owner = OwnerLock(folder / OWNER_FILE, "the run")
+        try:
+            owner.acquire()
+            self._write(
+                "INSERT INTO runs (id, garment, seed, driver, versions, settings_hash, pid, started)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                (folder.name, garment, seed, driver, _dumps(versions or {}), settings_hash, os.getpid(), started),
+            )
+        except BaseException:
+            owner.release()
+            (folder / OWNER_FILE).unlink(missing_ok=True)
+            folder.rmdir()
+            raise
+        return RunJournal(self, folder, owner, wall_clock)
+
+    def _write(self, sql: str, values: tuple[Any, ...]) -> int:
+        """One statement as one transaction on disk; returns how many rows it changed."""
+        with self._mutex, self._errors():
+            return self._connection.execute(sql, values).rowcount
+
+    # reading
+
+    def runs(self) -> list[RunRecord]:
+        """All runs in the order in which they began, each with what is true of it now."""
+        rows = self._read("SELECT * FROM runs ORDER BY rowid", ())
+        return [self._record(row) for row in rows]
+
+    def run(self, name: str) -> RunRecord:
+        """The run called `name`: an id, the beginning of one, or `last`. ConfigurationError if none or many."""
+        runs = self.runs()
+        if not runs:
+            raise ConfigurationError(f"there are no runs yet in {self.path.parent}", "foldcell fold makes one")
+        if name == "last":
+            return runs[-1]
+        wanted = Path(name).name  # a run's folder is as good a name as its id
+        found = [r for r in runs if r.id == wanted] or [r for r in runs if wanted and r.id.startswith(wanted)]
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            raise ConfigurationError(
+                f"there is no run '{name}' in {self.path.parent}",
+                f"the last one is {runs[-1].id}; see foldcell runs",
+            )
+        raise ConfigurationError(
+            f"'{name}' is the beginning of {len(found)} runs", "they are " + ", ".join(r.id for r in found[:5])
+        )
+
+    def entries(self, run: str, kind: str | None = None) -> list[Entry]:
+        """The lines of a run in order, all or of one kind."""
+        rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
+        return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
+
+    def named(self, name: str) -> list[tuple[str, Entry]]:
+        """The lines of this name of all runs, each with its run, in the order in which the runs began."""
+        rows = self._read(
+            "SELECT events.* FROM events JOIN runs ON events.run = runs.id WHERE name = ?"
+            " ORDER BY runs.rowid, sequence",
+            (name,),
+        )
+        return [(row["run"], _entry(row)) for row in rows]
+
+    def last_intent(self, run: str) -> Intent | None:
+        """The effect that was begun last; its result is None when the run ended in the middle of it."""
+        rows = self._read(
+            "SELECT * FROM events WHERE run = ? AND kind = 'intent' ORDER BY sequence DESC LIMIT 1", (run,)
+        )
+        if not rows:
+            return None
+        begun = _entry(rows[0])
+        results = self._read("SELECT * FROM events WHERE run = ? AND answers = ?", (run, begun.sequence))
+        return Intent(begun, _entry(results[0]) if results else None)
+
+    def began_to_act(self, run: str) -> bool:
+        """Whether a run came so far that the cell was open: one that was refused before has done nothing."""
+        return bool(self._read("SELECT 1 FROM events WHERE run = ? AND kind = 'intent' LIMIT 1", (run,)))
+
+    def check(self) -> str:
+        """SQLite's own check of the file: 'ok' or what is wrong."""
+        return str(self._read("PRAGMA quick_check", ())[0][0])
+
+    def _read(self, sql: str, values: tuple[Any, ...]) -> list[sqlite3.Row]:
+        with self._mutex, self._errors():
+            return self._connection.execute(sql, values).fetchall()
+
+    def _record(self, row: sqlite3.Row) -> RunRecord:
+        folder = self.path.parent / row["id"]
+        status = row["result"] or ("running" if is_held(folder / OWNER_FILE) else "interrupted")
+        if status == "interrupted":  # it may have ended between our two looks
+            now = self._read("SELECT * FROM runs WHERE id = ?", (row["id"],))
+            row, status = (now[0], now[0]["result"] or status) if now else (row, status)
+        return RunRecord(
+            id=row["id"],
+            garment=row["garment"],
+            seed=row["seed"],
+            driver=row["driver"],
+            versions=json.loads(row["versions"]),
+            settings_hash=row["settings_hash"],
+            pid=row["pid"],
+            started=row["started"],
+            ended=row["ended"],
+            result=row["result"],
+            summary=json.loads(row["summary"]) if row["summary"] else {},
+            status=status,
+            directory=folder,
+        )
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.IntegrityError as e:
+            raise InternalError(f"the ledger refused an entry: {e}") from e
+        except sqlite3.Error as e:
+            raise _storage_error(self.path, e) from e
+
+
+class RunJournal:
+    """The lines of one run, as it goes. Every method returns when its line is on disk. Thread-safe.
+
+    A StorageError means that the line was not acknowledged: stop what you do and make the cell safe.
+    """
+
+    def __init__(
+        self,
+        journal: Journal,
+        directory: Path,
+        owner: OwnerLock,
+        wall_clock: Callable[[], float],
+    ) -> None:
+        self.id = directory.name
+        self.directory = directory
+        self._journal = journal
+        self._owner = owner
+        self._wall_clock = wall_clock
+        self._sequence = 0
+        self._open_intents: dict[int, tuple[str, str]] = {}
+        self._ended = False
+        self._mutex = threading.Lock()
+
+    def event(self, t: float, state: str, name: str, payload: Mapping[str, Any] | None = None) -> int:
+        """Something that happened at cell time `t` [s]: a transition, a choice. Returns its sequence."""
+        return self._append("event", t, state, name, payload)
+
+    def intent(self, t: float, state: str, effect: str, payload: Mapping[str, Any] | None = None) -> int:
+        """An effect that is about to begin. Returns the id that its `result` needs."""
+        return self._append("intent", t, state, effect, payload)
+
+    def result(self, intent: int, t: float, payload: Mapping[str, Any] | None = None) -> int:
+        """How the effect `intent` ended. Raises InternalError for an intent that is not open."""
+        if intent not in self._open_intents:
+            raise InternalError(f"run {self.id}: there is no open intent {intent}")
+        state, effect = self._open_intents[intent]
+        return self._append("result", t, state, effect, payload, intent)
+
+    def end(self, result: str, summary: Mapping[str, Any] | None = None) -> None:
+        """Close the run with its result and figures; gives the lock up. A run ends once."""
+        with self._mutex:
+            if self._ended:
+                raise InternalError(f"run {self.id} was ended twice")
+            changed = self._journal._write(
+                "UPDATE runs SET ended = ?, result = ?, summary = ? WHERE id = ? AND ended IS NULL",
+                (self._wall_clock(), result, _dumps({"schema": PAYLOAD_SCHEMA, **(summary or {})}), self.id),
+            )
+            if changed != 1:
+                raise StorageError(
+                    f"the run {self.id} is no longer open in the ledger", "was the ledger replaced?"
+                )
+            self._ended = True
+        self._owner.release()
+        (self.directory / OWNER_FILE).unlink(missing_ok=True)
+
+    def refuse(self, reason: CellError) -> None:
+        """End a run that has no line yet as not begun, for this reason; abandon one that has, or was ended."""
+        if not self._sequence and not self._ended:
+            with suppress(StorageError):
+                return self.end(NOT_BEGUN, {"reason": {"what": reason.what, "hint": reason.hint}})
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Give the lock up without an end: the run shows as interrupted. For when `end` cannot be written."""
+        self._owner.release()
+
+    def _append(
+        self,
+        kind: str,
+        t: float,
+        state: str,
+        name: str,
+        payload: Mapping[str, Any] | None,
+        answers: int | None = None,
+    ) -> int:
+        text = _dumps({"schema": PAYLOAD_SCHEMA, **(payload or {})})
+        state, name = str(state), str(name)
+        with self._mutex:
+            if self._ended:
+                raise InternalError(f"run {self.id} has ended: '{name}' comes too late")
+            sequence = self._sequence + 1
+            self._journal._write(
+                "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (self.id, sequence, float(t), self._wall_clock(), state, kind, name, answers, text),
+            )
+            self._sequence = sequence
+            if kind == "intent":
+                self._open_intents[sequence] = (state, name)
+            elif answers is not None:
+                del self._open_intents[answers]
+        return sequence
+
+
+def to_json(value: Any) -> Any:
+    """`value` as what JSON can hold: frozen values as mappings, arrays as lists, enums as their value; a
+    number that is not finite becomes null; what has no such form is named by its type. Never raises: a run does
+    not end because of what it wanted to note."""
+    if value is None or (isinstance(value, bool | str) and not isinstance(value, Enum)):
+        return value
+    if isinstance(value, Enum):
+        return to_json(value.value)
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {_key(k): to_json(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        items = sorted(value, key=str) if isinstance(value, set | frozenset) else value
+        return [to_json(v) for v in items]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if hasattr(value, "tolist"):  # numpy's scalars and arrays
+        return to_json(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    return f"<{type(value).__name__}>"
+
+
+def _key(key: Any) -> str:
+    return str(key.value) if isinstance(key, Enum) else str(key)
+
+
+def _dumps(value: Mapping[str, Any]) -> str:
+    return json.dumps(to_json(value), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+_ENTRY_COLUMNS = tuple(f.name for f in dataclasses.fields(Entry) if f.name != "payload")
+
+
+def _entry(row: sqlite3.Row) -> Entry:
+    fields = {name: row[name] for name in _ENTRY_COLUMNS}
+    return Entry(**fields, payload=json.loads(row["payload"]))
+
+
+# files
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=BUSY_S)
+    try:
+        connection.row_factory = sqlite3.Row
+        version = _check_version(connection, path)  # before anything is changed
+        _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
+        connection.execute("PRAGMA synchronous=FULL")
+        connection.execute("PRAGMA foreign_keys=ON")
+        if version == 0:  # only then: the lock to write is not given in turn, a busy writer can keep it for long
+            _make_tables(connection, path)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
+    connection.execute("BEGIN IMMEDIATE")  # of several first users one makes the tables
+    try:
+        if _check_version(connection, path) == 0:
+            for statement in filter(str.strip, _TABLES.split(";\n")):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id={APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
+
+
+def _connect_readonly(path: Path) -> sqlite3.Connection:
+    """For looking only; works in a folder that cannot be written, where WAL's side files cannot be made."""
+    if not path.is_file():
+        raise StorageError(f"there is no ledger {path}", "no run was made with this logs folder", path=str(path))
+    wal = path.with_name(path.name + "-wal")
+    modes = ["mode=ro"]
+    if not wal.exists() or wal.stat().st_size == 0:
+        modes.append("mode=ro&immutable=1")  # all is in the one file
+    for i, mode in enumerate(modes):
+        connection = sqlite3.connect(
+            f"{path.absolute().as_uri()}?{mode}",
+            uri=True,
+            isolation_level=None,
+            check_same_thread=False,
+            timeout=BUSY_S,
+        )
+        try:
+            connection.row_factory = sqlite3.Row
+            if _check_version(connection, path) == 0:
+                raise StorageError(f"{path} is empty: it is no ledger", "move it aside", path=str(path))
+            return connection
+        except sqlite3.OperationalError:
+            connection.close()
+            if i + 1 == len(modes):
+                raise
+        except BaseException:
+            connection.close()
+            raise
+    raise AssertionError
+
+
+def _check_version(connection: sqlite3.Connection, path: Path) -> int:
+    """The schema version, 0 of an empty file. Raises StorageError for what is not ours or too new."""
+    # the tables first: another process may make all three at once between two of these lines
+    tables = int(connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+    application = int(connection.execute("PRAGMA application_id").fetchone()[0])
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if version == 0 and application == 0 and tables == 0:
+        return 0
+    if application != APPLICATION_ID:
+        raise StorageError(
+            f"{path} is a SQLite file of another program, not a ledger",
+            "choose another --logs DIR",
+            path=str(path),
+        )
+    if version > SCHEMA_VERSION:
+        raise StorageError(
+            f"{path} was written by a newer foldcell (schema {version}, this one knows {SCHEMA_VERSION})",
+            "update foldcell, or choose another --logs DIR",
+            path=str(path),
+        )
+    return version
+
+
+def _retry_busy(action: Callable[[], object]) -> None:
+    """The switch to WAL does not wait for other first users by itself."""
+    deadline = time.monotonic() + BUSY_S
+    while True:
+        try:
+            action()
+            return
+        except sqlite3.OperationalError as e:
+            if e.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
+
+
+def _make_run_folder(logs: Path, garment: str, seed: int | None, started: float) -> Path:
+    """A new folder `20261120T235416Z-medium_towel-seed3`."""
+    stamp = datetime.fromtimestamp(started, UTC).strftime("%Y%m%dT%H%M%SZ")
+    word = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(garment).stem)[:40] or "garment"
+    return new_folder(logs, f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else ""))
+
+
+def _storage_error(path: Path, error: sqlite3.Error) -> StorageError:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    hint = {
+        sqlite3.SQLITE_FULL: "the disk is full: free some space, or choose another --logs DIR",
+        sqlite3.SQLITE_READONLY: "the folder or the file is read-only: choose another --logs DIR or FOLDCELL_LOGS",
+        sqlite3.SQLITE_CANTOPEN: "the folder cannot be written: choose another --logs DIR or FOLDCELL_LOGS",
+        sqlite3.SQLITE_NOTADB: "it is no SQLite file: move it aside",
+        sqlite3.SQLITE_CORRUPT: "the file is damaged: keep a copy, move it aside",
+        sqlite3.SQLITE_BUSY: "another process keeps the ledger locked",
+    }.get(code, "check the disk")
+    return StorageError(f"the ledger {path}: {error}", hint, path=str(path), sqlite=code)

@@ -1,0 +1,278 @@
+"""One page for one run: what was folded, how, how well, and what went wrong on the way.
+
+The page is one file: pictures are inlined, drawings are SVG, nothing is fetched. It reads in light and in
+dark, and prints.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from cell.support.files.whole_file import write_whole
+from robots.ports import Array
+
+__all__ = ["Picture", "RunRecord", "ScoreRow", "StepRecord", "TimelineItem", "write_report"]
+
+PICTURE_WIDTH = 640
+"""Wider pictures are scaled down to this [px]."""
+JPEG_QUALITY = 82
+RULER = 14
+"""Room for the scale under a drawing [px]."""
+RESULTS = {"folded": "Folded", "not_folded": "Not folded", "fault": "Fault"}
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """rgb: (H, W, 3) uint8."""
+
+    rgb: NDArray[np.uint8]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class ScoreRow:
+    """One figure against its threshold. at_least: larger is better. unit: 'm', 'rad' or '' for a plain number."""
+
+    name: str
+    value: float
+    limit: float
+    at_least: bool = False
+    unit: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+
+@dataclass(frozen=True)
+class TimelineItem:
+    """Something that went wrong or was done about it. level: 'failure', 'recovery', 'operator' or 'note'."""
+
+    t: float
+    level: str
+    title: str
+    text: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class StepRecord:
+    """One fold. Outlines are contours (k, 2) in the table frame; what nobody knows stays None or empty.
+
+    source: 'library' or 'optimised'. dissimilarity_m: D, predicted by the simulation. residual_m: of what
+    was observed against the prediction, per figure name [m]. aligned_iou, observed_iou: of what was seen with the
+    prediction, aligned and where it lies. duration_s: of the arms' motion with the garment, pauses left out.
+    """
+
+    name: str
+    source: str = ""
+    simulations: int = 0
+    dissimilarity_m: float | None = None
+    aligned_iou: float | None = None
+    observed_iou: float | None = None
+    drift_m: float | None = None
+    attempts: int = 1
+    recoveries: tuple[str, ...] = ()
+    duration_s: float | None = None
+    accepted: bool | None = None
+    key_frames: tuple[Picture, ...] = ()
+    key_frames_note: str = ""
+    """What the key frames were made from, e.g. 'camera' or 'recorded garment (simulation)'."""
+    target: tuple[Array, ...] = ()
+    predicted: tuple[Array, ...] = ()
+    observed: tuple[Array, ...] = ()
+    height_m: float | None = None
+    """How high the camera saw the stack stand."""
+    pressed_from_m: tuple[float, ...] = ()
+    """How high it stood each time before it was pressed."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """All that the page shows. Times in seconds: robot_time_s on the cell's clock, wall_time_s on the wall's."""
+
+    run_id: str
+    garment: str
+    result: str
+    """'folded', 'not_folded' or 'fault'."""
+    seed: int | None = None
+    driver: str = "sim"
+    simulated: bool = True
+    world: str = ""
+    title: str = ""
+    reason: str = ""
+    """Why it was not folded; empty when it was."""
+    hint: str = ""
+    started: str = ""
+    robot_time_s: float | None = None
+    wall_time_s: float | None = None
+    steps: tuple[StepRecord, ...] = ()
+    stage_times_s: Mapping[str, float] = field(default_factory=dict)
+    stage_wall_times_s: Mapping[str, float] = field(default_factory=dict)
+    timeline: tuple[TimelineItem, ...] = ()
+    score: tuple[ScoreRow, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    """Before, recognised, after: what belongs to the run as a whole."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    recording: str = ""
+    """Path of the recording, relative to the page."""
+    recording_note: str = ""
+
+
+def write_report(path: Path, run: RunRecord) -> Path:
+    """Write the page. Raises StorageError when the file cannot be written; never leaves half of one."""
+    write_whole(path, render(run), "make room, or make the run's folder writable")
+    return path
+
+
+def render(run: RunRecord) -> str:
+    """The page as text."""
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {
+        "data_uri": data_uri, "figure_name": figure_name, "metres": length, "quantity": quantity,
+        "seconds": seconds, "words": words,
+    }  # fmt: skip
+    environment.globals |= {"silhouettes": silhouettes}
+    template = environment.from_string(
+        files("cell.recording.report").joinpath("page.html").read_text(encoding="utf-8")
+    )
+    return template.render(
+        run=run,
+        verdict=RESULTS.get(run.result, words(run.result)),
+        stages=stages(run),
+        settings=flatten(run.settings),
+    )
+
+
+def data_uri(rgb: NDArray[np.uint8]) -> str:
+    """A picture as a data URI: photographs as JPEG."""
+    if rgb.shape[1] > PICTURE_WIDTH:
+        size = (PICTURE_WIDTH, round(rgb.shape[0] * PICTURE_WIDTH / rgb.shape[1]))
+        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
+    ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not ok:
+        raise ValueError(f"a picture of shape {rgb.shape} cannot be encoded")
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def length(metres: float | None) -> str:
+    """'12.3 mm'; a dash when it is not known."""
+    if metres is None or not np.isfinite(metres):
+        return "–"
+    return f"{metres * 1000.0:.1f} mm"
+
+
+def seconds(s: float | None) -> str:
+    """'8.31 s', '83.1 s', '2 min 03 s'."""
+    if s is None or not np.isfinite(s):
+        return "–"
+    if s >= 120.0:
+        return f"{int(s) // 60} min {int(s) % 60:02d} s"
+    return f"{s:.2f} s" if s < 10.0 else f"{s:.1f} s"
+
+
+def quantity(value: float | None, unit: str = "") -> str:
+    """A figure in the unit that a person reads."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if unit == "m":
+        return length(value)
+    if unit == "rad":
+        return f"{np.degrees(value):.1f}°"
+    return f"{value:.3f}" + (f" {unit}" if unit else "")
+
+
+def words(name: str) -> str:
+    """'planning_motion' -> 'Planning motion'."""
+    return name.replace("_", " ").strip().capitalize()
+
+
+FIGURES = {
+    "iou": "Overlap of the silhouettes (IoU)",
+    "correspondence_m": "Mean distance of corresponding points",
+    "edges_m": "Largest distance of edges that belong together",
+    "height_m": "Height of the stack, 95th percentile",
+    "drift_m": "Drift",
+    "drift_rad": "Turn",
+}
+
+
+def figure_name(name: str) -> str:
+    """A figure of the score in words."""
+    return FIGURES.get(name, words(name))
+
+
+def stages(run: RunRecord) -> list[dict[str, Any]]:
+    """Rows of the table of times, in the order given, with the share of the longest for the bar."""
+    names = [*run.stage_times_s, *(n for n in run.stage_wall_times_s if n not in run.stage_times_s)]
+    longest = max([*run.stage_times_s.values(), 1e-9])
+    return [
+        {
+            "name": words(name),
+            "robot": run.stage_times_s.get(name),
+            "wall": run.stage_wall_times_s.get(name),
+            "share": 100.0 * run.stage_times_s.get(name, 0.0) / longest,
+        }
+        for name in names
+    ]
+
+
+def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as dotted keys and texts."""
+    rows: list[tuple[str, str]] = []
+    for key, value in settings.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            rows += flatten(value, f"{name}.")
+        elif isinstance(value, (list, tuple)):
+            rows.append((name, ", ".join(str(v) for v in value)))
+        else:
+            rows.append((name, str(value)))
+    return rows
+
+
+def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
+    """Target, predicted and observed outline as SVG, seen from above as the robot sees it: far is up."""
+    layers = (("target", step.target), ("predicted", step.predicted), ("observed", step.observed))
+    points = [np.asarray(c, dtype=float) for _, outlines in layers for c in outlines if len(c)]
+    if not points:
+        return None
+    corners = np.vstack(points)
+    low, high = corners.min(axis=0) - 0.03, corners.max(axis=0) + 0.03
+    scale = min(width / (high[1] - low[1]), 0.62 * width / (high[0] - low[0]))
+    width, height = round((high[1] - low[1]) * scale), (high[0] - low[0]) * scale
+    paths = [
+        f'<path class="{name}" d="{" ".join(_path(np.asarray(c), low, high, scale) for c in outlines)}"/>'
+        for name, outlines in layers if outlines
+    ]  # fmt: skip
+    bar = 0.1 * scale
+    height += RULER  # below all outlines
+    ruler = (
+        f'<path class="ruler" d="M8 {height - 8:.1f} v-5 m0 2.5 h{bar:.1f} m0 -2.5 v5"/>'
+        f'<text x="{12 + bar:.1f}" y="{height - 7:.1f}">100 mm</text>'
+    )
+    text = (
+        f'<svg viewBox="0 0 {width} {height:.1f}" role="img" style="max-width: {width}px" '
+        f'aria-label="outlines of the target, the prediction and the observation">{"".join(paths)}{ruler}</svg>'
+    )
+    return Markup(text)
+
+
+def _path(contour: Array, low: Array, high: Array, scale: float) -> str:
+    """A closed contour (k, 2); table x is up, table y is to the left."""
+    u, v = (high[1] - contour[:, 1]) * scale, (high[0] - contour[:, 0]) * scale
+    return "M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in zip(u, v, strict=True)) + " Z"

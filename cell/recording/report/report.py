@@ -1,0 +1,206 @@
+"""From what a run left behind to the page that a person reads (cell/recording/report/page.py lays it out)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.executive.runner import RunEnd
+from cell.recording.report.figures import KeyFrame, fold_strip, join, outline
+from cell.recording.report.height_map import height_maps
+from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
+from cell.recording.report.recording_losses import recording_losses
+from cell.states.context import StepNote
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.observers import Remark
+from cell.states.step_notes import notes_by_step
+from robots.ports import Array, Side
+from skills.vocabulary import GraspTrajectory
+
+__all__ = ["TrueFrame", "report"]
+
+TrueFrame = tuple[float, Array, Mapping[Side, Array]]
+"""(cell time, vertices, tool positions) of a simulated garment: for pictures only."""
+
+LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
+UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
+KEY_FRAMES = 6
+BREAK_S = 3.0
+"""Frames of the held garment that are further apart in time belong to different holds."""
+
+
+def report(
+    folder: Path,
+    request: FoldRequest,
+    end: RunEnd,
+    result: FoldResult,
+    remarks: Sequence[Remark],
+    frames: Sequence[TrueFrame],
+    triangles: NDArray[np.int32] | None,
+) -> Path:
+    """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
+    StorageError when the page cannot be."""
+    context = end.context
+    notes = notes_by_step(context)
+    steps = [
+        _step(notes[s["name"]], s, _held_during(notes[s["name"]], frames), triangles, request)
+        if s["name"] in notes
+        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]))
+        for s in result.steps
+    ]
+    failure = result.failure or {}
+    record = RunRecord(
+        run_id=folder.name,
+        garment=result.garment,
+        result=result.result,
+        seed=result.seed,
+        driver=result.driver,
+        simulated=result.simulated,
+        world=result.world or "",
+        title=context.garment.title if context.garment else result.garment,
+        reason=str(failure.get("what", "")),
+        hint=str(failure.get("hint", "")),
+        robot_time_s=result.robot_time_s,
+        wall_time_s=result.wall_time_s,
+        steps=tuple(steps),
+        stage_times_s=result.stage_times_s,
+        timeline=tuple(_timeline(end, result, remarks)),
+        score=tuple(_score(result.score)),
+        pictures=tuple(_pictures(end)),
+        versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
+        settings=request.settings.model_dump(mode="json", by_alias=True),
+        recording="run.rrd",
+        recording_note="; ".join(f"not kept: {loss}" for loss in recording_losses(result.recording)),
+    )
+    _write_strip(folder / "fold.png", steps)
+    _write_pressing(folder / "pressing.png", list(notes.values()))
+    return write_report(folder / "report.html", record)
+
+
+def _timeline(end: RunEnd, result: FoldResult, remarks: Sequence[Remark]) -> Iterator[TimelineItem]:
+    if result.resumed_from:  # whose folds are shown with this run's own
+        yield TimelineItem(end.started, "operator", f"went on with {result.resumed_from}", "")
+    for r in remarks:
+        yield TimelineItem(r.t, LEVELS[r.kind], r.title, r.text)
+
+
+def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
+    """The key frames that were drawn (predicted, and of the simulated cell) as one picture, a row each."""
+    rows = []
+    for step in steps:
+        drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
+        for at in range(0, len(drawn), KEY_FRAMES):
+            row = drawn[at : at + KEY_FRAMES]
+            rows.append(join([p.rgb for p in row], [p.caption for p in row]))
+    if rows:
+        width = max(row.shape[1] for row in rows)
+        same = [np.pad(r, ((0, 4), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
+        cv2.imwrite(str(path), np.vstack(same)[..., ::-1])
+
+
+def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
+    """What the last fold that was pressed looked like before and after."""
+    pictures = next(filter(None, (list(_pressings(note)) for note in reversed(notes))), None)
+    if pictures:
+        cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
+
+
+def _step(
+    note: StepNote,
+    figures: Mapping[str, Any],
+    shown: Sequence[TrueFrame],
+    triangles: NDArray[np.int32] | None,
+    request: FoldRequest,
+) -> StepRecord:
+    table = request.settings.table
+    arcs = _arcs(note.trajectory)
+    moments = np.linspace(0.0, 1.0, len(note.plan_frames))
+    predicted = fold_strip(
+        [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles, arcs=arcs, table=table
+    )
+    pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
+    made_from = ["predicted: cloth simulation along the planned tool path"]
+    if shown and triangles is not None:
+        chosen = [shown[i] for i in np.linspace(0, len(shown) - 1, KEY_FRAMES).astype(int)]
+        drawn = fold_strip([KeyFrame(v, tools) for _, v, tools in chosen], triangles, arcs=arcs, table=table)
+        pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, (t, *_) in zip(drawn, chosen, strict=True)]
+        made_from.append("simulated cell: the recorded garment")
+    pictures += [Picture(f.rgb, f"camera, {f.stamp:.1f} s") for f in note.pictures]
+    pictures += list(_pressings(note)) or list(_refused(note))
+    return StepRecord(
+        name=note.name,
+        source=note.source,
+        simulations=note.trajectory.simulations,
+        dissimilarity_m=note.dissimilarity_m,
+        aligned_iou=note.aligned_iou,
+        observed_iou=note.observed_iou,
+        drift_m=note.drift_m,
+        attempts=note.grasps,
+        recoveries=tuple(figures["recoveries"]),
+        duration_s=note.carrying_s if np.isfinite(note.carrying_s) else None,
+        accepted=figures["accepted"],
+        key_frames=tuple(pictures),
+        key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
+        predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
+        observed=(note.observed,) if len(note.observed) else (),
+        height_m=note.height_m if np.isfinite(note.height_m) else None,
+        pressed_from_m=tuple(before.height_m for before in note.pressed),
+    )
+
+
+def _pressings(note: StepNote) -> Iterator[Picture]:
+    """The heights that the camera saw before each pressing and after the last, if it was looked at then."""
+    if not note.pressed or note.inspected is None or note.inspected is note.pressed[-1]:
+        return
+    looks = (*note.pressed, note.inspected)
+    when = ["before"] * len(note.pressed) + ["after"]
+    for look, picture, told in zip(looks, height_maps(looks), when, strict=True):
+        yield Picture(picture, f"heights seen {told} pressing, {look.height_m * 1e3:.0f} mm")
+
+
+def _refused(note: StepNote) -> Iterator[Picture]:
+    """The heights that the camera saw of a fold that was not accepted."""
+    if note.inspected is not None and not note.accepted:
+        height = f", {note.height_m * 1e3:.0f} mm" if np.isfinite(note.height_m) else ""
+        yield Picture(height_maps([note.inspected])[0], f"heights seen{height}")
+
+
+def _arcs(trajectory: GraspTrajectory) -> list[Array]:
+    from skills.trajectory.bezier import evaluate
+
+    u = np.linspace(0.0, 1.0, 60)
+    return [evaluate(c, u) for c in trajectory.control_points.values()]
+
+
+def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
+    """The recorded frames of the hold in which the fold's pictures were taken: other holds were tried and lost."""
+    holds: list[list[TrueFrame]] = []
+    last = -np.inf
+    for frame in frames:
+        if frame[0] - last > BREAK_S:
+            holds.append([])
+        holds[-1].append(frame)
+        last = frame[0]
+    taken = [p.stamp for p in note.pictures]
+    return next((h for h in holds if taken and h[0][0] <= max(taken) and min(taken) <= h[-1][0]), [])
+
+
+def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
+    for name, limit in (score or {}).get("limits", {}).items():
+        yield ScoreRow(name, score[name], limit, at_least=name == "iou", unit=UNITS[name])  # type: ignore[index]
+
+
+def _pictures(end: RunEnd) -> Iterator[Picture]:
+    context = end.context
+    if context.reference is not None:
+        yield Picture(context.reference.rgb, "the empty table")
+    if context.overlay is not None:
+        yield Picture(context.overlay, "recognised")
+    if context.frame is not None:
+        yield Picture(context.frame.rgb, "the last picture")

@@ -1,0 +1,100 @@
+"""The live stream: a second recording stream on a thread of its own, which nobody waits for.
+
+It serves; it never connects. A stream that connects to a viewer holds up the end of the process for as
+long as the viewer hangs (for ever, if it accepts and is silent). Viewers connect here instead, whenever
+they like, and get what was kept for them.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from urllib.parse import quote
+
+import rerun as rr
+from rerun.error_utils import catch_and_log_exceptions
+
+from cell.recording.rerun.blueprint import layout
+from cell.recording.rerun.entry import Entry
+from cell.recording.rerun.pump import Pump
+
+__all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
+
+OnError = Callable[[BaseException], None]
+
+QUEUE = 400
+"""Entries that may wait for a slow viewer: about five seconds of a run."""
+CLOSE_S = 2.0
+PORT = 9876
+MEMORY = "512MiB"
+"""What the server keeps for a viewer that comes late."""
+
+
+class LiveStream:
+    """Feeds a viewer, drops what it does not take, counts that."""
+
+    def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
+        host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
+        self._host, self._port = host or "127.0.0.1", int(port) if port else free_port()
+        shown = "127.0.0.1" if self._host == "0.0.0.0" else self._host
+        self.url = f"rerun+http://{shown}:{self._port}/proxy"
+        self._identity = (application, run_id)
+        self._floor = floor
+        self._stream: rr.RecordingStream | None = None
+        self._pump: Pump[Entry] = Pump("recorder-live", self._write, on_error, QUEUE, self._connect, self._leave)
+
+    def offer(self, entry: Entry) -> None:
+        self._pump.offer(entry, essential=entry.essential)
+
+    def close(self) -> int:
+        """Number of entries that were dropped. Leaves a viewer that hangs behind after a moment."""
+        self._pump.close(CLOSE_S)
+        return self._pump.dropped
+
+    # connecting, writing and leaving may each hang for seconds: all on the pump's thread
+
+    def _connect(self) -> None:
+        stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
+        sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
+        stream.set_sinks(sink, default_blueprint=layout(self._floor))
+        stream.send_recording_name(self._identity[1])
+        self._stream = stream
+
+    def _write(self, entry: Entry) -> None:
+        if self._stream is not None:
+            with catch_and_log_exceptions(strict=True):
+                entry.write(self._stream)
+
+    def _leave(self) -> None:
+        if self._stream is not None:
+            self._stream.disconnect()
+
+
+def web_viewer() -> str | None:
+    """Serve Rerun's web viewer on a free port; its origin, or None where that fails: a run goes on without it.
+
+    It is the program alone and holds no data; it is served until this process ends, and on every interface: Rerun
+    has no way to bind it to one."""
+    port = free_port(0)
+    try:
+        rr.serve_web_viewer(web_port=port, open_browser=False)
+    except RuntimeError:
+        return None
+    return f"http://127.0.0.1:{port}"
+
+
+def viewer_address(origin: str, live_url: str) -> str:
+    """Where a browser sees the stream `live_url` in the web viewer of this origin."""
+    return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
+
+
+def free_port(wanted: int = PORT) -> int:
+    """Rerun's usual port (or another one that is wanted) if nobody has it, else any."""
+    for port in (wanted, 0):
+        with socket.socket() as s:
+            try:
+                s.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return int(s.getsockname()[1])
+    return PORT

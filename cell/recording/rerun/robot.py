@@ -1,0 +1,49 @@
+"""The robot in the recording: its meshes once, then the transforms of the joints that move."""
+
+from __future__ import annotations
+
+import rerun as rr
+import rerun.urdf
+from numpy.typing import NDArray
+
+from cell.recording.rerun.entry import Columns, Entry, Log, Robot
+from robots.ports import Array, Side
+from robots.visual import RobotVisual
+
+__all__ = ["RobotFigure"]
+
+FRAMES = "robot/"
+"""Prefix of the robot's frame names, so that a link called 'base' is not taken for another one."""
+
+
+class RobotFigure:
+    """Turns joint values into transforms. Used on the recorder's own thread only."""
+
+    def __init__(self, visual: RobotVisual) -> None:
+        self._visual = visual
+        self._tree = rerun.urdf.UrdfTree.from_file_path(
+            visual.urdf, entity_path_prefix="world", frame_prefix=FRAMES, static_transform_entity_path="/tf_static"
+        )
+        self._joints = {joint.name: joint for joint in self._tree.joints()}
+
+    def scene(self) -> list[Entry]:
+        """Meshes and fixed frames; the root link stands in the base frame, which is `world`."""
+        root = FRAMES + self._tree.root_link().name
+        fixed = rr.Transform3D(parent_frame="tf#/world", child_frame=root)
+        return [Robot(self._tree), Log("tf/base", None, (fixed,), essential=True)]
+
+    def joints(self, t: Array, q: Array, head_pan: Array) -> list[Entry]:
+        """t (n,), q (n, 14), head_pan (n,) -> one batch of transforms for each joint."""
+        entries = [self._column(name, t, q[:, k]) for k, name in enumerate(self._visual.joint_names)]
+        if self._visual.head_joint is not None:
+            entries.append(self._column(self._visual.head_joint, t, head_pan))
+        return entries
+
+    def fingers(self, side: Side, t: Array, opening: Array) -> list[Entry]:
+        """t (n,), opening between the pads (n,) [m]."""
+        return [self._column(name, t, opening * per_metre) for name, per_metre in self._visual.finger_joints[side]]
+
+    def _column(self, name: str, t: Array, values: NDArray) -> Entry:
+        joint = self._joints[name]
+        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns of each one that is not
+        return Columns(f"tf/{name}", t, tuple(joint.compute_transform_columns(inside.tolist())))

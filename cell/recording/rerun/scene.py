@@ -1,0 +1,298 @@
+"""Values into entries: what each thing of the cell looks like in the recording. Pure functions.
+
+Entities. `world` is the robot's base frame; what lies in the table frame stands under `world/table`. The
+camera is a pinhole there, so that the viewer draws arcs, contours and key points into its picture by
+itself. Series, state and log have trees of their own: a view shows one tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cell.recording.rerun import style
+from cell.recording.rerun.entry import Entry, Log
+from cell.states.transition_table import State
+from robots.ports import Array, CameraFrame, Side
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
+
+__all__ = [
+    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
+    "candidate_entries", "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries",
+    "mask_entries", "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
+    "truth_entries", "vertex_normals",
+]  # fmt: skip
+
+TABLE = "world/table"
+CAMERA = f"{TABLE}/camera"
+TRUTH = rr.escape_entity_path_part("truth (simulation)")
+JPEG_QUALITY = 85
+ABOVE = 0.003
+"""Lines drawn on the table are lifted by this, or they vanish in its surface [m]."""
+OVERHANG = 0.15
+"""A fold line is drawn this much beyond the outer grasps [m]."""
+THICKNESS = 0.04
+LEGS = 0.05
+EYE, LOOK_AT = (2.10, 1.45, 0.80), (0.30, 0.02, -0.05)
+"""The layout's view of the cell: from the front left, as somebody at the table [m, base frame]."""
+TOWARDS_EYE = np.subtract(EYE, LOOK_AT)
+
+
+def cell_entries(table: Table, floor: float | None) -> list[Entry]:
+    """What never moves: frames, table (on legs if the floor's height in the base frame is given), styles."""
+    (x0, x1), (y0, y1) = table.x, table.y
+    legs = [] if floor is None else [(x, y) for x in (x0 + LEGS, x1 - LEGS) for y in (y0 + LEGS, y1 - LEGS)]
+    height = table.height - (floor or 0.0)
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2, -THICKNESS / 2)
+    boxes = rr.Boxes3D(
+        centers=[middle, *((x, y, -(height + THICKNESS) / 2) for x, y in legs)],
+        sizes=[(x1 - x0, y1 - y0, THICKNESS), *((LEGS, LEGS, height - THICKNESS) for _ in legs)],
+        colors=[style.TABLE, *((120, 122, 128) for _ in legs)],
+        fill_mode="solid",
+    )  # fmt: skip
+    states = rr.StateConfiguration(
+        values=[s.value for s in State],
+        labels=[style.label(s.value) for s in State],
+        colors=[style.STATE_COLOURS[s] for s in State],
+    )
+    return [
+        Log("world", None, (rr.ViewCoordinates.RIGHT_HAND_Z_UP,), essential=True),
+        Log(TABLE, None, (rr.Transform3D(translation=table.T_base_table[:3, 3]),), essential=True),
+        Log(f"{TABLE}/top", None, (boxes,), essential=True),
+        Log("executive/state", None, (states,), essential=True),
+        *_series_entries(),
+    ]
+
+
+def _series_entries() -> list[Entry]:
+    """Names and colours of the plotted series."""
+    entries: list[Entry] = []
+    for side in Side:
+        colour = style.SIDE_COLOURS[side.value]
+        for path, name, shown, width in (
+            (f"grip/{side}/pads_N", "pads", colour, 2.0),
+            (f"grip/{side}/gripper_N", "gripper", (*colour, 120), 1.0),
+            (f"grip/{side}/tip_N", "tips", style.darker(colour), 1.0),
+            (f"opening/{side}", "opening", colour, 2.0),
+        ):
+            look = rr.SeriesLines(names=f"{side} {name}", colors=[shown], widths=[width])
+            entries.append(Log(path, None, (look,), essential=True))
+    for path, name, colour in (("dissimilarity_mm", "best D [mm]", style.ARC_PLANNED),
+                               ("cost", "best cost C [mm of D + m of path]", style.PREDICTED)):  # fmt: skip
+        look = rr.SeriesLines(names=name, colors=[colour], widths=[2.0])
+        entries.append(Log(f"optimiser/{path}", None, (look,), essential=True))
+    dots = rr.SeriesPoints(names="candidate's D [mm]", colors=[style.CANDIDATE], marker_sizes=[3.0])
+    entries.append(Log("optimiser/candidate_mm", None, (dots,), essential=True))
+    return entries
+
+
+def joint_names_entries(names: Sequence[str]) -> list[Entry]:
+    """Names of the joint series: 7 a side."""
+    return [
+        Log(f"joints/{side}", None, (rr.SeriesLines(names=list(names[part])),), essential=True)
+        for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
+    ]
+
+
+def state_entries(t: float, state: str) -> list[Entry]:
+    return [Log("executive/state", t, (rr.StateChange(state=state),), essential=True)]
+
+
+def log_entries(t: float, text: str, level: str) -> list[Entry]:
+    return [Log("log", t, (rr.TextLog(text, level=level.upper()),), essential=True)]
+
+
+def jpeg(rgb: NDArray) -> rr.EncodedImage:
+    """(H, W, 3) uint8 as an entity's picture."""
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not ok:
+        raise ValueError("a picture could not be encoded")
+    return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
+
+
+def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration) -> list[Entry]:
+    """The picture, its depth, where the camera is believed to stand; what was seen before is cleared."""
+    k, T = calibration.intrinsics, calibration.T_table_camera
+    pinhole = rr.Pinhole(  # a negative width is in points of the screen
+        image_from_camera=k.matrix, resolution=[k.width, k.height], camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=0.2, color=(160, 160, 170), line_width=-1.0,
+    )  # fmt: skip
+    pose = rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
+    millimetres = np.nan_to_num(frame.depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
+    ok, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 4])
+    if not ok:
+        raise ValueError(f"depth of picture {frame.sequence} could not be encoded")
+    depth = rr.EncodedDepthImage(png.tobytes(), media_type="image/png", meter=1000.0)
+    stale = (f"{CAMERA}/mask", f"{TABLE}/perceived", f"{TABLE}/observed")
+    return [
+        *(Log(path, t, (rr.Clear(recursive=True),)) for path in stale),
+        Log(CAMERA, t, (pose, pinhole)),
+        Log(f"{CAMERA}/picture", t, (jpeg(frame.rgb),)),
+        Log(f"{CAMERA}/depth", t, (depth,)),
+    ]
+
+
+def mask_entries(
+    t: float, mask: NDArray, calibration: CameraCalibration, table: Table, shape: tuple[int, int]
+) -> list[Entry]:
+    """The segmentation over the camera's picture of `shape`. mask: bool, in camera or table-view pixels."""
+    if mask.shape != shape:
+        view = TableView(calibration, table, (table.x[1] - table.x[0]) / mask.shape[0])
+        size = (shape[1], shape[0])
+        mask = cv2.warpPerspective(mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
+    rgba = np.zeros((*shape, 4), dtype=np.uint8)
+    rgba[mask.astype(bool)] = (*style.MASK, 90)
+    ok, png = cv2.imencode(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not ok:
+        raise ValueError("the mask could not be encoded")
+    tint = rr.EncodedImage(contents=png.tobytes(), media_type="image/png", draw_order=10.0)
+    return [Log(f"{CAMERA}/mask", t, (tint,))]
+
+
+def perception_entries(t: float, state: GarmentState) -> list[Entry]:
+    """Contour and key points as perceived, on the table."""
+    names = list(state.keypoints)
+    entries: list[Entry] = [
+        Log(f"{TABLE}/perceived/contour", t, (_closed(state.contour, style.PERCEIVED, 0.002),)),
+    ]
+    if names:
+        points = _lift(np.array([state.keypoints[n] for n in names]))
+        shown = rr.Points3D(points, radii=0.009, colors=[style.KEYPOINT], labels=names, show_labels=False)
+        entries.append(Log(f"{TABLE}/perceived/keypoints", t, (shown,)))
+    return entries
+
+
+def plan_entries(t: float, step: FoldStep) -> list[Entry]:
+    """The fold line, grasps and targets of a step; what belonged to the step before is cleared."""
+    old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
+    line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
+    sides = list(step.grasps)
+    grasps = _lift(np.array([step.grasps[s].point for s in sides]).reshape(-1, 2))
+    targets = np.array([step.targets[s] for s in sides]).reshape(-1, 3)
+    return [
+        *(Log(path, t, (rr.Clear(recursive=True),)) for path in old),
+        Log(f"{TABLE}/plan/fold_line", t, (line,)),
+        Log(f"{TABLE}/plan/grasps", t, (rr.Points3D(grasps, radii=0.011, colors=[style.GRASP],
+            labels=[f"{s} grasp" for s in sides], show_labels=False),)),
+        Log(f"{TABLE}/plan/targets", t, (rr.Points3D(targets, radii=0.008, colors=[style.TARGET],
+            labels=[f"{s} target" for s in sides], show_labels=False),)),
+    ]  # fmt: skip
+
+
+def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
+    """Tool paths (n, 3): planned in green, what was really driven darker and thinner. A plan ends the search, and
+    an arm that has no part in it has no path any more."""
+    kind = "planned" if planned else "driven"
+    colour, radius = (style.ARC_PLANNED, 0.005) if planned else (style.ARC_DONE, 0.003)
+    void = [*(("candidate", "best") if planned else ()), *(f"{kind}/{side}" for side in Side if side not in arcs)]
+    return [
+        *(Log(f"{TABLE}/arcs/{name}", t, (rr.Clear(recursive=True),)) for name in void),
+        *(
+            Log(f"{TABLE}/arcs/{kind}/{side}", t, (rr.LineStrips3D([arc], radii=radius, colors=[colour]),))
+            for side, arc in arcs.items()
+        ),
+    ]
+
+
+def candidate_entries(
+    t: float,
+    simulations: int,
+    arcs: Mapping[Side, Array],
+    own: tuple[float, float],
+    best: tuple[float, float],
+) -> list[Entry]:
+    """A simulated candidate: its arcs (n, 3), thin, and where it and the best stand by D [m] and cost C [m].
+
+    The best's arc stays in view in green. C is the paths' length [m] and 1000 D: it fits one scale with D in mm.
+    """
+    shown = [
+        Log(f"{TABLE}/arcs/candidate/{side}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
+        for side, arc in arcs.items()
+    ]
+    if own == best:
+        shown += [
+            Log(f"{TABLE}/arcs/best/{side}", t, (rr.LineStrips3D([arc], radii=0.003, colors=[style.ARC_PLANNED]),))
+            for side, arc in arcs.items()
+        ]
+    figures = {"candidate_mm": 1e3 * own[0], "dissimilarity_mm": 1e3 * best[0], "cost": best[1],
+               "simulations": float(simulations)}  # fmt: skip
+    return [*shown, *(Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items())]
+
+
+def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
+    """The believed friction of the table, and how much (0..1) the fold before taught of it."""
+    figures = {"friction": friction, "friction_learned": learned}
+    return [Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items()]
+
+
+def predicted_entries(t: float, shape: PredictedShape) -> list[Entry]:
+    return [Log(f"{TABLE}/predicted", t, (_mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 75)),))]
+
+
+def observed_entries(t: float, points: Array) -> list[Entry]:
+    """A contour (n, 2) as a line, or height points (n, 3) as dots."""
+    path = f"{TABLE}/observed"
+    if points.shape[1] == 2:
+        return [Log(path, t, (_closed(points, style.OBSERVED, 0.0025),))]
+    return [Log(path, t, (rr.Points3D(points, radii=0.002, colors=[style.OBSERVED]),))]
+
+
+def truth_entries(t: float, vertices: Array, triangles: NDArray, first: bool) -> list[Entry]:
+    """The simulated garment itself; whole when it comes first, then only what moves."""
+    path = f"{TABLE}/{TRUTH}"
+    if first:
+        return [Log(path, t, (_mesh(vertices, triangles, (*style.GARMENT, 255)),), essential=True)]
+    normals = facing_normals(vertices, triangles).astype(np.float32)
+    moved = rr.Mesh3D.from_fields(vertex_positions=vertices.astype(np.float32), vertex_normals=normals)
+    return [Log(path, t, (moved,))]
+
+
+def _mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=vertices.astype(np.float32),
+        triangle_indices=triangles.astype(np.uint32),
+        vertex_normals=facing_normals(vertices, triangles).astype(np.float32),
+        albedo_factor=colour,
+    )
+
+
+def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
+    """(n, 3) unit normals: of the triangles around a vertex, weighted by their area."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normal = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normal, triangles[:, k], np.cross(b - a, c - a))
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+
+def facing_normals(vertices: Array, triangles: NDArray) -> Array:
+    """(n, 3) normals turned towards the layout's eye: the viewer leaves the back of a sheet black."""
+    normal = vertex_normals(vertices, triangles)
+    away = normal @ TOWARDS_EYE < 0.0
+    normal[away] *= -1.0
+    return normal
+
+
+def _lift(points: Array) -> Array:
+    """(n, 2) or (n, 3) on the table -> (n, 3) a little above."""
+    points = np.asarray(points, dtype=np.float64)
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    return points + np.array([0.0, 0.0, ABOVE])
+
+
+def _closed(contour: Array, colour: tuple[int, ...], radius: float) -> rr.LineStrips3D:
+    return rr.LineStrips3D([_lift(np.vstack([contour, contour[:1]]))], radii=radius, colors=[colour])
+
+
+def _fold_line(step: FoldStep) -> Array:
+    """(2, 2): the part of the endless line beside the grasps."""
+    line = step.line
+    along = (np.array([g.point for g in step.grasps.values()]) - line.point) @ line.direction
+    return line.point + np.outer((along.min() - OVERHANG, along.max() + OVERHANG), line.direction)

@@ -1,0 +1,239 @@
+"""Takes down a run: ports and commands that pass everything on and note what was asked and what was answered.
+
+The executive asks from one thread, and what it asks is noted in that order. The stop is triggered past all this,
+from any thread; what other threads ask of it, and what is asked at the pace of the wall's clock while a skill
+computes (`Workcell.watched_stop`), is not noted: it only ends a computation early whose result is void anyway.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Set
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from cell.recording.transcript.transcript import CellConstants, TranscriptWriter
+from cell.recording.transcript.transcript_codec import Channel, pack, pack_raised
+from cell.states.commands import CommandQueue, Said
+from cell.states.transition_table import Event
+from robots.ports import (
+    Arms,
+    Array,
+    Attendant,
+    BoardPlace,
+    Camera,
+    CameraFrame,
+    Clock,
+    Gripper,
+    GripperState,
+    Head,
+    JointSetpoint,
+    JointState,
+    Ports,
+    Side,
+    Stop,
+    StopState,
+    Tactile,
+    TactileReading,
+)
+
+__all__ = ["Overheard", "Stenographer", "wanted_names"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Overheard:
+    """The executive's side of a cell."""
+
+    ports: Ports
+    commands: CommandQueue
+
+
+class Stenographer:
+    """Has a run's transcript written. Make it on the thread of the executive."""
+
+    def __init__(self, folder: Path | None) -> None:
+        """folder: the run's; None: nothing is kept."""
+        self._folder = folder
+        self._writer: TranscriptWriter | None = None
+        self._thread = threading.get_ident()
+
+    def between(self, ports: Ports, commands: CommandQueue) -> Overheard:
+        """Ports and commands for the executive, from now on taken down. Raises StorageError."""
+        if self._folder is None:
+            return Overheard(ports, commands)
+        self._writer = TranscriptWriter(self._folder, CellConstants.of(ports))
+        heard = replace(
+            ports,
+            clock=_Clock(self, ports.clock),
+            arms=_Arms(self, ports.arms),
+            head=_Head(self, ports.head),
+            grippers={side: _Gripper(self, gripper, side) for side, gripper in ports.grippers.items()},
+            tactile={side: _Tactile(self, tactile, side) for side, tactile in ports.tactile.items()},
+            camera=_Camera(self, ports.camera),
+            stop=_Stop(self, ports.stop),
+            attendant=_Attendant(self, ports.attendant),
+        )
+        return Overheard(heard, _Commands(self, commands))
+
+    def end(self) -> None:
+        """The run has come to its end."""
+        self.hear(Channel.END, (), lambda: None)
+
+    def close(self) -> str | None:
+        """Nothing is noted any more; -> why the transcript ends before the run, where it does."""
+        if self._writer is None:
+            return None
+        trouble = self._writer.close()
+        return trouble and f"the run cannot be decided again from here on: {trouble}"
+
+    @property
+    def on_its_thread(self) -> bool:
+        return threading.get_ident() == self._thread
+
+    def hear(self, channel: Channel, arguments: tuple[object, ...], call: Callable[..., T], *given: object) -> T:
+        """What `call` gives or raises, noted as the answer to `arguments`."""
+        question = self._packed(channel, arguments)  # before it is asked: a driver may keep what it gets
+        try:
+            answer = call(*given)
+        except Exception as e:
+            self._note(channel, question, pack_raised(e))
+            raise
+        self._note(channel, question, answer if isinstance(answer, CameraFrame) else self._packed(channel, answer))
+        return answer
+
+    def _packed(self, channel: Channel, value: object) -> bytes:
+        """A driver that gives what it should not ends the transcript; the run has to judge it all the same."""
+        try:
+            return pack(value)
+        except Exception as e:
+            if self._writer is not None:
+                self._writer.fail(f"{channel.value}: {e}")
+            return b""
+
+    def _note(self, channel: Channel, question: bytes, answer: bytes | CameraFrame) -> None:
+        if self._writer is not None:
+            self._writer.note(channel, question, answer)
+
+
+class _Clock:
+    def __init__(self, stenographer: Stenographer, clock: Clock) -> None:
+        self._stenographer, self._clock = stenographer, clock
+
+    def now(self) -> float:
+        return self._stenographer.hear(Channel.NOW, (), self._clock.now)
+
+    def sleep_until(self, t: float) -> None:
+        self._stenographer.hear(Channel.SLEEP, (t,), self._clock.sleep_until, t)
+
+
+class _Arms:
+    def __init__(self, stenographer: Stenographer, arms: Arms) -> None:
+        self._stenographer, self._arms = stenographer, arms
+        self.command_timeout = arms.command_timeout
+
+    def state(self) -> JointState:
+        return self._stenographer.hear(Channel.ARMS, (), self._arms.state)
+
+    def enable(self) -> None:
+        self._stenographer.hear(Channel.ENABLE, (), self._arms.enable)
+
+    def command(self, q: Array, qd: Array) -> JointSetpoint:
+        return self._stenographer.hear(Channel.SET_POINT, (q, qd), self._arms.command, q, qd)
+
+
+class _Head:
+    def __init__(self, stenographer: Stenographer, head: Head) -> None:
+        self._stenographer, self._head = stenographer, head
+
+    def command_pan(self, angle: float) -> None:
+        self._stenographer.hear(Channel.HEAD, (angle,), self._head.command_pan, angle)
+
+
+class _Gripper:
+    def __init__(self, stenographer: Stenographer, gripper: Gripper, side: Side) -> None:
+        self._stenographer, self._gripper = stenographer, gripper
+        self.side, self.max_opening = side, gripper.max_opening
+
+    def calibrate(self) -> None:
+        self._stenographer.hear(Channel.CALIBRATE, (self.side,), self._gripper.calibrate)
+
+    def command(self, opening: float, force: float) -> None:
+        self._stenographer.hear(Channel.GRIP, (self.side, opening, force), self._gripper.command, opening, force)
+
+    def state(self) -> GripperState:
+        return self._stenographer.hear(Channel.GRIPPER, (self.side,), self._gripper.state)
+
+
+class _Tactile:
+    def __init__(self, stenographer: Stenographer, tactile: Tactile, side: Side) -> None:
+        self._stenographer, self._tactile = stenographer, tactile
+        self.side = side
+
+    def reading(self) -> TactileReading:
+        return self._stenographer.hear(Channel.TACTILE, (self.side,), self._tactile.reading)
+
+
+class _Camera:
+    def __init__(self, stenographer: Stenographer, camera: Camera) -> None:
+        self._stenographer, self._camera = stenographer, camera
+
+    def capture(self) -> CameraFrame:
+        return self._stenographer.hear(Channel.CAPTURE, (), self._camera.capture)
+
+    def glimpse(self) -> CameraFrame | None:
+        return self._stenographer.hear(Channel.GLIMPSE, (), self._camera.glimpse)
+
+
+class _Stop:
+    def __init__(self, stenographer: Stenographer, stop: Stop) -> None:
+        self._stenographer, self._stop = stenographer, stop
+
+    def trigger(self, reason: str) -> None:
+        self._stop.trigger(reason)
+
+    def state(self) -> StopState:
+        if not self._stenographer.on_its_thread:
+            return self._stop.state()
+        return self._stenographer.hear(Channel.STOP, (), self._stop.state)
+
+    def reset(self) -> None:
+        self._stop.reset()
+
+
+class _Attendant:
+    def __init__(self, stenographer: Stenographer, attendant: Attendant) -> None:
+        self._stenographer, self._attendant = stenographer, attendant
+
+    def lay_garment(self) -> None:
+        self._stenographer.hear(Channel.LAY, (), self._attendant.lay_garment)
+
+    def bring_board(self, place: BoardPlace) -> None:
+        self._stenographer.hear(Channel.BOARD, (place,), self._attendant.bring_board, place)
+
+
+class _Commands(CommandQueue):
+    """What is said goes into the cell's one queue; what the executive takes from it is noted."""
+
+    def __init__(self, stenographer: Stenographer, queue: CommandQueue) -> None:
+        super().__init__()
+        self._stenographer, self._all = stenographer, queue
+
+    def put(self, command: Event) -> Said:
+        return self._all.put(command)
+
+    def drop(self, void: Set[Event]) -> None:
+        self._all.drop(void)
+
+    def take(self, wanted: Set[Event]) -> Event | None:
+        return self._stenographer.hear(Channel.TAKE, (wanted_names(wanted),), self._all.take, wanted)
+
+    def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
+        return self._stenographer.hear(Channel.WAIT, (wanted_names(wanted),), self._all.wait, wanted, seconds)
+
+
+def wanted_names(wanted: Set[Event]) -> tuple[str, ...]:
+    """Which commands were asked for, in an order that is always the same."""
+    return tuple(sorted(command.value for command in wanted))

@@ -1,0 +1,98 @@
+"""What became of a run, as its result has it: made once, when the machine has ended."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from cell.executive.runner import RunEnd
+from cell.hardware.driver import is_simulated
+from cell.states.context import Context, StepNote
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.step_notes import notes_by_step
+from cell.states.transition_table import State
+from robots.errors import Failure
+
+__all__ = ["fold_result", "told"]
+
+RESULTS = {
+    State.FOLDED: "folded",
+    State.NOT_FOLDED: "not_folded",
+    State.STOPPED: "not_folded",
+    State.FAULT: "fault",
+}
+
+
+def fold_result(
+    request: FoldRequest,
+    folder: Path,
+    began: float,
+    end: RunEnd,
+    score: dict[str, Any] | None,
+    received: Sequence[int],
+    recording: dict[str, Any],
+    resumed_from: str | None,
+) -> FoldResult:
+    """began: time.monotonic() when the request came [s]; score: None where nobody scored; received: signals."""
+    context = end.context
+    failure = context.failure if end.state is not State.FOLDED else None
+    return FoldResult(
+        garment=request.garment,
+        seed=request.seed,
+        driver=request.driver,
+        simulated=is_simulated(request.driver),
+        world=request.world if is_simulated(request.driver) else None,
+        result=RESULTS[end.state],
+        state=end.state.value,
+        failure=None if failure is None else told(failure),
+        score=score,
+        steps=tuple(_steps(context)),
+        robot_time_s=end.ended - end.started - context.waited_s,
+        wall_time_s=time.monotonic() - began,
+        stage_times_s={k: round(v, 3) for k, v in end.stage_times.items()},
+        run_dir=str(folder),
+        signal=received[0] if received else None,
+        recording=recording,
+        resumed_from=resumed_from,
+    )
+
+
+def told(failure: Failure) -> dict[str, str]:
+    """A failure as it stands in results."""
+    return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
+
+
+def _steps(context: Context) -> Iterator[dict[str, Any]]:
+    """Every planned fold: what was made of it. A fold that is not done has figures, too, if it came so far."""
+    notes, done = notes_by_step(context), {note.name for note in context.done}
+    for index, step in enumerate(context.steps):
+        note = notes.get(step.name)
+        yield {
+            "name": step.name,
+            "done": step.name in done,
+            "accepted": _accepted(note, step.name in done),
+            "source": note.source if note else None,
+            "dissimilarity_m": _known(note.dissimilarity_m if note else math.nan),
+            "aligned_iou": _known(note.aligned_iou if note else math.nan),
+            "predicted_iou": _known(note.aligned_iou if note else math.nan),  # its former name
+            "observed_iou": _known(note.observed_iou if note else math.nan),
+            "drift_m": _known(note.drift_m if note else math.nan),
+            "observed_height_m": _known(note.height_m if note else math.nan),
+            "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
+            "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
+            "recoveries": [text for i, text in context.recoveries if i == index],
+        }
+
+
+def _accepted(note: StepNote | None, done: bool) -> bool | None:
+    """None: nobody judged it, or the run ended before what was seen counted."""
+    if note is None or note.inspected is None or (note.accepted and not done):
+        return None
+    return note.accepted
+
+
+def _known(figure: float) -> float | None:
+    return figure if math.isfinite(figure) else None

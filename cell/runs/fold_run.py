@@ -1,0 +1,275 @@
+"""One run, from a request to a result: open the cell, run the machine, score, report, close.
+
+Whatever happens, the ledger is ended, the recording closed and the result written. Ctrl-C and a termination
+signal trigger the stop circuit, and the machine ends in a declared state.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from socket import socket
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.executive.effects import EFFECTS
+from cell.executive.runner import Observer, RunEnd, Runner
+from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.driver import PersonAt, check_cell, is_simulated, opened_cell
+from cell.operator.console.board import Board
+from cell.operator.progress.audience import Audience, say
+from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.lines import ProgressLines
+from cell.operator.terminal.attendant import PersonAttendant
+from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
+from cell.recording.journal import RunJournal
+from cell.recording.rerun import Recorder
+from cell.recording.transcript.port_recorder import Stenographer
+from cell.runs.checkpoint_writer import Interrupted, Keeper
+from cell.runs.fold_result import fold_result, told
+from cell.runs.ownership import VERSIONED, begun_run, owned_cell
+from cell.runs.request_file import keep_request
+from cell.runs.resumable import RESUMED_FROM, check_resumable
+from cell.runs.run_inputs import keep_surroundings
+from cell.simulation import SimulationSettings, checkpoint, restore
+from cell.states.commands import CommandQueue
+from cell.states.context import Context
+from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.observers import RecorderObserver, Remark, Remarks
+from cell.states.transition_table import Event, State
+from cell.support.files.whole_file import write_whole
+from cell.support.process.interrupts import Interrupts
+from robots.errors import CellError, Failure, FailureKind, StorageError
+from robots.ports import Ports
+
+if TYPE_CHECKING:
+    from cell.operator.console.supervision import Supervision
+    from cell.recording.report.report import TrueFrame
+
+__all__ = ["FoldRequest", "FoldResult", "fold_once"]
+
+Prelude = Callable[[Ports, CommandQueue], Ports | None]
+"""Gets ports and command queue before the first effect; may give back other ports for the executive."""
+
+
+def fold_once(
+    request: FoldRequest,
+    prelude: Prelude | None = None,
+    bystanders: Sequence[Observer] = (),
+    interrupted: Interrupted | None = None,
+) -> FoldResult:
+    """Perform one run, or go on with an interrupted one. prelude, bystanders: of tests and HIL scripts; these
+    observe the run as the view does.
+
+    Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
+    ends the run as a fault, the arms held.
+    """
+    began = time.monotonic()
+    check_cell(request.driver, _simulated(request))
+    asks = request.approve or not is_simulated(request.driver)
+    if asks and request.terminal and not request.page:
+        check_terminal(sys.stdin)
+    with owned_cell(request.logs) as (interrupts, journal), _listener(request) as listener:
+        if interrupted:  # nobody else can go on with it from here on
+            check_resumable(journal, interrupted.run)
+        packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
+        with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
+            ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
+            result = _ended_in_ledger(run, ended.result)
+        if result.result == "folded" or ended.end.context.through:
+            Keeper(run.directory, None).forget()
+        return _with_files(run.directory, request, replace(ended, result=result))
+
+
+def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
+    """The result, once it is in the ledger. What cannot be put there has not ended well: a fault."""
+    try:
+        run.end(result.result, result.as_json())
+    except StorageError as e:
+        run.abandon()
+        failure = told(Failure(FailureKind.UNRECORDED, e.what, e.hint))
+        if result.failure is None or result.failure["kind"] == FailureKind.UNRECORDED:
+            return replace(result, result="fault", failure=result.failure or failure)
+        return replace(result, result="fault", unwritten=(e.what,))
+    return result
+
+
+def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult:
+    """The result with its files beside the recording. The run has ended: what cannot be written is told."""
+    result = ended.result
+    try:
+        write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
+        if request.record:
+            from cell.recording.report.report import report
+
+            report(folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles)
+    except StorageError as e:
+        return replace(result, unwritten=(*result.unwritten, e.what))
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """A run that has ended: its result, and what the report is made of."""
+
+    end: RunEnd
+    result: FoldResult
+    remarks: list[Remark]
+    frames: list[TrueFrame]
+    triangles: NDArray[np.int32] | None
+
+
+def _listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
+    """Of the operator's page, where there is one: a port that is taken is told before there is a run."""
+    if not request.page:
+        return nullcontext()
+    from cell.operator.console.server import open_listener
+
+    return open_listener(request.page_port)
+
+
+def _perform(
+    request: FoldRequest,
+    run: RunJournal,
+    began: float,
+    prelude: Prelude | None,
+    bystanders: Sequence[Observer],
+    listener: socket | None,
+    interrupted: Interrupted | None,
+    interrupts: Interrupts,
+) -> _Ended:
+    keep_request(run.directory, request)
+    if request.record:
+        keep_surroundings(run.directory, request, interrupted.context if interrupted else None)
+    robot = load_robot(request.settings)
+    recorder = _recorder(request, run)
+    stenographer = Stenographer(run.directory if request.record else None)
+    board = Board(run.id, request.garment, request.seed, is_simulated(request.driver))
+    commands = CommandQueue(board.heard)
+    supervision = _supervision(request, board, commands, listener)
+    remarks = Remarks()
+    lines = ProgressLines(None if request.quiet else sys.stdout)
+    audience = Audience(lines, board, request.quiet, request.terminal)
+    # the board before who reads it out: an answer may come at once
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, board, lines, *bystanders)
+
+    try:
+        with (
+            compiling_told(lines.note),
+            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, audience.ask)) as ports,
+            ThreadPoolExecutor(1, "skill") as workers,
+            interrupts.stop(ports, asked=request.approve or not ports.simulated),
+            supervision.page(recorder, ports.stop, say) if supervision else nullcontext(),
+        ):
+            used = (prelude(ports, commands) if prelude is not None else None) or ports
+            if isinstance(ports.attendant, PersonAttendant):
+                ports.attendant.clock = used.clock
+            heard = stenographer.between(used, commands)
+            cell = assemble(
+                request, robot, heard.ports, recorder, heard.commands, workers, audience.note, audience.computing
+            )
+            cell = replace(cell, watched_stop=used.stop)
+            witness = _witness(request, ports, recorder)
+            asked = request.approve or not ports.simulated
+            if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
+                alone = not request.page
+                TerminalOperator(commands, sys.stdin, sys.stderr, alone, board.allowed).start()
+            keeper = _keeper(request, run, ports)
+            context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
+            if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
+                keeper.keep(context)
+                run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
+            end = Runner(cell, EFFECTS, run, heard.commands, observers, keeper.keep).run(context, first)
+            stenographer.end()
+            if supervision:
+                failure = end.context.failure if end.state is not State.FOLDED else None
+                board.finish(end.state, failure, run.directory)
+            score = _score(witness)
+    finally:
+        kept, unkept = recorder.close(), stenographer.close()
+    errors = [f"recording: {error}" for error in kept.errors] + ([unkept] if unkept else [])
+    live = {"live_dropped": kept.live_dropped, "live_errors": list(kept.live_errors)}
+    recording = {"dropped": kept.dropped, "errors": errors, **live}
+    result = fold_result(
+        request, run.directory, began, end, score, interrupts.received, recording,
+        interrupted.run if interrupted else None,
+    )  # fmt: skip
+    frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
+    return _Ended(end, result, remarks.list, frames, triangles)
+
+
+def _keeper(request: FoldRequest, run: RunJournal, ports: Ports) -> Keeper:
+    return Keeper(run.directory, (lambda: checkpoint(ports)) if ports.simulated else None)
+
+
+@contextmanager
+def _opened(request: FoldRequest, interrupted: Interrupted | None, person: PersonAt) -> Iterator[Ports]:
+    """The cell; a simulated one that is gone on with stands where it stood, before anybody can stop it."""
+    with opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports:
+        if interrupted and interrupted.world is not None:
+            restore(ports, interrupted.world)
+        yield ports
+
+
+def _supervision(
+    request: FoldRequest, board: Board, commands: CommandQueue, listener: socket | None
+) -> Supervision | None:
+    if listener is None:
+        return None
+    from cell.operator.console.supervision import Supervision
+
+    return Supervision(request, board, commands, listener)
+
+
+def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
+    if not request.record:
+        return Recorder.silent()
+    from robots.baxter.meshes import baxter_visual
+
+    try:
+        visual = baxter_visual()
+    except StorageError:  # no place to keep the converted meshes: a view without the robot is better than no run
+        visual = None
+    path, table = run.directory / "run.rrd", request.settings.table
+    recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
+    if recorder.live_url:
+        say(f"live view: rerun --connect {recorder.live_url}")
+    return recorder
+
+
+def _simulated(request: FoldRequest) -> SimulationSettings:
+    settings = request.settings
+    return SimulationSettings(
+        garment=request.garment,
+        surface=settings.surface,
+        table=settings.drawn_table,
+        realtime=request.realtime,
+        world=request.world,
+        as_built=settings.calibrated,
+    )
+
+
+def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:
+    """Who records and scores the truth of a simulated cell."""
+    if not (request.witness and ports.simulated):
+        return None
+    from cell.simulation.scoring.truth_recorder import Witness
+
+    return Witness(ports, recorder, request)
+
+
+def _score(witness: Any) -> dict[str, Any] | None:
+    """None where there is nothing to score, or nobody left who knows what is true."""
+    try:
+        return witness.score() if witness else None
+    except CellError as e:
+        say(f"not scored: {e.what}")
+        return None

@@ -1,0 +1,83 @@
+"""What a run was asked for, kept in its folder, so that it can be gone on with and decided again.
+
+`cell.yaml` holds the exact settings, `request.json` the rest, with the hashes of the calibration files that the
+settings name; a garment given as a file is copied beside them.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.config.garments.garment_file import garment_path, list_garments
+from cell.states.fold_request import FoldRequest
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError, StorageError
+
+__all__ = ["SETTINGS", "keep_request", "load_request"]
+
+SETTINGS, REQUEST, GARMENT = "cell.yaml", "request.json", "garment"
+SCHEMA = 1
+KEPT: dict[str, type] = {
+    "garment": str, "seed": int, "driver": str, "world": str, "approve": bool, "page": bool, "page_port": int,
+    "realtime": bool, "record": bool, "witness": bool,
+}  # fmt: skip
+
+
+def keep_request(folder: Path, request: FoldRequest) -> None:
+    """Write the request into a run's folder. Raises StorageError."""
+    write_whole(folder / SETTINGS, request.settings.as_yaml())
+    kept: dict[str, Any] = {"schema": SCHEMA} | {name: getattr(request, name) for name in KEPT}
+    kept["calibrations"] = _hashes(request.settings)
+    if request.garment != "auto" and request.garment not in list_garments():
+        source = garment_path(request.garment)
+        kept["garment"] = f"{GARMENT}/{source.name}"  # its stem is the garment's name
+        try:
+            (folder / GARMENT).mkdir()
+            write_whole(folder / GARMENT / source.name, source.read_bytes())
+        except OSError as e:
+            raise StorageError(f"{source} cannot be kept with the run: {e.strerror}", "check path and disk") from e
+    write_whole(folder / REQUEST, json.dumps(kept, indent=1) + "\n")
+
+
+def load_request(folder: Path, logs: Path, restored: Path | None = None, **changes: Any) -> FoldRequest:
+    """The request of the run in `folder`, with `changes`. restored: settings to be read in place of the kept ones;
+    who gives them answers for the calibrations that they name. Raises ConfigurationError where there is no
+    request, or where the settings or what they name are not what they were."""
+    path = folder / REQUEST
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        schema, calibrations = kept.pop("schema"), kept.pop("calibrations")
+        if schema != SCHEMA or {name: type(value) for name, value in kept.items()} != KEPT:
+            raise ValueError("it was changed, or written by another version of foldcell")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as e:
+        why = e.strerror if isinstance(e, OSError) else e
+        raise ConfigurationError(
+            f"the run {folder.name} does not say what it was asked for ({path}: {why})",
+            "start a new one: foldcell fold",
+        ) from None
+    if kept["garment"].startswith(f"{GARMENT}/"):
+        kept["garment"] = str(folder / kept["garment"])
+    path = restored or folder / SETTINGS
+    settings = load_settings(path)
+    now = {} if restored else _hashes(settings)
+    changed = [name for name in now if now[name] != calibrations.get(name)]
+    if changed:
+        raise ConfigurationError(
+            f"the calibration has changed since the run {folder.name}: {', '.join(changed)}",
+            "what it saw and planned is void: start a new one",
+        )
+    request = FoldRequest(settings=settings, settings_path=path, logs=logs, **kept)
+    return replace(request, **changes)
+
+
+def _hashes(settings: CellSettings) -> dict[str, str]:
+    """The calibration files that the settings name, with the hash of each. Raises StorageError."""
+    try:
+        return {str(path): sha256(path.read_bytes()).hexdigest() for path in settings.calibrations.values()}
+    except OSError as e:
+        raise StorageError(f"the calibration {e.filename} cannot be read: {e.strerror}", "check the path") from e

@@ -1,0 +1,211 @@
+"""The RGB-D camera of the simulated cell: a client of the render process, and the sensor's own errors."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.camera.render_server import Picture, Scene, Shot
+from cell.simulation.noise import CameraNoise
+from robots.depth_averaging import mean_depth
+from robots.errors import DriverError, FailureKind
+from robots.ports import CameraFrame, Intrinsics, frozen
+from skills.vocabulary import Array
+
+__all__ = ["Renderer", "SimulatedCamera"]
+
+PICTURE_TIMEOUT_S = 30.0
+"""Of the render process, on the wall: only how long a crash or a hang stays unnoticed."""
+PICTURES_A_PROCESS = 400
+"""The renderer leaks; its process is replaced after so many."""
+ATTEMPTS = 2
+
+
+class Renderer:
+    """The render process, started at once and restarted when it dies. Pictures are a function of the shot."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection | None = None
+        self._count = 0
+        self._start()
+
+    def _start(self) -> None:
+        ours, theirs = Pipe()
+        root = str(Path(__file__).resolve().parents[2])
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cell.simulation.camera.render_server", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()], env=environment,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,  # the operator's Ctrl-C is not meant for it
+        )  # fmt: skip
+        theirs.close()
+        ours.send(self._scene)
+        self._connection, self._count = ours, 0
+
+    def picture(self, shot: Shot) -> Picture:
+        """Raises DriverError(CAMERA_FAULT) when two processes in a row give none."""
+        problem = ""
+        for _ in range(ATTEMPTS):
+            if self._process is None or self._count >= PICTURES_A_PROCESS:
+                self.close()
+                self._start()
+            answer = self._ask(shot)
+            if isinstance(answer, Picture):
+                self._count += 1
+                return answer
+            problem = answer
+            self.close()
+        raise DriverError(
+            FailureKind.CAMERA_FAULT,
+            f"the render process gave no picture: {problem.strip().splitlines()[-1] if problem else 'it died'}",
+            "run `foldcell doctor`; PyBullet's TinyRenderer needs about 300 MB",
+        )
+
+    def _ask(self, shot: Shot) -> Picture | str:
+        assert self._connection is not None
+        try:
+            self._connection.send(shot)
+            if not self._connection.poll(PICTURE_TIMEOUT_S):
+                return f"no answer in {PICTURE_TIMEOUT_S:.0f} s"
+            return self._connection.recv()
+        except (EOFError, OSError) as error:
+            return f"the process died ({error or type(error).__name__})"
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid if self._process else None
+
+    def close(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(timeout=1.0)
+            if self._process.poll() is None:
+                self._process.kill()
+                self._process.wait()
+        self._process = self._connection = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """How this camera sees, drawn once a world: gain of each colour channel, corner shading, and the part of the
+    depth's noise that is the same in every picture."""
+
+    gain: Array
+    vignette: NDArray[np.float32]
+    grain: Array
+
+
+class SimulatedCamera:
+    """Pictures with the sensor's errors. The noise of a picture depends on the seed and its sequence number
+    only, so that looking once more or once less changes no other draw of the world.
+
+    `shot` gives the world's present state, `now` its time.
+    """
+
+    def __init__(
+        self,
+        renderer: Renderer,
+        intrinsics: Intrinsics,
+        noise: CameraNoise,
+        seed: int,
+        shot: Callable[[], Shot],
+        now: Callable[[], float],
+        ideal: bool = False,
+    ) -> None:
+        self._ideal = ideal
+        self._renderer, self._intrinsics, self._noise, self._seed = renderer, intrinsics, noise, seed
+        self._shot, self._now = shot, now
+        self._sequence = 0
+        self._last: CameraFrame | None = None
+        self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
+        self.frozen = self.black = self.silent = False
+        """Faults: the picture stays what it was; nothing but black; no answer."""
+
+    def _draw_look(self, rng: np.random.Generator, lasting: np.random.Generator) -> _Look:
+        noise, k = self._noise, self._intrinsics
+        gain = np.exp(rng.normal(0.0, noise.white_balance, 3))
+        v, u = np.mgrid[0 : k.height, 0 : k.width]
+        r2 = ((u - k.cx) / k.cx) ** 2 + ((v - k.cy) / k.cy) ** 2
+        return _Look(gain, (1.0 - noise.vignette * r2 / 2).astype(np.float32), self._grain(u.shape, lasting))
+
+    def _grain(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+        """Noise of deviation 1 in which neighbouring pixels are alike."""
+        width = self._noise.depth_grain_px
+        blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
+        return np.asarray(blurred * (2.0 * np.sqrt(np.pi) * width))  # blurring took this share of the deviation
+
+    def capture(self, exposures: int = 1) -> CameraFrame:
+        """A picture whose depth is the mean of so many exposures."""
+        if self.silent:
+            raise DriverError(
+                FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
+            )
+        if self.frozen and self._last is not None:
+            return self._last
+        self._sequence += 1
+        rng = np.random.default_rng((self._seed, 1, self._sequence))
+        picture = self._renderer.picture(self._shot())
+        rgb, depth = picture.rgb, picture.depth
+        if not self._ideal:
+            rgb = self._sense_colour(rgb, rng)
+            depth = mean_depth([self._sense_depth(depth, rng) for _ in range(exposures)])
+        if self.black:
+            rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
+        self._last = CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
+        return self._last
+
+    @property
+    def sequence(self) -> int:
+        return self._sequence
+
+    @sequence.setter
+    def sequence(self, value: int) -> None:
+        """For restoring a world: the next picture is number `value` + 1."""
+        self._sequence, self._last = value, None
+
+    def _sense_colour(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+        noise = self._noise
+        exposure = np.exp(rng.normal(0.0, noise.exposure))
+        image = np.asarray(cv2.GaussianBlur(rgb.astype(np.float32), (0, 0), noise.blur_px), dtype=np.float32)
+        image *= (exposure * self._look.gain).astype(np.float32)
+        image *= self._look.vignette[..., None]
+        image += rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.rgb)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def _sense_depth(self, depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+        """Stereo triangulation: noise that grows with z squared, disparities in steps, nothing at edges."""
+        noise = self._noise
+        seen = np.isfinite(depth)
+        z = np.where(seen, depth, 1.0).astype(np.float64)
+        lasting = noise.depth_lasting
+        grain = lasting * self._look.grain + np.sqrt(1.0 - lasting**2) * self._grain(z.shape, rng)
+        noisy = z + noise.depth_sigma * z**2 * grain
+        scale = self._intrinsics.fx * noise.depth_baseline / noise.disparity_step
+        measured = scale / np.maximum(np.rint(scale / noisy), 1.0)
+        edge = _edges(z, noise.edge_jump)
+        lost = edge & (rng.random(z.shape) < noise.edge_loss) | (rng.random(z.shape) < noise.pixel_loss)
+        measured[~seen | lost] = np.nan
+        return measured.astype(np.float32)
+
+
+def _edges(z: Array, jump: float) -> NDArray[np.bool_]:
+    """Pixels within one pixel of a step in depth larger than `jump` [m]."""
+    kernel = np.ones((3, 3), np.uint8)
+    z32 = z.astype(np.float32)
+    return np.asarray(cv2.dilate(z32, kernel) - cv2.erode(z32, kernel) > jump)

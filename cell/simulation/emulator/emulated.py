@@ -1,0 +1,194 @@
+"""The simulated cell as a robot on a network: the same world, reached over ROS by the real robot's driver.
+
+The executive gets what the driver gives. The world stands in another process, and time in it is that process's: it
+goes on whether anybody commands or not, at the wall's pace at most.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from cell.simulation import _registry
+from cell.simulation.faults import Fault
+from cell.simulation.settings import SimulationSettings
+from cell.simulation.truth import Truth
+from robots.baxter.ros.connection import RosSettings, connected
+from robots.errors import ConfigurationError, DriverError, FailureKind
+from robots.model import JointLimits
+from robots.ports import BoardPlace, Clock, Ports
+
+if TYPE_CHECKING:
+    from cell.simulation.world import World
+
+__all__ = ["emulated_cell"]
+
+START_S = 60.0
+ANSWER_S = 120.0
+"""On the wall: a person lays a garment, and it comes to rest."""
+ROOT = Path(__file__).resolve().parents[2]
+
+_master: subprocess.Popen[bytes] | None = None
+_starting = threading.Lock()
+
+
+@contextmanager
+def emulated_cell(
+    settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
+) -> Iterator[Ports]:
+    """The ports of a simulated cell, over ROS. limits: of the driver's set-points.
+
+    Raises ConfigurationError: no ROS, or what `open_cell` refuses.
+    """
+    _start_master()
+    with ExitStack() as closing:
+        world = _World(settings, seed, ros)
+        closing.callback(world.close)
+        number = _registry.register(cast("World", world))  # what scorer, scripts and ledger ask it for
+        closing.callback(_registry.forget, number)
+        ports = closing.enter_context(
+            connected(ros, limits, lambda _: _Attendant(number), driver="emulator", simulated=True)
+        )
+        yield replace(ports, clock=_NumberedClock(number, ports.clock))
+
+
+@dataclass(frozen=True)
+class _NumberedClock:
+    """The driver's clock, by which the scorer and the scripts find the world (`_registry`)."""
+
+    _cell: int
+    _clock: Clock
+
+    def now(self) -> float:
+        return self._clock.now()
+
+    def sleep_until(self, t: float) -> None:
+        self._clock.sleep_until(t)
+
+
+@dataclass(frozen=True)
+class _Attendant:
+    _cell: int
+
+    def lay_garment(self) -> None:
+        _world(self._cell).ask("lay_garment")
+
+    def bring_board(self, place: BoardPlace) -> None:
+        _world(self._cell).ask("bring_board", place)
+
+
+def _world(cell: int) -> _World:
+    return cast("_World", _registry.world(cell))
+
+
+class _World:
+    """What is outside of the executive's view, over the pipe to the process that has it."""
+
+    def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings) -> None:
+        ours, theirs = Pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cell.simulation.emulator.emulator_process", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()], env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            start_new_session=True,  # the operator's Ctrl-C is not meant for it
+        )  # fmt: skip
+        theirs.close()
+        self._connection: Connection = ours
+        self._asking = threading.Lock()
+        self.faults = _Faults(self)
+        self.witness: Any = None
+        """Nobody is told on the way: only the end is scored."""
+        try:
+            ours.send((settings, seed, ros.camera))
+            self._answer(START_S)
+        except BaseException:
+            self.close()
+            raise
+
+    def truth(self) -> Truth:
+        return self.ask("truth")
+
+    def checkpoint(self) -> bytes:
+        return self.ask("checkpoint")
+
+    def restore(self, saved: bytes) -> None:
+        self.ask("restore", saved)
+
+    def ask(self, name: str, *given: Any) -> Any:
+        """Raises what was raised there, and DriverError(HARDWARE_FAULT) when the process is gone."""
+        with self._asking:
+            try:
+                self._connection.send((name, *given))
+            except OSError as error:
+                raise self._gone(str(error)) from error
+            return self._answer(ANSWER_S)
+
+    def close(self) -> None:
+        self._connection.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=3.0)
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+
+    def _answer(self, seconds: float) -> Any:
+        try:
+            if not self._connection.poll(seconds):
+                self._connection.close()  # a late answer would be taken for the next one
+                raise self._gone(f"no answer in {seconds:.0f} s")
+            answer = self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise self._gone("its process ended") from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _gone(self, why: str) -> DriverError:
+        return DriverError(
+            FailureKind.HARDWARE_FAULT, f"the emulated robot is gone: {why}", "start the run again; see its output"
+        )
+
+
+@dataclass(frozen=True)
+class _Faults:
+    _world: _World
+
+    def add(self, fault: Fault) -> None:
+        self._world.ask("inject", fault)
+
+
+def _start_master() -> None:
+    """One for this process's life: it can be a node of no other (rospy)."""
+    global _master
+    with _starting:
+        if _master is not None and _master.poll() is None:
+            return
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        os.environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
+        os.environ.pop("ROS_HOSTNAME", None)
+        _master = subprocess.Popen(
+            [sys.executable, "-m", "cell.simulation.emulator.ros_master", str(port)],
+            env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+        assert _master.stdout is not None
+        if _master.stdout.readline().strip() != b"ready":
+            _master = None
+            raise ConfigurationError("the ROS master does not start", "`foldcell doctor` tells what is missing")
+        atexit.register(_master.kill)
+
+
+def _environment() -> Mapping[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}

@@ -1,0 +1,27 @@
+"""A ROS master of this program's own, in a process that ends with whoever started it.
+
+python -m cell.simulation.emulator.ros_master PORT      until standard input ends
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+from robots.baxter.ros.installation import import_ros
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    import_ros("rosmaster.master").Master(int(sys.argv[1])).start()
+    print("ready", flush=True)
+    while sys.stdin.buffer.read(1):
+        pass
+    os._exit(0)  # its server's threads know no end
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    main()

@@ -1,0 +1,224 @@
+"""The garment of the simulated world: its own outline, mesh and fabric, and how it lies on the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
+from cell.simulation.garment.outline import draw_outline
+from cell.simulation.noise import GarmentNoise
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.pinch import PadGeometry, PinchReport
+from skills.garments.garment import Garment
+from skills.vocabulary import Array, Material
+
+__all__ = ["WorldGarment"]
+
+FINEST, COARSEST = 0.012, 0.024
+"""Bounds of the mesh's edge length [m]."""
+CATCH = 0.02
+"""Cloth that hangs further than this above a fingertip is not under it [m]."""
+
+
+@dataclass(frozen=True)
+class _Pose:
+    x: float
+    y: float
+    angle: float
+
+    def place(self, xy: Array) -> Array:
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        return xy @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
+
+
+class WorldGarment:
+    """One garment, not yet on the table until `lay`. Everything it is was drawn from `rng` at the start.
+
+    world: what its cloth is. Raises ConfigurationError as `check_body`.
+    """
+
+    def __init__(
+        self, garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool, world: str = "xpbd"
+    ) -> None:
+        self._noise, self._ideal, self._world = noise, ideal, world
+        self.name, self.layers = garment.name, garment.layers
+        outline = draw_outline(garment, noise, rng, ideal)
+        self.material = garment.material if ideal else _vary(garment.material, noise, rng)
+        self.pose = _Pose(*garment.poses.sample(rng))
+        nominal = noise.edge_length * garment.material.bending_length
+        self._edge = float(np.clip(nominal, FINEST, COARSEST) * rng.uniform(0.95, 1.05))
+        self.mesh: ClothMesh = mesh_from_contour(
+            outline.contour, self._edge, garment.layers, float(rng.uniform(0.2, 0.8))
+        )
+        self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
+        share = 0.0 if ideal else 1.0
+        damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
+        anisotropy = 1.0 - share * noise.anisotropy * rng.uniform()
+        self.pad_friction = PadGeometry().friction
+        self._wrinkles = int(rng.integers(2**31))
+        # drawn on its own: everything else of a seed is as it was before there was such friction
+        spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
+        self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread))
+        self._relief = self._draw_relief(rng)
+        self._body: ClothBody | None = None
+
+    # how it lies -------------------------------------------------------------------------------------
+
+    @property
+    def laid(self) -> bool:
+        return self._body is not None
+
+    @property
+    def residual_curvature(self) -> float:
+        """[1/m] that its friction in bending can keep."""
+        return self._traits.residual_curvature
+
+    @property
+    def flat(self) -> Array:
+        """(n, 2) where each vertex lies in the pose in which it is laid, perfectly flat, table frame."""
+        return self.pose.place(self.mesh.rest)
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) table frame."""
+        return self._cloth.positions
+
+    @property
+    def _cloth(self) -> ClothBody:
+        assert self._body is not None, "no garment lies on the table"
+        return self._body
+
+    def lay(self) -> None:
+        """Put it on the table with the small wrinkles that a hand leaves, and let it come to rest."""
+        self._body = self._build(self._wrinkled())
+        self._cloth.advance(round(self._noise.settle_time * FRAME_RATE))
+
+    def _build(self, positions: Array) -> ClothBody:
+        pads = PadGeometry(friction=self.pad_friction)
+        return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
+
+    def _wrinkled(self) -> Array:
+        """(n, 3): waves in a random direction, and as much less width as they take up."""
+        lying = self.mesh.lay_flat(self.material.thickness)
+        if self._ideal:
+            return np.column_stack((self.flat, lying[:, 2]))
+        rng = np.random.default_rng(self._wrinkles)
+        rest = self.mesh.rest
+        height = np.zeros(len(rest))
+        shrunk = rest.copy()
+        for _ in range(3):
+            angle, phase = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi)
+            along = np.array([np.cos(angle), np.sin(angle)])
+            k = 2 * np.pi / (self._noise.wrinkle_length * rng.uniform(0.8, 1.6))
+            amplitude = self._noise.wrinkle_height * abs(rng.normal()) / 2
+            height += amplitude * (1.0 + np.sin(k * (rest @ along) + phase))
+            shrunk -= np.outer(0.25 * (k * amplitude) ** 2 * (rest @ along), along)
+        return np.column_stack((self.pose.place(shrunk), lying[:, 2] + height))
+
+    def _draw_relief(self, rng: np.random.Generator) -> Array:
+        """(n,) [m] how far each vertex stands out to the eye: small creases, fixed in the fabric."""
+        height = np.zeros(len(self.mesh.rest))
+        for _ in range(6):
+            angle, phase = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi)
+            k = 2 * np.pi / (self._noise.relief_length * rng.uniform(0.8, 2.0))
+            height += np.sin(k * (self.mesh.rest @ (np.cos(angle), np.sin(angle))) + phase)
+        height *= self._noise.relief / np.sqrt(3.0)
+        return np.zeros_like(height) if self._ideal else np.maximum(height - height.min(), 0.0)
+
+    @property
+    def seen(self) -> Array:
+        """(n, 3) what the camera sees of it: the upper surface, with creases that the solver does not carry."""
+        x = self._cloth.positions
+        x[:, 2] += self._relief
+        return x
+
+    # what the robot does to it -----------------------------------------------------------------------
+
+    def grip(self, hand: int, position: Array, rotation: Array, stroke: float, force: float) -> PinchReport:
+        """Close the pads, which stood `stroke` [m] apart, at a pose in the table frame."""
+        self._cloth.pads = replace(self._cloth.pads, stroke=stroke)
+        return self._cloth.grip(hand, position, rotation, force)
+
+    def release(self, hand: int) -> None:
+        if self.laid:
+            self._cloth.release(hand)
+
+    def holds(self, hand: int) -> bool:
+        return self.laid and self._cloth.held(hand)
+
+    def squeeze(self, hand: int, force: float) -> None:
+        self._cloth.set_grip_force(hand, force)
+
+    def pull(self, hand: int) -> Array:
+        """(3,) [N] of the cloth on the hand."""
+        return self._cloth.pinch_force(hand)
+
+    def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
+        """Go on by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its end;
+        capsules: their ends (2, k, 3) twice and radius (k,)."""
+        if self.laid:
+            self._cloth.advance_along(position, rotation, capsules)
+
+    # what the robot feels and the camera sees --------------------------------------------------------
+
+    def stack(self, point: Array) -> float:
+        """Thickness of the cloth under a fingertip at `point` (3,) when pressed flat [m]: its layers there."""
+        if not self.laid:
+            return 0.0
+        x = self._cloth.positions
+        near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._edge
+        corners = x[self.mesh.triangles[np.all(near[self.mesh.triangles], axis=1)]]
+        if len(corners) == 0:
+            return 0.0
+        a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        r = point - a
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        area = np.where(np.abs(area) < 1e-12, np.inf, area)  # seen edge-on: covers nothing
+        s, t = (r[:, 0] * v[:, 1] - r[:, 1] * v[:, 0]) / area, (u[:, 0] * r[:, 1] - u[:, 1] * r[:, 0]) / area
+        height = a[:, 2] + s * u[:, 2] + t * v[:, 2]
+        under = (s >= 0) & (t >= 0) & (s + t <= 1) & (height < point[2] + CATCH)
+        return float(np.count_nonzero(under) * self.material.thickness)
+
+    def highest(self) -> float:
+        return float(self._cloth.positions[:, 2].max()) if self.laid else 0.0
+
+    def clear_of(self, p0: Array, p1: Array, radius: float) -> bool:
+        """Whether no vertex is within `radius` [m] of the segment p0-p1."""
+        if not self.laid:
+            return True
+        x = self._cloth.positions
+        axis = p1 - p0
+        s = np.clip((x - p0) @ axis / (axis @ axis), 0.0, 1.0)
+        return bool(np.min(np.linalg.norm(x - p0 - s[:, None] * axis, axis=1)) > radius)
+
+    def checkpoint(self) -> dict[str, NDArray] | None:
+        return self._cloth.checkpoint() if self.laid else None
+
+    def restore(self, saved: Mapping[str, NDArray] | None) -> None:
+        if saved is None:
+            self._body = None
+            return
+        if self._body is None:
+            self._body = self._build(self.mesh.lay_flat(self.material.thickness))
+        self._cloth.restore(saved)
+
+
+def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:
+    """This piece's fabric: each property departs from the garment file's by its share at most."""
+
+    def near(value: float, share: float) -> float:
+        return value * (1.0 + share * rng.uniform(-1.0, 1.0))
+
+    varied = replace(
+        nominal,
+        areal_mass=near(nominal.areal_mass, noise.areal_mass),
+        stretch_fraction=near(nominal.stretch_fraction, noise.stretch_fraction),
+        bending_length=near(nominal.bending_length, noise.bending_length),
+        thickness=near(nominal.thickness, noise.thickness),
+        friction_layers=near(nominal.friction_layers, noise.friction_layers),
+    )
+    return varied.with_friction(near(nominal.friction_static, noise.friction))

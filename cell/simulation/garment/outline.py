@@ -1,0 +1,97 @@
+"""The true outline of a garment: outlines.yaml, drawn once a world with its own size and its own errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from cell.config.garments.garment_file import load_garment
+from cell.simulation.noise import GarmentNoise
+from skills.garments.garment import Garment
+from skills.vocabulary import Array
+
+__all__ = ["Outline", "draw_outline"]
+
+PATH = Path(__file__).with_name("outlines.yaml")
+ARC_POINTS = 4
+EDGE_POINTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """contour: (k, 2) counter-clockwise [m], garment frame. keypoints: name -> (2,), on the contour."""
+
+    contour: Array
+    keypoints: Mapping[str, Array]
+
+
+@lru_cache(maxsize=1)
+def _file() -> Mapping[str, Any]:
+    return yaml.safe_load(PATH.read_text(encoding="utf-8"))
+
+
+def draw_outline(garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool = False) -> Outline:
+    """One piece of `garment`: `ideal` leaves size and shape as nominal."""
+    points = _points(garment)
+    share = 0.0 if ideal else 1.0
+    scale = 1.0 + share * noise.size * rng.uniform(-1.0, 1.0, 2)
+    shift = share * noise.asymmetry * rng.uniform(-1.0, 1.0, (len(points), 2))
+    corners = np.array([p["at"] for p in points], dtype=np.float64) * scale + shift
+    arcs = [
+        _round(corners[i - 1], corners[i], corners[(i + 1) % len(corners)], points[i]["radius"])
+        for i in range(len(corners))
+    ]
+    pieces, keypoints = [], {}
+    for i, arc in enumerate(arcs):
+        pieces.append(arc)
+        pieces.append(_bowed(arc[-1], arcs[(i + 1) % len(arcs)][0], points[i]["bow"]))
+        if points[i]["name"] is not None:
+            keypoints[points[i]["name"]] = 0.5 * (arc[(len(arc) - 1) // 2] + arc[len(arc) // 2])
+    return Outline(np.concatenate(pieces), keypoints)
+
+
+def _points(garment: Garment) -> list[dict[str, Any]]:
+    file = _file()
+    plain = {"name": None, "radius": file["default_radius"], "bow": file["default_bow"]}
+    if garment.name in file and _ships(garment):
+        return [{**plain, **point} for point in file[garment.name]]
+    return [
+        {**plain, "name": name, "at": point.tolist()}
+        for name, point in zip(garment.keypoints, garment.template, strict=True)
+    ]
+
+
+def _ships(garment: Garment) -> bool:
+    """Whether it is the garment that ships under its name: a file of one's own may be called alike."""
+    shipped = load_garment(garment.name)
+    return garment.keypoints == shipped.keypoints and np.array_equal(garment.template, shipped.template)
+
+
+def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
+    """(ARC_POINTS, 2): an arc of `radius` [m] that touches both edges, smaller where they are too short."""
+    a, b = before - corner, after - corner
+    la, lb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    a, b = a / la, b / lb
+    half = 0.5 * np.arccos(np.clip(a @ b, -1.0, 1.0))
+    if radius <= 0.0 or half > np.radians(80.0):
+        return corner[None, :]
+    reach = min(float(radius / np.tan(half)), 0.4 * la, 0.4 * lb)
+    s = np.linspace(0.0, 1.0, ARC_POINTS)[:, None]
+    start, end = corner + reach * a, corner + reach * b
+    weight = np.sin(half)  # a rational quadratic Bezier with this weight is the circle's arc
+    top = (1 - s) ** 2 * start + 2 * weight * s * (1 - s) * corner + s**2 * end
+    return top / ((1 - s) ** 2 + 2 * weight * s * (1 - s) + s**2)
+
+
+def _bowed(start: Array, end: Array, bow: float) -> Array:
+    """(EDGE_POINTS, 2) between the ends, on a parabola `bow` [m] outside the chord (outside: to the right)."""
+    s = np.linspace(0.0, 1.0, EDGE_POINTS + 2)[1:-1, None]
+    chord = end - start
+    outwards = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
+    return start + s * chord + 4.0 * s * (1.0 - s) * bow * outwards

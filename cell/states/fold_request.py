@@ -1,0 +1,78 @@
+"""What a run is asked for, and what it gives back: the contract of `foldcell fold`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.config.cell_settings import CellSettings
+from cell.recording.journal import to_json
+from cell.support.process.terminations import BY_SIGNAL
+
+__all__ = ["EXIT_CODES", "FoldRequest", "FoldResult"]
+
+EXIT_CODES = {"folded": 0, "not_folded": 2, "fault": 3}
+
+
+@dataclass(frozen=True)
+class FoldRequest:
+    """garment: a name, a file, or 'auto'. approve: somebody is there, is shown each fold and asked after failures;
+    terminal: letters typed here are commands. page: the operator's page is served, with the
+    live view, on page_port (0: a free one). quiet: no progress lines. witness: record and score the truth of a
+    simulated cell; without it a run takes the same decisions. record: keep recording and report."""
+
+    garment: str
+    seed: int
+    driver: str
+    settings: CellSettings
+    settings_path: Path | None
+    logs: Path
+    live: bool | str = False
+    approve: bool = False
+    terminal: bool = True
+    page: bool = False
+    page_port: int = 0
+    realtime: bool = False
+    world: str = "xpbd"
+    quiet: bool = False
+    record: bool = True
+    witness: bool = True
+
+
+@dataclass(frozen=True)
+class FoldResult:
+    """How a run ended: the fields of `fold --json`. state: the machine's last; signal: what interrupted it.
+    world: what the simulated garment's cloth was, None on hardware. robot_time_s: without waiting for an operator;
+    stage_times_s: cell time spent in each state, with it."""
+
+    garment: str
+    seed: int
+    driver: str
+    simulated: bool
+    world: str | None
+    result: str
+    state: str
+    failure: Mapping[str, Any] | None
+    score: Mapping[str, Any] | None
+    steps: tuple[Mapping[str, Any], ...]
+    robot_time_s: float
+    wall_time_s: float
+    stage_times_s: Mapping[str, float]
+    run_dir: str
+    signal: int | None = None
+    recording: Mapping[str, Any] = field(default_factory=dict)
+    resumed_from: str | None = None
+    """The run that this one went on with: `steps` has the folds of both, the times are its own."""
+    unwritten: tuple[str, ...] = ()
+    """What could not be kept of the run when it had ended, with the reason."""
+
+    @property
+    def exit_code(self) -> int:
+        if self.signal is not None:
+            return BY_SIGNAL + self.signal
+        return EXIT_CODES[self.result]
+
+    def as_json(self) -> dict[str, Any]:
+        return {k: to_json(v) for k, v in self.__dict__.items()}

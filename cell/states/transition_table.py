@@ -1,0 +1,243 @@
+"""The executive on one page: states, events, effects, and the table that ties them. No code.
+
+A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one
+event. DONE says that it worked; FAILED that it did not (the failure travels beside it); the others
+are choices that were made before the event.
+
+Four rows hold in every working state and are added by `executive.py`: STOP -> STOPPED (HOLD),
+CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a ledger
+nothing moves any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import NamedTuple
+
+__all__ = ["HANDS_ON_CLOTH", "REENTRIES", "TERMINAL", "TRANSITIONS", "Effect", "Event", "Row", "State"]
+
+
+class State(StrEnum):
+    """Where a run stands. An operator reads these names."""
+
+    IDLE = "idle"
+    PREPARING = "preparing"  # enable, calibrate grippers, park
+    RESUMING = "resuming"  # an interrupted run: enable, let go, park, go on where the hands are off the cloth
+    PHOTOGRAPHING = "photographing"  # the empty table, as reference
+    AWAITING_GARMENT = "awaiting_garment"
+    LOOKING = "looking"
+    RECOGNISING = "recognising"
+    PLANNING = "planning"
+    OPTIMISING = "optimising"  # look the trajectory up, or optimise it
+    PLANNING_MOTION = "planning_motion"
+    AWAITING_APPROVAL = "awaiting_approval"
+    APPROACHING = "approaching"
+    GRASPING = "grasping"
+    LIFTING = "lifting"
+    FOLDING = "folding"
+    RELEASING = "releasing"
+    RETREATING = "retreating"
+    LOOKING_AFTER = "looking_after"
+    INSPECTING = "inspecting"
+    AWAITING_PRESSING = "awaiting_pressing"  # the operator's approval of it
+    PRESSING = "pressing"  # a fold that stands high is dabbed flat, and looked at again
+    CLEARING = "clearing"  # after a failure: let go, rise, park
+    RECOVERING = "recovering"  # choose what to try next
+    ASKING = "asking"  # the operator decides
+    PAUSED = "paused"
+    GIVING_UP = "giving_up"
+    MAKING_SAFE = "making_safe"
+    # ends
+    FOLDED = "folded"
+    NOT_FOLDED = "not_folded"
+    STOPPED = "stopped"
+    FAULT = "fault"
+
+
+class Event(StrEnum):
+    START = "start"
+    REENTER = "reenter"  # instead of START: go on with a run that was interrupted
+    DONE = "done"
+    FAILED = "failed"
+    # choices
+    APPROVAL_NEEDED = "approval_needed"
+    PRESS = "press"
+    NEXT_FOLD = "next_fold"
+    ALL_FOLDED = "all_folded"
+    # where an interrupted run is entered again (REENTRIES); all but LAY also after a failure
+    START_OVER = "start_over"
+    LAY = "lay"
+    LOOK_AFTER = "look_after"
+    # recoveries (recovery.py)
+    LOOK_AGAIN = "look_again"
+    PLAN_AGAIN = "plan_again"
+    OPTIMISE_AGAIN = "optimise_again"
+    GRASP_AGAIN = "grasp_again"
+    CARRY_ON = "carry_on"
+    ASK = "ask"
+    GIVE_UP = "give_up"
+    # from outside
+    APPROVE = "approve"
+    RETRY = "retry"
+    SKIP = "skip"
+    PAUSE = "pause"
+    RESUME = "resume"
+    ABORT = "abort"
+    STOP = "stop"
+    CRASH = "crash"
+    UNRECORDED = "unrecorded"  # the ledger takes no more lines
+
+
+class Effect(StrEnum):
+    """What the runner does on entering a state (cell/executive/effects)."""
+
+    NOTHING = "nothing"
+    PREPARE = "prepare"
+    REENTER = "reenter"
+    PHOTOGRAPH_TABLE = "photograph_table"
+    AWAIT_GARMENT = "await_garment"
+    LOOK = "look"
+    RECOGNISE = "recognise"
+    PLAN_FOLDS = "plan_folds"
+    CHOOSE_TRAJECTORY = "choose_trajectory"
+    PLAN_MOTION = "plan_motion"
+    ASK_APPROVAL = "ask_approval"
+    APPROACH = "approach"
+    GRASP = "grasp"
+    LIFT = "lift"
+    FOLD = "fold"
+    RELEASE = "release"
+    RETREAT = "retreat"
+    INSPECT = "inspect"
+    PRESS = "press"
+    NEXT_STEP = "next_step"
+    CLEAR = "clear"
+    CHOOSE_RECOVERY = "choose_recovery"
+    ASK_OPERATOR = "ask_operator"
+    WAIT = "wait"
+    HOLD = "hold"
+    MAKE_SAFE = "make_safe"
+
+
+class Row(NamedTuple):
+    state: State
+    event: Event
+    target: State
+    effect: Effect
+
+
+S, E, Do = State, Event, Effect
+
+TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
+
+HANDS_ON_CLOTH = frozenset(
+    {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
+)
+"""States whose failure leaves the hands near the garment: they are cleared before anything else."""
+
+TRANSITIONS: tuple[Row, ...] = (
+    # see and plan
+    Row(S.IDLE, E.START, S.PREPARING, Do.PREPARE),
+    Row(S.PREPARING, E.DONE, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.PHOTOGRAPHING, E.DONE, S.AWAITING_GARMENT, Do.AWAIT_GARMENT),
+    Row(S.AWAITING_GARMENT, E.DONE, S.LOOKING, Do.LOOK),
+    Row(S.LOOKING, E.DONE, S.RECOGNISING, Do.RECOGNISE),
+    Row(S.RECOGNISING, E.DONE, S.PLANNING, Do.PLAN_FOLDS),
+    Row(S.PLANNING, E.DONE, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.OPTIMISING, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.PLANNING_MOTION, E.DONE, S.APPROACHING, Do.APPROACH),
+    Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
+    Row(S.AWAITING_APPROVAL, E.APPROVE, S.APPROACHING, Do.APPROACH),
+    Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
+    # go on with an interrupted run
+    Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
+    Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.RESUMING, E.LAY, S.AWAITING_GARMENT, Do.AWAIT_GARMENT),
+    Row(S.RESUMING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
+    Row(S.RESUMING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
+    # fold
+    Row(S.APPROACHING, E.DONE, S.GRASPING, Do.GRASP),
+    Row(S.GRASPING, E.DONE, S.LIFTING, Do.LIFT),
+    Row(S.LIFTING, E.DONE, S.FOLDING, Do.FOLD),
+    Row(S.FOLDING, E.DONE, S.RELEASING, Do.RELEASE),
+    Row(S.RELEASING, E.DONE, S.RETREATING, Do.RETREAT),
+    Row(S.RETREATING, E.DONE, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.LOOKING_AFTER, E.DONE, S.INSPECTING, Do.INSPECT),
+    Row(S.INSPECTING, E.PRESS, S.PRESSING, Do.PRESS),
+    Row(S.INSPECTING, E.APPROVAL_NEEDED, S.AWAITING_PRESSING, Do.ASK_APPROVAL),
+    Row(S.AWAITING_PRESSING, E.APPROVE, S.PRESSING, Do.PRESS),
+    Row(S.AWAITING_PRESSING, E.RETRY, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.AWAITING_PRESSING, E.SKIP, S.INSPECTING, Do.INSPECT),
+    Row(S.PRESSING, E.DONE, S.RETREATING, Do.RETREAT),
+    Row(S.INSPECTING, E.NEXT_FOLD, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.INSPECTING, E.ALL_FOLDED, S.FOLDED, Do.NOTHING),
+    Row(S.INSPECTING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),  # a fold was left out
+    # what fails while the hands are off the cloth
+    Row(S.PREPARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.RESUMING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.PHOTOGRAPHING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.AWAITING_GARMENT, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.LOOKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.RECOGNISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    # what fails while they are on it
+    Row(S.APPROACHING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.GRASPING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.LIFTING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.FOLDING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.RELEASING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.RETREATING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.PRESSING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    # what fails while the cell waits: an arm was pushed, or nobody can say where it stands
+    Row(S.RECOVERING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.ASKING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.AWAITING_APPROVAL, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.AWAITING_PRESSING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.PAUSED, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    # recoveries
+    Row(S.RECOVERING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.RECOVERING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
+    Row(S.RECOVERING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
+    Row(S.RECOVERING, E.PLAN_AGAIN, S.PLANNING, Do.PLAN_FOLDS),
+    Row(S.RECOVERING, E.OPTIMISE_AGAIN, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
+    Row(S.RECOVERING, E.GRASP_AGAIN, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.RECOVERING, E.CARRY_ON, S.INSPECTING, Do.NEXT_STEP),
+    Row(S.RECOVERING, E.ASK, S.ASKING, Do.ASK_OPERATOR),
+    Row(S.RECOVERING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),
+    Row(S.ASKING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
+    Row(S.ASKING, E.RETRY, S.LOOKING, Do.LOOK),
+    Row(S.ASKING, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
+    # ends
+    Row(S.GIVING_UP, E.DONE, S.NOT_FOLDED, Do.NOTHING),
+    Row(S.GIVING_UP, E.FAILED, S.FAULT, Do.HOLD),
+    Row(S.MAKING_SAFE, E.DONE, S.FAULT, Do.NOTHING),
+    Row(S.MAKING_SAFE, E.FAILED, S.FAULT, Do.HOLD),
+)
+
+REENTRIES: Mapping[State, Event] = {
+    # nothing lies on the table yet
+    S.PREPARING: E.START_OVER,
+    S.PHOTOGRAPHING: E.START_OVER,
+    S.AWAITING_GARMENT: E.LAY,
+    # the garment lies as it did, or was let go on the way: look where it is
+    **dict.fromkeys(
+        (
+            S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
+            S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
+        ),
+        E.LOOK_AGAIN,
+    ),
+    # it was carried to where it belongs: look what came of the fold
+    **dict.fromkeys(
+        (S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING, S.AWAITING_PRESSING, S.PRESSING), E.LOOK_AFTER
+    ),
+}  # fmt: skip
+"""Where a run that was interrupted in a state is entered again, never in the middle of a motion. What is missing
+(clearing, asking, paused, making safe, the ends) says nothing of the garment: the state before it counts."""

@@ -1,0 +1,53 @@
+"""The newest message of a topic, with the time at which it arrived."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Condition
+from typing import Any, Generic, TypeVar
+
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+
+__all__ = ["Hearing"]
+
+T = TypeVar("T")
+
+
+class Hearing(Generic[T]):
+    """read: (message, time of arrival [s]) -> value, None for a message that is not understood, which is as if it
+    had not come. then: called with each value, on the topic's thread."""
+
+    def __init__(
+        self,
+        node: Node,
+        clock: RosClock,
+        topic: str,
+        kind: Any,
+        read: Callable[[Any, float], T | None],
+        then: Callable[[T], None] = lambda value: None,
+    ) -> None:
+        self.topic = topic
+        self._clock, self._read, self._then = clock, read, then
+        self._newest: T | None = None
+        self._arrived = Condition()
+        node.subscribe(topic, kind, self._hear)
+
+    @property
+    def newest(self) -> T | None:
+        """None until something was heard."""
+        return self._newest
+
+    def wait(self, seconds: float) -> bool:
+        """Whether anything was heard within so long, on the wall."""
+        with self._arrived:
+            return self._arrived.wait_for(lambda: self._newest is not None, seconds)
+
+    def _hear(self, message: Any) -> None:
+        value = self._read(message, self._clock.now())
+        if value is None:
+            return
+        with self._arrived:
+            self._newest = value
+            self._arrived.notify_all()
+        self._then(value)

@@ -1,0 +1,161 @@
+"""Baxter's arms over ROS: joint states in, joint commands out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robots.baxter.model import JOINT_NAMES
+from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
+from robots.baxter.ros.latest_message import Hearing
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.ports.stop import RosStop
+from robots.baxter.ros.topics import (
+    ENABLE,
+    JOINT_STATES,
+    command_timeout,
+    inverse_dynamics,
+    joint_command,
+    speed_ratio,
+)
+from robots.errors import DriverError, FailureKind
+from robots.model import JointLimits
+from robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
+from robots.setpoint import clip_setpoint
+
+__all__ = ["RosArms"]
+
+COMMAND_TIMEOUT = 0.2
+ENABLE_S = 2.0
+TICK_S = 0.05
+SILENT_S = 1.0
+"""Of the robot's own state: after that nobody knows whether its motors are on."""
+
+
+class RosArms:
+    """limits: what a set-point is clipped to, whoever asks for more. raw: with RAW_POSITION, and each set-point's
+    velocity and acceleration for the robot's inverse dynamics beside it. watch: is shown each joint state."""
+
+    def __init__(
+        self,
+        node: Node,
+        clock: RosClock,
+        stop: RosStop,
+        limits: JointLimits,
+        raw: bool = False,
+        watch: Callable[[JointState], None] = lambda state: None,
+    ) -> None:
+        messages = load_messages()
+        self.command_timeout = COMMAND_TIMEOUT
+        self._messages, self._clock, self._stop, self._limits, self._raw = messages, clock, stop, limits, raw
+        self._sent: JointSetpoint | None = None
+        self.joints = Hearing(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch)
+        self._enable = node.publisher(ENABLE, messages.bool)
+        self._commands = {side: node.publisher(joint_command(side), messages.joint_command) for side in Side}
+        self._dynamics = {
+            side: node.publisher(inverse_dynamics(side), messages.joint_trajectory_point) for side in Side
+        }
+        for side in Side:
+            node.publisher(speed_ratio(side), messages.float64, latch=True).tell(messages.float64(1.0))
+            node.publisher(command_timeout(side), messages.float64, latch=True).tell(
+                messages.float64(COMMAND_TIMEOUT)
+            )
+
+    def state(self) -> JointState:
+        """As it was last heard; before that of no time at all."""
+        unheard = frozen(np.full(14, np.nan))
+        return self.joints.newest or JointState(-np.inf, unheard, unheard, unheard, np.nan)
+
+    def enable(self) -> None:
+        """Raises DriverError: STOPPED, or HARDWARE_FAULT when the motors do not come on."""
+        self._refuse_stopped("the arms stay disabled")
+        self._sent = None
+        begun = self._clock.now()
+        until = begun + ENABLE_S
+        while self._clock.now() < until:
+            self._enable.tell(self._messages.bool(True))
+            self._clock.sleep_until(self._clock.now() + TICK_S)
+            self._refuse_stopped("the arms stay disabled")
+            robot = self._stop.robot.newest
+            if robot is not None and robot.stamp > begun and robot.enabled:
+                return
+        raise DriverError(
+            FailureKind.HARDWARE_FAULT, "the robot does not switch its motors on",
+            "see the robot's own display for a fault; `rosrun baxter_tools enable_robot.py -s` tells its state",
+        )  # fmt: skip
+
+    def command(self, q: Array, qd: Array) -> JointSetpoint:
+        """Raises DriverError: STOPPED; STALE_STATE when the joints were not heard of late; HARDWARE_FAULT when the
+        motors are off, and for what is no joint vector."""
+        q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
+        if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
+            raise DriverError(FailureKind.HARDWARE_FAULT, f"no joint vectors of 14: shapes {q.shape}, {qd.shape}")
+        self._refuse_stopped("nothing moves")
+        now, robot = self._clock.now(), self._stop.robot.newest
+        if robot is None or now - robot.stamp > SILENT_S:
+            raise DriverError(
+                FailureKind.HARDWARE_FAULT, "the robot says nothing of its state", "check the network to the robot"
+            )
+        if not robot.enabled:
+            raise DriverError(FailureKind.HARDWARE_FAULT, "the motors are off", "enable them first")
+        if now - self.state().stamp > COMMAND_TIMEOUT:  # what is sent would come when nobody expects it any more
+            raise DriverError(
+                FailureKind.STALE_STATE, "nobody knows where the arms stand", "check the network to the robot"
+            )
+        before = self._last(now)
+        setpoint = clip_setpoint(q, qd, before.q, self.state().q, self._limits, now)
+        for side in Side:
+            part = arm_slice(side)
+            self._commands[side].tell(
+                self._messages.joint_command(
+                    RAW_POSITION if self._raw else POSITION, list(setpoint.q[part]), list(JOINT_NAMES[part])
+                )
+            )
+            if self._raw:
+                self._dynamics[side].tell(self._point(setpoint, before, part))
+        self._sent = setpoint
+        return setpoint
+
+    def _last(self, now: float) -> JointSetpoint:
+        """The set-point that holds, or where the arms stand when none does any more."""
+        if self._sent is not None and now - self._sent.stamp <= COMMAND_TIMEOUT:
+            return self._sent
+        return JointSetpoint(now, self.state().q, frozen(np.zeros(14)), False)
+
+    def _point(self, setpoint: JointSetpoint, before: JointSetpoint, part: slice) -> Any:
+        step = setpoint.stamp - before.stamp
+        qdd = (setpoint.qd - before.qd) / step if step > 1e-3 else np.zeros(14)
+        most = self._limits.acceleration
+        return self._messages.joint_trajectory_point(
+            positions=list(setpoint.q[part]),
+            velocities=list(setpoint.qd[part]),
+            accelerations=list(np.clip(qdd, -most, most)[part]),
+        )
+
+    def _refuse_stopped(self, what: str) -> None:
+        stop = self._stop.state()
+        if stop.stopped:
+            raise DriverError(
+                FailureKind.STOPPED, f"{what}: stopped ({stop.reason})", "reset the stop, then enable the arms"
+            )
+
+
+def _joint_state(message: Any, stamp: float) -> JointState | None:
+    """By name: a message of something else (the robot's grippers publish there too) is none of ours, and one whose
+    figures are no numbers is none."""
+    place = {name: k for k, name in enumerate(message.name)}
+    if "head_pan" not in place or any(name not in place for name in JOINT_NAMES):
+        return None
+    index = [place[name] for name in JOINT_NAMES]
+    values = [np.asarray(v, dtype=np.float64) for v in (message.position, message.velocity, message.effort)]
+    if any(len(v) != len(message.name) for v in values):
+        return None
+    q, qd, effort = (frozen(v[index]) for v in values)
+    head_pan = float(values[0][place["head_pan"]])
+    if not np.isfinite([*q, *qd, *effort, head_pan]).all():
+        return None
+    return JointState(stamp, q, qd, effort, head_pan)

@@ -1,0 +1,252 @@
+"""The RGB-D camera over ROS, as openni2_launch publishes it with its depth registered to the colour picture.
+
+It is listened to only while a picture is wanted: openni2 publishes nothing that nobody hears.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, field
+from threading import Condition
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.topics import CameraTopics
+from robots.depth_averaging import EXPOSURES, mean_depth
+from robots.errors import DriverError, FailureKind
+from robots.ports import CameraFrame, Intrinsics, frozen
+
+__all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
+
+ANSWER_S = 4.0
+"""On the wall."""
+POLL_S = 0.02
+GRACE_S = 1.0
+"""Beyond which whoever fetches a picture is stuck."""
+EXPOSED_S = 0.42
+"""After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow, and
+whoever asked takes none that is older than half a second."""
+LAST_S = 0.3
+"""Of the cell's clock: for so long a further exposure is waited for."""
+GLIMPSE_AGE_S = 0.5
+"""Of the cell's clock: an older one was meant for another moment."""
+TOGETHER_S = 0.025
+"""Colour and depth whose stamps differ by less belong together."""
+HINT = "check the camera's cable and driver (openni2_launch with depth_registration:=true)"
+
+
+@dataclass
+class _Shots:
+    """What came since the picture was asked for, by topic: newest message, and the stamps that were seen."""
+
+    arrived: Condition = field(default_factory=Condition)
+    colour: dict[float, Any] = field(default_factory=dict)
+    depth: dict[float, Any] = field(default_factory=dict)
+    info: Any = None
+    pairs: list[tuple[float, float, Any, Any]] = field(default_factory=list)
+    """(stamp of the colour, cell time of arrival, colour, depth), one for each stamp."""
+
+    def pair(self, now: float) -> None:
+        """Put together what belongs together, once no depth that is nearer can come."""
+        for t, colour in sorted(self.colour.items()):
+            if any(t == seen for seen, *_ in self.pairs):
+                continue
+            near = min(self.depth, key=lambda u: abs(u - t), default=None)
+            if near is not None and abs(near - t) <= TOGETHER_S and max(self.depth) >= t:
+                self.pairs.append((t, now, colour, self.depth[near]))
+
+    def chosen(self, wanted: _Wanted, now: float, last: bool = False) -> list[tuple[float, float, Any, Any]]:
+        """The pairs that make the picture; none: not yet. last: no more are waited for."""
+        if self.info is None:
+            return []
+        late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
+        over = late and now >= min(late[0][1] + EXPOSED_S, late[-1][1] + LAST_S)
+        enough = last or over or len(late) >= wanted.exposures
+        return late[: wanted.exposures] if enough else []
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """From the first-th pair on, or the first one so long after the first [s], whichever is later; so many."""
+
+    first: int
+    settle: float
+    exposures: int
+
+
+class RosCamera:
+    """settle [s]: for so long the camera streams before a picture counts: its brightness settles. exposures: whose
+    mean is a still picture's depth. stopped: whether the robot is, which ends the waiting. A picture is fetched on
+    a thread of its own: a master that has gone holds up nobody else."""
+
+    def __init__(
+        self,
+        node: Node,
+        clock: RosClock,
+        topics: CameraTopics,
+        settle: float = 0.0,
+        stopped: Callable[[], bool] = lambda: False,
+        exposures: int = EXPOSURES,
+    ) -> None:
+        self._node, self._clock, self._topics, self._exposures = node, clock, topics, exposures
+        self._settle, self._stopped = settle, stopped
+        # never the same as in another process: a picture that comes again is told by its number
+        self._numbers = itertools.count(time.time_ns() // 1_000_000)
+        self._glimpse: Future[CameraFrame] | None = None
+
+    def capture(self) -> CameraFrame:
+        """A picture that was taken after it was asked for: from the second one that comes on, since the first may
+        have been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot
+        be read."""
+        picture = self._fetched(_Wanted(2, self._settle, self._exposures))
+        until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
+        while not wait([picture], POLL_S).done:
+            self._not_stopped()
+            if time.monotonic() > until:
+                raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
+        return picture.result()
+
+    def glimpse(self) -> CameraFrame | None:
+        """Taken on a thread of its own: at once None, until it is there."""
+        if self._glimpse is not None and self._glimpse.done():
+            taken, self._glimpse = self._glimpse, None
+            frame = taken.result()
+            if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
+                return frame
+        if self._glimpse is None:
+            self._glimpse = self._fetched(_Wanted(1, 0.0, 1))
+        return None
+
+    def _fetched(self, wanted: _Wanted) -> Future[CameraFrame]:
+        """What `_picture` gives, later."""
+        picture: Future[CameraFrame] = Future()
+
+        def fetch() -> None:
+            try:
+                picture.set_result(self._picture(wanted))
+            except BaseException as error:
+                picture.set_exception(error)
+
+        threading.Thread(target=fetch, name="picture", daemon=True).start()
+        return picture
+
+    def _picture(self, wanted: _Wanted) -> CameraFrame:
+        """Of what comes from now on: the last exposure's colours, the mean of their depths."""
+        shots, messages = _Shots(), load_messages()
+
+        def colour(message: Any) -> None:
+            self._put(shots, shots.colour, message)
+
+        def depth(message: Any) -> None:
+            self._put(shots, shots.depth, message)
+
+        def info(message: Any) -> None:
+            with shots.arrived:
+                shots.info = message
+                shots.arrived.notify_all()
+
+        with (
+            self._node.listening(self._topics.info, messages.camera_info, info),
+            self._node.listening(self._topics.depth, messages.image, depth, queue=4),
+            self._node.listening(self._topics.rgb, messages.image, colour, queue=4),
+            shots.arrived,
+        ):
+            until = time.monotonic() + ANSWER_S + wanted.settle
+            while not (chosen := shots.chosen(wanted, self._clock.now())):
+                if self._stopped() or time.monotonic() > until:
+                    chosen = [] if self._stopped() else shots.chosen(wanted, self._clock.now(), last=True)
+                    break
+                shots.arrived.wait(POLL_S)
+        if not chosen:
+            self._not_stopped()
+            raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
+        _, arrived, rgb, _ = chosen[-1]
+        mean = mean_depth([read_depth(depths, rgb) for _, _, _, depths in chosen])
+        return CameraFrame(
+            arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(mean), read_intrinsics(shots.info, rgb)
+        )
+
+    def _not_stopped(self) -> None:
+        if self._stopped():
+            raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
+
+    def _put(self, shots: _Shots, where: dict[float, Any], message: Any) -> None:
+        with shots.arrived:
+            where[message.header.stamp.to_sec()] = message
+            shots.pair(self._clock.now())
+            shots.arrived.notify_all()
+
+    def _lacking(self, shots: _Shots) -> str:
+        t = self._topics
+        heard = {t.rgb: shots.colour, t.depth: shots.depth, t.info: shots.info}
+        silent = [topic for topic, messages in heard.items() if not messages]
+        if silent:
+            return f"the camera does not answer: nothing on {', '.join(silent)} in {ANSWER_S:.0f} s"
+        if not shots.pairs:
+            return "colour and depth are of different moments"
+        return "the camera's picture stands still"
+
+
+def read_colour(message: Any) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB of a sensor_msgs/Image. Raises DriverError(CAMERA_FAULT) for another encoding."""
+    if message.encoding not in ("rgb8", "bgr8"):
+        raise _unread(message, "rgb8 or bgr8")
+    rgb = _pixels(message, np.dtype(np.uint8), 3).reshape(message.height, message.width, 3)
+    return np.ascontiguousarray(rgb if message.encoding == "rgb8" else rgb[..., ::-1])
+
+
+def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
+    """(H, W) [m], NaN where nothing was seen. Raises DriverError(CAMERA_FAULT) for another encoding, and for depth
+    that is not registered to the colour picture."""
+    if (message.height, message.width) != (colour.height, colour.width):
+        raise DriverError(
+            FailureKind.CAMERA_FAULT,
+            f"depth has {message.width}x{message.height} pixels, colour {colour.width}x{colour.height}", HINT,
+        )  # fmt: skip
+    order = ">" if message.is_bigendian else "<"
+    if message.encoding == "32FC1":
+        depth = _pixels(message, np.dtype(f"{order}f4"), 1).astype(np.float32)
+    elif message.encoding == "16UC1":
+        depth = _pixels(message, np.dtype(f"{order}u2"), 1).astype(np.float32) / np.float32(1000.0)
+    else:
+        raise _unread(message, "32FC1 or 16UC1")
+    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
+
+
+def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
+    """Of a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) when it is not of this picture."""
+    if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
+        raise DriverError(
+            FailureKind.CAMERA_FAULT,
+            f"the camera's figures are of {info.width}x{info.height} pixels, fx = {info.K[0]:g}, and do not fit",
+            HINT,
+        )
+    return Intrinsics(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5])
+
+
+def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
+    """(H, W * channels), rows without their padding."""
+    row = message.width * channels
+    rows = np.frombuffer(message.data, dtype=np.uint8)
+    if message.step < row * kind.itemsize or rows.size < message.height * message.step:
+        raise _unread(message, "whole rows")
+    rows = rows[: message.height * message.step].reshape(message.height, message.step)
+    return np.ascontiguousarray(rows[:, : row * kind.itemsize]).view(kind)
+
+
+def _unread(message: Any, wanted: str) -> DriverError:
+    return DriverError(
+        FailureKind.CAMERA_FAULT,
+        f"a picture of encoding {message.encoding!r}, {message.width}x{message.height}, step {message.step}: "
+        f"{wanted} is understood",
+        HINT,
+    )

@@ -1,0 +1,254 @@
+"""Baxter's electric gripper over ROS.
+
+The robot handles one command at a time and says which one it handled last: each is repeated until it has, and only
+then the next one follows. A newer command takes the place of those that wait, but never of a calibration: what is
+commanded right after one is carried out when it has ended.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import dropwhile
+from threading import Lock
+from typing import Any
+from uuid import uuid4
+
+from robots.baxter.ros.electric_gripper import (
+    CALIBRATE,
+    CLEAR_CALIBRATION,
+    CONFIGURE,
+    FULL_FORCE,
+    FULL_OPENING,
+    GO,
+    HARDWARE_ID,
+    RESET,
+)
+from robots.baxter.ros.latest_message import Hearing
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.topics import gripper_command, gripper_state
+from robots.errors import DriverError, FailureKind
+from robots.ports import GripperState, Side
+
+__all__ = ["RosGripper"]
+
+REPEAT_S = 0.05
+DEAF_S = 2.0
+"""Whoever commands a gripper that has not handled a command for so long is told [s]."""
+CALIBRATION_S = 10.0
+"""After so long a calibration is given up, and so is whatever was not handled: nobody expects it any more [s]."""
+VELOCITY = 100.0
+"""[%]"""
+DEAD_ZONE = 2.0
+"""[%] of the stroke within which a position counts as reached."""
+
+
+REFUSED = "see whether it is free to move; the next run resets and calibrates it"
+DEAF = "see whether the gripper is plugged in and free to move, then start again"
+
+
+@dataclass(frozen=True)
+class _Order:
+    """A command that is to be handled. force [N]: that it configures."""
+
+    what: str
+    message: Any
+    force: float | None
+
+
+class RosGripper:
+    """One gripper, `side`'s. max_opening [m]. stopped: whether the robot is; orders that wait are void then."""
+
+    def __init__(
+        self, node: Node, clock: RosClock, side: Side, stopped: Callable[[], bool] = lambda: False
+    ) -> None:
+        messages = load_messages()
+        self.side, self.max_opening = side, FULL_OPENING
+        self._stopped = stopped
+        self._clock, self._kind = clock, messages.end_effector_command
+        # the robot echoes the last command of whoever was here before: it is never taken for one of these
+        self._sender, self._sequence = f"foldcell_{side}_{uuid4().hex[:12]}", 0
+        self._publisher = node.publisher(gripper_command(side), messages.end_effector_command)
+        self._lock = Lock()
+        self._waiting: tuple[_Order, ...] = ()
+        """The first is under way. Replaced as a whole, so that `state` needs no lock."""
+        self._begun = self._told = -math.inf
+        self._calibrating = False
+        self._uncalibrated = False
+        """Whether the last calibration that was asked for was given up."""
+        self._force: float | None = None
+        """That the robot was configured to squeeze with [N]."""
+        self._last: tuple[float, float] | None = None
+        """Opening and force that were commanded last."""
+        self._fault: DriverError | None = None
+        """What it did not do, until somebody was told."""
+        self.hearing = Hearing(node, clock, gripper_state(side), messages.end_effector_state, _read, self._heard)
+
+    def calibrate(self) -> None:
+        """What is commanded meanwhile follows after it. Raises DriverError(STOPPED)."""
+        self._refuse_stopped()
+        with self._lock:
+            again = _calibrates(self._waiting)
+            self._forget()
+            self._fault, self._uncalibrated = None, False
+            heard = self.hearing.newest
+            if heard is not None and heard[0].error == 1:
+                self._add(RESET)
+            if again or (heard is not None and heard[0].calibrated == 1):
+                self._add(CLEAR_CALIBRATION)  # else nobody could tell when the new one is done
+            self._add(CALIBRATE)
+
+    def command(self, opening: float, force: float) -> None:
+        """Raises DriverError: STOPPED; GRIPPER_FAULT for no numbers, and when it is not calibrated, does not
+        answer, or refused what it was told before."""
+        self._refuse_stopped()
+        if not (math.isfinite(opening) and math.isfinite(force)):
+            raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")
+        with self._lock:
+            if self._waiting and self._waited() > (CALIBRATION_S if self._calibrating else DEAF_S):
+                self._give_up()
+            if self._fault is not None:
+                fault, self._fault = self._fault, None
+                raise fault
+            heard = self.hearing.newest
+            calibrated = heard is not None and self._calibrated(heard[0])
+            if not (calibrated or _calibrates(self._waiting)):
+                self._refuse_stopped()  # a stop that came meanwhile has made the order void
+                raise self._error("is not calibrated", "calibrate it first")
+            if self._last == (opening, force):
+                return
+            self._last = opening, force
+            self._waiting = _kept(self._waiting)
+            configured = [order.force for order in self._waiting if order.force is not None]
+            if (configured[-1] if configured else self._force) != force:
+                percent = _percent(force, FULL_FORCE)
+                figures = {"velocity": VELOCITY, "moving_force": percent, "holding_force": percent}
+                self._add(CONFIGURE, json.dumps({**figures, "dead_zone": DEAD_ZONE}), force)
+            self._add(GO, json.dumps({"position": _percent(opening, FULL_OPENING)}))
+
+    def state(self) -> GripperState:
+        """As last heard, stamped when it was; before that of no time. A command that was not handled yet counts as
+        a motion."""
+        waiting = self._waiting  # before what was heard, which may be the news that nothing waits any more
+        heard = self.hearing.newest
+        if heard is None:
+            return GripperState(-math.inf, self.side, math.nan, math.nan, False, False)
+        message, stamp = heard
+        return GripperState(
+            stamp, self.side, message.position / 100.0 * FULL_OPENING, message.force / 100.0 * FULL_FORCE,
+            moving=bool(waiting) or message.moving == 1,
+            calibrated=not _calibrates(waiting) and self._calibrated(message),
+            in_error=message.error == 1 and not _calibrates(waiting),
+        )  # fmt: skip
+
+    def _calibrated(self, message: Any) -> bool:
+        return message.calibrated == 1 and not self._uncalibrated
+
+    def _refuse_stopped(self) -> None:
+        if self._stopped():
+            raise DriverError(
+                FailureKind.STOPPED, f"the {self.side} gripper stays as it is: stopped", "reset the stop first"
+            )
+
+    def _waited(self) -> float:
+        """Since the order that is under way was first told [s]."""
+        return self._clock.now() - self._begun
+
+    def _forget(self) -> None:
+        """What was not handled is not wanted any more, and what the robot was told before need not hold."""
+        self._waiting = ()
+        self._calibrating, self._force, self._last = False, None, None
+
+    def _give_up(self) -> None:
+        """Whoever commands it next is told."""
+        self._uncalibrated = self._uncalibrated or _calibrates(self._waiting)
+        self._fault = self._error(f"does not do what it is told ({self._waiting[0].what})", DEAF)
+        self._forget()
+
+    def _add(self, what: str, arguments: str = "", force: float | None = None) -> None:
+        self._sequence = self._sequence % 0x7FFFFFFF + 1
+        sender = f"{self._sender}_{self._sequence}"
+        message = self._kind(HARDWARE_ID, what, arguments, sender, self._sequence)
+        self._waiting = (*self._waiting, _Order(what, message, force))
+        if len(self._waiting) == 1:
+            self._begin()
+
+    def _begin(self) -> None:
+        self._begun = self._clock.now()
+        self._tell()
+
+    def _tell(self) -> None:
+        self._told = self._clock.now()
+        if not self._stopped():
+            self._publisher.tell(self._waiting[0].message)
+
+    def _heard(self, heard: tuple[Any, float]) -> None:
+        """After each state of the gripper: on to the next command, or the same once more."""
+        message, _ = heard
+        with self._lock:
+            if self._stopped():
+                self._forget()  # else it would be done whenever the robot can do it again
+            if not self._waiting:
+                return
+            first = self._waiting[0]
+            echoed = _echoes(message, first.message)
+            self._calibrating = self._calibrating or (echoed and first.what == CALIBRATE)
+            if echoed and _done(first.what, message):
+                self._go_on(first, message)
+            elif self._waited() > CALIBRATION_S:
+                self._give_up()
+            elif not self._calibrating and self._clock.now() - self._told >= REPEAT_S:
+                self._tell()
+
+    def _go_on(self, done: _Order, message: Any) -> None:
+        """To the next order. The pads do not go with a force that the robot did not take."""
+        self._calibrating = False
+        self._waiting = self._waiting[1:]
+        if done.force is not None:
+            self._force = done.force
+        if message.error == 1 and done.what in (CONFIGURE, GO):
+            self._fault = self._error(f"refused to {done.what}: {message.state or 'no reason given'}", REFUSED)
+            self._last = None
+            if done.what == CONFIGURE:
+                self._force = None
+                self._waiting = tuple(dropwhile(lambda order: order.what == GO, self._waiting))
+        if self._waiting:
+            self._begin()
+
+    def _error(self, what: str, hint: str) -> DriverError:
+        return DriverError(FailureKind.GRIPPER_FAULT, f"the {self.side} gripper {what}", hint)
+
+
+def _read(message: Any, stamp: float) -> tuple[Any, float] | None:
+    """A message whose figures are no numbers is none."""
+    return (message, stamp) if math.isfinite(message.position) and math.isfinite(message.force) else None
+
+
+def _calibrates(waiting: Sequence[_Order]) -> bool:
+    return any(order.what == CALIBRATE for order in waiting)
+
+
+def _kept(waiting: tuple[_Order, ...]) -> tuple[_Order, ...]:
+    """What a new command leaves: the order that is under way, and everything up to a calibration."""
+    last = max((k for k, order in enumerate(waiting) if order.what == CALIBRATE), default=0)
+    return waiting[: last + 1]
+
+
+def _echoes(message: Any, order: Any) -> bool:
+    """Whether the robot says that it has handled the order. The SDK also takes the number 0."""
+    return message.command_sender == order.sender and message.command_sequence in (order.sequence, 0)
+
+
+def _done(what: str, message: Any) -> bool:
+    """Whether what was handled has been done: of a calibration and its clearing the robot says more than that."""
+    if what == CALIBRATE:
+        return bool(message.calibrated == 1 and message.moving != 1 and message.ready != 0)
+    return what != CLEAR_CALIBRATION or bool(message.calibrated != 1)
+
+
+def _percent(value: float, full: float) -> float:
+    return 100.0 * min(max(value / full, 0.0), 1.0)

@@ -1,0 +1,55 @@
+"""Baxter's head over ROS: it carries the camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.topics import HEAD_COMMAND
+from robots.errors import DriverError, FailureKind
+from robots.ports import JointState
+
+__all__ = ["RosHead"]
+
+LIMIT = 1.39
+"""Either way [rad]."""
+SPEED = 0.5  # of its fastest
+REPEAT_S = 0.05
+GIVE_UP_S = 5.0
+THERE = 0.005
+"""Nearer than this it is not told again [rad]."""
+
+
+class RosHead:
+    """A command is repeated until the head is there, as the robot wants it, or the robot is stopped."""
+
+    def __init__(self, node: Node, clock: RosClock, stopped: Callable[[], bool] = lambda: False) -> None:
+        self._clock, self._messages, self._stopped = clock, load_messages(), stopped
+        self._publisher = node.publisher(HEAD_COMMAND, self._messages.head_pan_command)
+        self._goal = math.nan
+        self._asked = self._told = -math.inf
+
+    def command_pan(self, angle: float) -> None:
+        """Raises DriverError: STOPPED; HARDWARE_FAULT for what is no angle."""
+        if self._stopped():
+            raise DriverError(FailureKind.STOPPED, "the head stays as it is: stopped", "reset the stop first")
+        if not math.isfinite(angle):
+            raise DriverError(FailureKind.HARDWARE_FAULT, f"no angle for the head: {angle}")
+        self._goal, self._asked = min(max(angle, -LIMIT), LIMIT), self._clock.now()
+        self._tell()
+
+    def watch(self, state: JointState) -> None:
+        """Is shown each joint state."""
+        if self._stopped():
+            self._goal = math.nan
+        wanted = self._clock.now() - self._asked < GIVE_UP_S and abs(state.head_pan - self._goal) > THERE
+        if wanted and self._clock.now() - self._told >= REPEAT_S:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._told = self._clock.now()
+        kind = self._messages.head_pan_command
+        self._publisher.tell(kind(self._goal, SPEED, kind.REQUEST_PAN_ENABLE))

@@ -1,0 +1,162 @@
+"""Baxter's stop over ROS: the robot's own state, and the stop that this program asks for.
+
+A stop that was seen or asked for stays until somebody resets it, whatever the robot says meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from robots.baxter.ros.latest_message import Hearing
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
+from robots.errors import DriverError, FailureKind
+from robots.ports import StopState
+
+__all__ = ["AssemblyState", "RosStop"]
+
+REPEAT_S = 0.02
+CLOSE_S = 0.5
+"""On the wall: so long the robot is still told of a stop by a cell that is being closed."""
+RESET_S = 3.0
+TICK_S = 0.05
+NO_BUTTON = 0
+PRESSED = 1
+SOURCES = {
+    1: "the emergency button was pressed",
+    3: "a joint's fault stopped the robot",
+    4: "the robot's own computer stopped answering",
+}
+
+
+@dataclass(frozen=True)
+class AssemblyState:
+    """What the robot says of itself. stamp [s]: when it was heard."""
+
+    stamp: float
+    enabled: bool
+    stopped: bool
+    error: bool
+    button: int
+    source: int
+
+
+class RosStop:
+    """`trigger` writes one byte to a pipe, so that it may be called from a signal handler; a thread of its own
+    then tells the robot until it has stopped."""
+
+    def __init__(self, node: Node, clock: RosClock) -> None:
+        messages = load_messages()
+        self._clock, self._empty = clock, messages.empty
+        self._stop, self._reset = node.publisher(STOP, messages.empty), node.publisher(RESET, messages.empty)
+        self._seen: StopState | None = None
+        self._asked: StopState | None = None
+        self._excused: StopState | None = None
+        """What was asked for and is being reset: the robot is no longer told of it."""
+        self._forgiven: StopState | None = None
+        """What was asked for and has been reset."""
+        self.robot = Hearing(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
+        self._wake, self._wakener = os.pipe()
+        os.set_blocking(self._wakener, False)  # many triggers of one stop: the first woke the thread
+        self._until = math.inf
+        self._thread = threading.Thread(target=self._insist, name="stop", daemon=True)
+        self._thread.start()
+
+    def trigger(self, reason: str) -> None:
+        """Callable from any thread and from a signal handler."""
+        if self._asked is self._forgiven or self._asked is self._excused:
+            self._asked = StopState(self._clock.now(), True, reason or "no reason given")
+        self._say(b"s")
+
+    def state(self) -> StopState:
+        """Stamped when the stop was asked for or seen, otherwise when the robot was last heard."""
+        asked, robot = self._asked, self.robot.newest
+        if asked is not None and asked is not self._forgiven:
+            return asked
+        return self._seen or StopState(-math.inf if robot is None else robot.stamp, False)
+
+    def reset(self) -> None:
+        """Raises DriverError(STOPPED): the button is still pressed, the robot does not leave its stop, or it is
+        stopped anew meanwhile. The stop stays then."""
+        robot = self.robot.newest
+        if robot is not None and robot.button == PRESSED:
+            raise DriverError(
+                FailureKind.STOPPED, "the emergency button is still pressed", "turn it until it springs back"
+            )
+        excused = self._excused = self._asked
+        try:
+            self._leave(excused)
+            self._forgiven, self._seen = excused, None
+        finally:
+            self._excused = self._forgiven
+            self._say(b"s")  # there may be a stop of which the robot has to be told
+
+    def close(self) -> None:
+        """A stop that the robot has not heeded yet is told for a while."""
+        if self._until == math.inf:
+            self._until = time.monotonic() + CLOSE_S
+            self._say(b"c")
+            self._thread.join()
+            wakener, self._wakener = self._wakener, -1
+            os.close(wakener)
+            os.close(self._wake)
+
+    def _leave(self, excused: StopState | None) -> None:
+        """Tell the robot to leave its stop until it says that it has, and that its motors are off."""
+        begun = self._clock.now()
+        while self._clock.now() < begun + RESET_S:
+            self._reset.tell(self._empty())
+            self._clock.sleep_until(self._clock.now() + TICK_S)
+            asked, robot = self._asked, self.robot.newest
+            if asked is not None and asked is not excused:
+                raise DriverError(
+                    FailureKind.STOPPED, f"stopped anew meanwhile ({asked.reason})", "reset it once more"
+                )
+            if robot is None or robot.stamp <= begun:
+                continue
+            if not (robot.stopped or robot.error or robot.enabled):
+                return
+        robot = self.robot.newest
+        if robot is not None and robot.stamp > begun and not (robot.stopped or robot.enabled):
+            return  # with an error that is none of the stop's: the robot can be enabled all the same
+        raise DriverError(
+            FailureKind.STOPPED, "the robot does not leave its stop", "see the robot's display, then reset again"
+        )
+
+    def _say(self, what: bytes) -> None:
+        with contextlib.suppress(OSError):  # full, or closed: there is no cell any more
+            os.write(self._wakener, what)
+
+    def _watch(self, robot: AssemblyState) -> None:
+        if robot.stopped and self._seen is None:
+            why = SOURCES.get(robot.source, "the robot says that it is stopped")
+            self._seen = StopState(robot.stamp, True, why)
+
+    def _insist(self) -> None:
+        """Tell the robot to stop until it says that it has."""
+        while os.read(self._wake, 1) == b"s":
+            while self._unheeded() and time.monotonic() < self._until:
+                self._stop.tell(self._empty())
+                time.sleep(REPEAT_S)
+            if self._until < math.inf:
+                return
+
+    def _unheeded(self) -> bool:
+        asked, robot = self._asked, self.robot.newest
+        if asked is None or asked is self._forgiven or asked is self._excused:
+            return False
+        return robot is None or not robot.stopped or robot.stamp <= asked.stamp
+
+
+def _assembly(message: Any, stamp: float) -> AssemblyState:
+    return AssemblyState(
+        stamp, message.enabled, message.stopped, message.error, message.estop_button, message.estop_source
+    )

@@ -1,0 +1,47 @@
+"""The pressure cells of a gripper's pads over ROS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robots.baxter.ros.latest_message import Hearing
+from robots.baxter.ros.messages import load_messages
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.topics import tactile
+from robots.ports import Side, TactileReading, frozen
+
+__all__ = ["RosTactile"]
+
+
+class RosTactile:
+    """rows: of cells on each pad."""
+
+    def __init__(self, node: Node, clock: RosClock, side: Side, rows: int) -> None:
+        self.side, self._rows = side, rows
+        self._shape: tuple[int, ...] | None = None
+        """Of the pads, as they were first heard."""
+        self.hearing = Hearing(node, clock, tactile(side), load_messages().tactile_state, self._read)
+
+    def reading(self) -> TactileReading:
+        """As last heard, stamped when it was; before that of no time."""
+        unheard = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
+        return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unheard))
+
+    def _read(self, message: Any, stamp: float) -> TactileReading | None:
+        """A message that lacks something, whose figures are no numbers, or of other pads than the first is none:
+        what is compared with a zero has its cells."""
+        channels = {c.name: np.asarray(c.values, dtype=np.float64) for c in message.sensors}
+        try:
+            pads = np.stack([channels["pad_0"], channels["pad_1"]]).reshape(2, self._rows, -1)
+            tips = channels["tips"].reshape(2)
+        except (KeyError, ValueError):
+            return None
+        if pads.size == 0 or not (np.isfinite(pads).all() and np.isfinite(tips).all()):
+            return None
+        self._shape = self._shape or pads.shape
+        if pads.shape != self._shape:
+            return None
+        return TactileReading(stamp, self.side, frozen(pads), frozen(tips))

@@ -1,0 +1,275 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""The geometry of patches where their courses lead, and what bounds it for the search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int32, njit
+
+from skills.cloth.broad_phase.patches import FAR
+from skills.cloth.contact.ridges import find_ridges
+from skills.cloth.simd.f32x16 import (
+    LANES,
+    all_lanes,
+    expect_columns,
+    expect_rows,
+    least,
+    load_lanes,
+    lowest,
+    most,
+    picked,
+    root,
+    set_lanes,
+    where,
+)
+from skills.cloth.simd.i32x16 import (
+    above,
+    all_whole,
+    load_whole,
+)
+
+__all__ = ["fit_patches", "fit_ridges"]
+
+WIDE = np.uint32(LANES)
+ONE_ROW = np.uint64(1)
+ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+def _fit_box(first, last, place, course, slack, horizon, box, g, k):
+    """Bounds of corners first to last along the axes."""
+    for d in range(3):
+        lo, hi, slow, fast = place[d, first], place[d, first], course[d, first], course[d, first]
+        for c in range(first, last):
+            lo, hi = min(lo, place[d, c]), max(hi, place[d, c])
+            slow, fast = min(slow, course[d, c]), max(fast, course[d, c])
+        box[g, d, k], box[g, d + 6, k] = HALF * (lo + hi), HALF * (slow + fast)
+        box[g, d + 3, k] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+def _fit_normals(k, ring, start, geo, normal):
+    """Bounds of the normals of the triangles in and beside patch k."""
+    x_lo = y_lo = z_lo = ONE
+    x_hi = y_hi = z_hi = -ONE
+    for a in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+        p, i = ring[a] // WIDE, ring[a] % WIDE
+        x, y, z = geo[p, 6, i], geo[p, 7, i], geo[p, 8, i]
+        x_lo, y_lo, z_lo = min(x_lo, x), min(y_lo, y), min(z_lo, z)
+        x_hi, y_hi, z_hi = max(x_hi, x), max(y_hi, y), max(z_hi, z)
+    normal[k, 0], normal[k, 1], normal[k, 2] = x_lo, y_lo, z_lo
+    normal[k, 3], normal[k, 4], normal[k, 5] = x_hi, y_hi, z_hi
+
+
+@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
+    """Mean normal of patch k's triangles, and bounds along it."""
+    nx, ny, nz = TINY, ZERO, ZERO
+    for a in range(LANES):
+        nx, ny, nz = nx + geo[k, 6, a], ny + geo[k, 7, a], nz + geo[k, 8, a]
+    s = ONE / np.sqrt(nx * nx + ny * ny + nz * nz + FLAT)
+    nx, ny, nz = nx * s, ny * s, nz * s
+    lo, hi, slow, fast = np.float32(FAR), np.float32(-FAR), np.float32(FAR), np.float32(-FAR)
+    for c in range(first, last):
+        at = nx * place[0, c] + ny * place[1, c] + nz * place[2, c]
+        speed = nx * course[0, c] + ny * course[1, c] + nz * course[2, c]
+        lo, hi, slow, fast = min(lo, at), max(hi, at), min(slow, speed), max(fast, speed)
+    slab[k, 0], slab[k, 1], slab[k, 2], slab[k, 3], slab[k, 5] = nx, ny, nz, HALF * (lo + hi), HALF * (slow + fast)
+    slab[k, 4] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
+
+
+@njit(nogil=True, forceinline=True)
+def _at(a, d, rows, at, later):
+    """a[d, at] of an array (3, rows, LANES): each place is in the first of the `rows` or, where there is a bit, in
+    the other one."""
+    return where(later, picked(load_lanes(a, d, rows[1]), at), picked(load_lanes(a, d, rows[0]), at))
+
+
+@njit(nogil=True, forceinline=True)
+def _three_at(a, rows, at, later):
+    """The same for three coordinates."""
+    return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _fit_speeds(k, d, p, q, r, geo):
+    """Velocity of the middle of triangles along axis d, of those of the corners; -> by how much they differ."""
+    mean = (p + q + r) * all_lanes(THIRD)
+    set_lanes(geo, k, 10 + d, mean)
+    p, q, r = p - mean, q - mean, r - mean
+    return p * p, q * q, r * r
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
+    """Of patch k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
+    p, q, r = load_whole(at, k, 0), load_whole(at, k, 1), load_whole(at, k, 2)
+    end = all_whole(int32((rows[0] + ONE_ROW) * LANES - 1))
+    in_p, in_q, in_r = above(p, end), above(q, end), above(r, end)
+    px, py, pz = _three_at(place, rows, p, in_p)
+    qx, qy, qz = _three_at(place, rows, q, in_q)
+    rx, ry, rz = _three_at(place, rows, r, in_r)
+    set_lanes(geo, k, 0, least(px, least(qx, rx)))
+    set_lanes(geo, k, 1, least(py, least(qy, ry)))
+    set_lanes(geo, k, 2, least(pz, least(qz, rz)))
+    set_lanes(geo, k, 3, most(px, most(qx, rx)))
+    set_lanes(geo, k, 4, most(py, most(qy, ry)))
+    set_lanes(geo, k, 5, most(pz, most(qz, rz)))
+    ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, rx - px, ry - py, rz - pz
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    s = all_lanes(ONE) / root(nx * nx + ny * ny + nz * nz + all_lanes(TINY))
+    there, zero = above(load_whole(tris, 0, k), all_whole(int32(-1))), all_lanes(ZERO)
+    nx, ny, nz = where(there, nx * s, zero), where(there, ny * s, zero), where(there, nz * s, zero)
+    set_lanes(geo, k, 6, nx)
+    set_lanes(geo, k, 7, ny)
+    set_lanes(geo, k, 8, nz)
+    set_lanes(geo, k, 9, nx * px + ny * py + nz * pz)
+    px, py, pz = _three_at(course, rows, p, in_p)
+    qx, qy, qz = _three_at(course, rows, q, in_q)
+    rx, ry, rz = _three_at(course, rows, r, in_r)
+    px, qx, rx = _fit_speeds(k, 0, px, qx, rx, geo)
+    py, qy, ry = _fit_speeds(k, 1, py, qy, ry, geo)
+    pz, qz, rz = _fit_speeds(k, 2, pz, qz, rz, geo)
+    differs = most(zero, most(px + py + pz, most(qx + qy + qz, rx + ry + rz)))
+    set_lanes(geo, k, 13, root(differs))
+    set_lanes(geo, k, 14, all_lanes(slack))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _fit_edge(i, j, place, course, slack, geo, row, a):
+    """An edge between corners i and j into place a of a row."""
+    length2 = differs = ZERO
+    for d in range(3):
+        along = place[d, j] - place[d, i]
+        geo[row, d, a], geo[row, d + 3, a] = place[d, i], along
+        geo[row, d + 7, a] = HALF * (course[d, i] + course[d, j])
+        length2 += along * along
+        differs += (HALF * (course[d, j] - course[d, i])) ** 2
+    geo[row, 6, a], geo[row, 10, a], geo[row, 11, a] = length2 + TINY, np.sqrt(differs), slack
+    geo[row, 12, a] = ONE / (length2 + TINY)
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _fit_vertices(row, vertices, at, place, course, slack, geo):
+    for a in range(LANES):
+        if vertices[row, a] < 0:
+            break
+        i = at[row, a]
+        for d in range(3):
+            geo[row, d, a], geo[row, d + 3, a] = place[d, i], course[d, i]
+        geo[row, 6, a] = slack
+
+
+@njit(nogil=True, error_model="numpy")
+def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything, flat):
+    """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
+    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
+    stale patches and of those beside them: no others are asked for. Which edges
+    are bent, of the patches that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
+    place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
+    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
+    edge = patches.edge
+    vertex, vertex_at, vertex_geo = patches.vertex, patches.vertex_at.view(np.uint32), patches.vertex_geo
+    edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
+    beside, beside_start = patches.beside, patches.beside_start
+    ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
+    rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
+    ahead = np.float32(horizon)
+    place_rows, course_rows = place.reshape((3, -1, LANES)), course.reshape((3, -1, LANES))
+    tris = tri.reshape((1, -1, LANES))
+    expect_rows(box, 9)
+    expect_rows(tri_geo, 15)
+    expect_rows(vertex_geo, 7)
+    expect_rows(tri_at, 3)
+    expect_rows(edge_beside, 2)
+    expect_columns(tri, LANES)
+    expect_columns(edge, LANES)
+    expect_columns(vertex, LANES)
+    expect_columns(vertex_at, LANES)
+    expect_columns(slab, 6)
+    expect_columns(normal, 6)
+    for k in range(len(moving)):
+        fitted[k] = everything or moving[k] or stale[k]
+        if not fitted[k]:
+            continue
+        first, last = np.uint64(corner_start[k]), np.uint64(corner_start[k + 1])
+        age = np.float32((now - born[k]) * span + horizon)
+        for d in range(3):
+            for i in range(first, last):
+                place[d, i] = base[d, i] + age * course[d, i]
+        _fit_box(first, last, place, course, slack[k], ahead, box, k // LANES, k % LANES)
+        rows = np.uint64(first // LANES), np.uint64(last // LANES) - ONE_ROW
+        _fit_triangles(k, tris, tri_at, rows, place_rows, course_rows, slack[k], tri_geo)
+        _fit_slab(tri_geo, k, first, last, place, course, slack[k], ahead, slab)
+        for row in range(np.uint64(vertex_start[k]), np.uint64(vertex_start[k + 1])):
+            _fit_vertices(row, vertex, vertex_at, place, course, slack[k], vertex_geo)
+    for k in range(len(moving)):
+        if _beside_some(beside, beside_start, stale, k):
+            _fit_normals(k, ring, ring_start, tri_geo, normal)
+        if _beside_some(beside, beside_start, fitted, k):
+            for row in range(np.uint64(edge_start[k]), np.uint64(edge_start[k + 1])):
+                bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
+    _fit_groups(box, len(moving), ahead, patches.group)
+
+
+@njit(nogil=True, error_model="numpy")
+def fit_ridges(patches, course, slack):
+    """Geometry of the edges that are ridges, those of a patch side by side in its rows: of patches that were
+    fitted (`fit_patches`), or of which others have become ridges."""
+    edge, edge_at, start = patches.edge, patches.edge_at.view(np.uint32), patches.edge_start
+    ridge, before, place, fitted = patches.ridge, patches.ridge_before, patches.place, patches.fitted
+    ridges, ridge_edge, geo, corner = patches.ridges, patches.ridge_edge, patches.edge_geo, patches.corner
+    expect_rows(geo, 13)
+    expect_rows(ridge_edge, 3)
+    expect_rows(edge_at, 2)
+    expect_columns(edge, LANES)
+    for k in range(len(fitted)):
+        first, last = start[k], start[k + 1]
+        if not (fitted[k] or _differ(first, last, ridge, before)):
+            continue
+        n = np.uint32(0)
+        for row in range(first, last):
+            before[row] = bits = ridge[row]
+            while bits:
+                a = lowest(bits)
+                bits &= bits - 1
+                if edge[row, a] < 0:
+                    continue
+                to, at = np.uint32(first) + n // WIDE, n % WIDE
+                i, j = edge_at[row, 0, a], edge_at[row, 1, a]
+                _fit_edge(i, j, place, course, slack[k], geo, to, at)
+                ridge_edge[to, 0, at] = edge[row, a]
+                ridge_edge[to, 1, at], ridge_edge[to, 2, at] = corner[i], corner[j]
+                n += np.uint32(1)
+        ridges[k] = n
+
+
+@njit(nogil=True, forceinline=True)
+def _differ(first, last, a, b):
+    """Whether two arrays do from first to last."""
+    found = False
+    for row in range(first, last):
+        found = found or a[row] != b[row]
+    return found
+
+
+@njit(nogil=True, forceinline=True)
+def _beside_some(beside, start, which, k):
+    """Whether patch k or one beside it is one of these."""
+    found = False
+    for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+        found |= which[np.uint64(beside[row])]
+    return found
+
+
+@njit(nogil=True, error_model="numpy")
+def _fit_groups(box, m, horizon, group):
+    for g in range(len(group)):
+        for d in range(3):
+            lo, hi, slow, fast = np.float32(FAR), np.float32(-FAR), np.float32(FAR), np.float32(-FAR)
+            for a in range(min(LANES, m - g * LANES)):
+                lo, hi = min(lo, box[g, d, a] - box[g, d + 3, a]), max(hi, box[g, d, a] + box[g, d + 3, a])
+                slow, fast = min(slow, box[g, d + 6, a]), max(fast, box[g, d + 6, a])
+            group[g, d], group[g, d + 6] = HALF * (lo + hi), HALF * (slow + fast)
+            group[g, d + 3] = HALF * (hi - lo) + horizon * HALF * (fast - slow)

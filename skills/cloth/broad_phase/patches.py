@@ -1,0 +1,370 @@
+"""Patches of some triangles, in which pairs that may touch are searched: what they are, and how cloth is split.
+
+Each patch foresees a course for its corners, straight lines from where they were when it was last searched, and
+is searched again when one of them left its line, or the course has run out, or a corner has just woken. Its
+neighbours keep theirs, although they share corners with it: a pair of primitives is good as long as the courses of
+the two patches that own them are. Cloth at rest costs nothing.
+
+The geometry is kept in single precision, in rows of LANES, so that one row is a few vector instructions: a tree
+of boxes tests less and takes longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from robots.errors import InternalError
+from robots.ports import Array
+from skills.cloth.mesh import ClothMesh
+from skills.cloth.simd.f32x16 import LANES
+
+__all__ = ["FAR", "LEAF", "Patches", "build_patches"]
+
+LEAF = LANES  # triangles of a patch, at most: a row of them
+FAR = 1e6  # [m] where the unused places of a row are; of triangles, see `Patches`
+FACING = 0.1  # sine of the angle by which the middles of two sides of a border have to face each other
+
+
+class Patches(NamedTuple):
+    """corner: (corners,) vertices of the patches' triangles, of patch k from corner_start[k] to
+    corner_start[k + 1], one or two times LANES (the last one is repeated): each patch has a course of its own for
+    them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
+    in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
+    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners, any where there is
+    none; face (m, 4, LANES): tri, and the vertices of
+    each. Each primitive belongs to one patch (of_tri, of_edge, of_vertex), so that a pair is met once. ring,
+    ring_start: triangles in and beside each patch, as patch x LANES + place in it; beside, beside_start: patches
+    of its layer with a common vertex, itself too; smooth, smooth_start: of these, those that cannot touch it while
+    all their normals lean one way.
+
+    Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
+    the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
+    each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
+    normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
+    tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
+    slack; in places without a triangle those of some corners, but no normal. edge_geo (rows, 13, LANES): start,
+    direction, squared length, the same of its motion, and one over the squared length; vertex_geo (rows, 7,
+    LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose geometry was just put down; hit:
+    (m + LANES,) scratch.
+
+    at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
+    it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
+    triangles in one layer; bent, and those that are bent; ridge, and those that stay ridges in this search
+    (ridges.py); ridge_before: what that was when edge_geo was put down. It has ridges alone, from the first row of
+    each patch on: ridges (m,) of them, ridge_edge (rows, 3, LANES) which they are, and their ends."""
+
+    corner: NDArray[np.int32]
+    corner_start: NDArray[np.int32]
+    tri: NDArray[np.int32]
+    tri_at: NDArray[np.int32]
+    edge: NDArray[np.int32]
+    edge_at: NDArray[np.int32]
+    edge_start: NDArray[np.int32]
+    vertex: NDArray[np.int32]
+    vertex_at: NDArray[np.int32]
+    vertex_start: NDArray[np.int32]
+    face: NDArray[np.int32]
+    ring: NDArray[np.int32]
+    ring_start: NDArray[np.int32]
+    beside: NDArray[np.int32]
+    beside_start: NDArray[np.int32]
+    smooth: NDArray[np.int32]
+    smooth_start: NDArray[np.int32]
+    of_vertex: NDArray[np.int32]
+    of_tri: NDArray[np.int32]
+    of_edge: NDArray[np.int32]
+    box: NDArray[np.float32]
+    group: NDArray[np.float32]
+    slab: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    place: NDArray[np.float32]
+    tri_geo: NDArray[np.float32]
+    edge_geo: NDArray[np.float32]
+    vertex_geo: NDArray[np.float32]
+    at_edge: NDArray[np.int32]
+    edge_beside: NDArray[np.int32]
+    rim: NDArray[np.int32]
+    bent: NDArray[np.int32]
+    ridge: NDArray[np.int32]
+    ridge_before: NDArray[np.int32]
+    ridges: NDArray[np.int32]
+    ridge_edge: NDArray[np.int32]
+    fitted: NDArray[np.bool_]
+    stale: NDArray[np.bool_]
+    hit: NDArray[np.int32]
+
+
+def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
+    """Splits of each layer along its longer side, and where it is not in one piece; `edge`: (e, 2) in the order
+    that pairs refer to."""
+    centre = mesh.rest[mesh.triangles].mean(axis=1)
+    patches: list[NDArray[np.intp]] = []
+
+    def split(tris: NDArray[np.intp]) -> None:
+        count = -(-len(tris) // LEAF)
+        if count <= 1:
+            patches.append(tris)
+            return
+        axis = int(np.argmax(np.ptp(centre[tris], axis=0)))
+        order = tris[np.argsort(centre[tris, axis], kind="stable")]
+        half = len(order) * (count // 2) // count
+        split(order[:half])
+        split(order[half:])
+
+    for k in np.unique(mesh.triangle_layer):
+        split(np.flatnonzero(mesh.triangle_layer == k))
+    patches = _in_pieces(mesh, _of_few_corners(mesh, _in_pieces(mesh, patches)))
+    m = len(patches)
+    vertices, edges = _shares(mesh, edge, patches)
+    tri, _, of_tri = _lanes(patches, len(mesh.triangles))
+    owned, edge_start, of_edge = _lanes(edges, len(edge))
+    vertex, vertex_start, of_vertex = _lanes(vertices, len(mesh.rest))
+    corner, corner_start, find = _corners(mesh, patches)
+    slot = np.zeros(len(of_tri), np.intp)
+    slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
+    ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, patches)])
+    near = _beside(mesh, patches)
+    beside, beside_start = _rows(near)
+    smooth, smooth_start = _rows(_smooth_beside(mesh, patches, near))
+    groups = -(-m // LANES)
+    box = np.zeros((groups, 9, LANES), np.float32)
+    box[:, :3] = FAR
+    tri_geo = np.zeros((m, 15, LANES), np.float32)
+    edge_geo = np.zeros((len(owned), 13, LANES), np.float32)
+    edge_geo[:, :3], edge_geo[:, 3:7], edge_geo[:, 12] = FAR, 1.0, 1.0
+    vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
+    vertex_geo[:, :3] = FAR
+    edge_beside, rim = _beside_edges(mesh, edge, owned, slot)
+    return Patches(
+        corner,
+        corner_start,
+        tri,
+        find(of_tri[tri][..., None], mesh.triangles[tri]).transpose(0, 2, 1).copy(),
+        owned,
+        find(of_edge[owned][..., None], edge[owned]).transpose(0, 2, 1).copy(),
+        edge_start,
+        vertex,
+        find(of_vertex[vertex], vertex),
+        vertex_start,
+        _with_corners(tri, mesh.triangles),
+        ring,
+        ring_start,
+        beside,
+        beside_start,
+        smooth,
+        smooth_start,
+        of_vertex,
+        of_tri,
+        of_edge,
+        box,
+        np.zeros((groups, 9), np.float32),
+        np.zeros((m, 6), np.float32),
+        np.zeros((m, 6), np.float32),
+        np.zeros((3, len(corner)), np.float32),
+        tri_geo,
+        edge_geo,
+        vertex_geo,
+        _inverse(owned, len(edge)),
+        edge_beside,
+        rim,
+        rim.copy(),
+        rim.copy(),
+        np.zeros_like(rim),
+        np.zeros(m, np.int32),
+        np.full((len(owned), 3, LANES), -1, np.int32),
+        np.zeros(m, np.bool_),
+        np.zeros(m, np.bool_),
+        np.zeros(m + LANES, np.int32),
+    )
+
+
+def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:
+    """(rows, 1 + k, LANES): what is in each place of `owned`, and its corners (n, k); -1 where there is none."""
+    vertices = np.where(owned[..., None] < 0, -1, corners[owned])
+    numbers = np.concatenate([owned[:, None], vertices.transpose(0, 2, 1)], axis=1)
+    return np.ascontiguousarray(numbers, dtype=np.int32)
+
+
+def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
+    """Where in `owned` each of n is, as row x LANES + place."""
+    at = np.zeros(n, np.int32)
+    at[owned[owned >= 0]] = np.flatnonzero(owned.ravel() >= 0)
+    return at
+
+
+def _beside_edges(
+    mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as patch x LANES + place; and bits of the
+    edges that have not two in one layer."""
+    number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
+    sides: list[list[int]] = [[] for _ in edge]
+    for t, tri in enumerate(mesh.triangles.tolist()):
+        for k in range(3):
+            i, j = sorted((tri[k], tri[(k + 1) % 3]))
+            sides[number[i, j]].append(t)
+    beside, rim = np.zeros((len(owned), 2, LANES), np.int32), np.zeros(len(owned), np.int32)
+    for row, members in enumerate(owned.tolist()):
+        for place, e in enumerate(members):
+            if e < 0:
+                continue
+            if len(sides[e]) != 2 or mesh.triangle_layer[sides[e][0]] != mesh.triangle_layer[sides[e][1]]:
+                rim[row] |= 1 << place
+            else:
+                beside[row, :, place] = slot[sides[e]]
+    return beside, rim
+
+
+def _corners(
+    mesh: ClothMesh, patches: list[NDArray[np.intp]]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Callable[..., NDArray[np.int32]]]:
+    """Corners of the patches and their starts, and what finds the corners of given patches at given vertices."""
+    n = len(mesh.rest)
+    lists = [np.unique(mesh.triangles[tris]) for tris in patches]
+    padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
+    corner, start = _rows(padded)
+    most = max(map(len, padded))
+    if most > 2 * LANES:  # their geometry is taken from two rows (patch_bounds.py)
+        raise InternalError("a patch of too many corners", corners=most)
+    number = np.full((len(patches), n), -1, np.int32)
+    for k, v in enumerate(lists):
+        number[k, v] = start[k] + np.arange(len(v))
+    return corner, start, lambda patch, vertex: number[patch, vertex]
+
+
+def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The lists one after the other, and their starts."""
+    start = np.concatenate([[0], np.cumsum([len(k) for k in lists])]).astype(np.int32)
+    return np.concatenate(lists).astype(np.int32), start
+
+
+def _lanes(
+    lists: list[NDArray[np.intp]], n: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """The lists in rows of LANES, each from a row of its own on; its first row; and of which list each of n is."""
+    start = np.concatenate([[0], np.cumsum([-(-len(k) // LANES) for k in lists])]).astype(np.int32)
+    rows, of = np.full((start[-1], LANES), -1, np.int32), np.zeros(n, np.int32)
+    for k, members in enumerate(lists):
+        rows[start[k] : start[k + 1]].reshape(-1)[: len(members)] = members
+        of[members] = k
+    return rows, start, of
+
+
+def _shares(
+    mesh: ClothMesh, edge: NDArray[np.int32], patches: list[NDArray[np.intp]]
+) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
+    """Vertices and edges of each patch: each with one of the patches that touch it, edges with the one that has
+    fewest so far."""
+    number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
+    vertex_free = np.ones(len(mesh.rest), bool)
+    vertices: list[NDArray[np.intp]] = []
+    touching: dict[int, list[int]] = {}
+    for k, tris in enumerate(patches):
+        t = mesh.triangles[tris]
+        v = np.unique(t)
+        sides = np.unique(np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1), axis=0)
+        for i, j in sides.tolist():
+            touching.setdefault(number[i, j], []).append(k)
+        vertices.append(v[vertex_free[v]].astype(np.intp))
+        vertex_free[v] = False
+    edges: list[list[int]] = [[] for _ in patches]
+    for e in sorted(touching, key=lambda e: (len(touching[e]), touching[e][0], e)):
+        edges[min(touching[e], key=lambda k: len(edges[k]))].append(e)
+    return vertices, [np.array(sorted(e), np.intp) for e in edges]
+
+
+def _rings(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The triangles of each patch and those of its layer beside them: its edges and vertices are also theirs."""
+    layer = mesh.triangle_layer
+    faces: dict[tuple[int, int, int], list[int]] = {}
+    for t, tri in enumerate(mesh.triangles.tolist()):
+        for k in range(3):
+            i, j = sorted((tri[k], tri[(k + 1) % 3]))
+            faces.setdefault((i, j, int(layer[t])), []).append(t)
+    ring: list[set[int]] = [set(map(int, tris)) for tris in patches]
+    of = {t: k for k, tris in enumerate(ring) for t in list(tris)}
+    for pair in faces.values():
+        for t in pair:
+            ring[of[t]].update(pair)
+    return [np.array(sorted(tris), np.intp) for tris in ring]
+
+
+def _beside(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """For each patch those of its layer with a common vertex, itself among them."""
+    at: dict[tuple[int, int], set[int]] = {}
+    keys = [
+        {(int(mesh.triangle_layer[tris[0]]), v) for v in mesh.triangles[tris].ravel().tolist()} for tris in patches
+    ]
+    for k, own in enumerate(keys):
+        for key in own:
+            at.setdefault(key, set()).add(k)
+    return [np.array(sorted(set.union(*(at[key] for key in own))), np.intp) for own in keys]
+
+
+def _smooth_beside(
+    mesh: ClothMesh, patches: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
+) -> list[NDArray[np.intp]]:
+    """Of the patches `beside` each, those that have no borders facing one another: in a notch, as between the legs
+    of pants, cloth meets cloth edge to edge, as flat as it may be. A border is a patch's if one end of it is."""
+    end, middle, outward, layer = _borders(mesh)
+    rims = []
+    for tris in patches:
+        own = np.isin(end, mesh.triangles[tris]).any(axis=1) & (layer == mesh.triangle_layer[tris[0]])
+        rims.append((middle[own], outward[own]))
+
+    def facing(a: int, b: int) -> bool:
+        (mine, my_way), (its, its_way) = rims[a], rims[b]
+        if not (len(mine) and len(its)):
+            return False
+        between = its[None] - mine[:, None]
+        least = FACING * np.linalg.norm(between, axis=2)
+        ahead, behind = np.einsum("abk,ak->ab", between, my_way), -np.einsum("abk,bk->ab", between, its_way)
+        return bool(((ahead > least) & (behind > least)).any())
+
+    return [np.array([b for b in near if not facing(a, int(b))], np.intp) for a, near in enumerate(beside)]
+
+
+def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int32]]:
+    """The sides of triangles where a layer ends: their ends (k, 2), their middles and outward normals (k, 2, in
+    material coordinates), and the layer (k,)."""
+    ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    layer, opposite = np.repeat(mesh.triangle_layer, 3), np.roll(mesh.triangles, -2, axis=1).ravel()
+    side = np.column_stack([np.sort(ends, axis=1), layer])
+    _, which, count = np.unique(side, axis=0, return_inverse=True, return_counts=True)
+    alone = count[which.ravel()] == 1
+    ends, layer, opposite = ends[alone], layer[alone], opposite[alone]
+    start, end = mesh.rest[ends[:, 0]], mesh.rest[ends[:, 1]]
+    middle, along = 0.5 * (start + end), end - start
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    inward = ((mesh.rest[opposite] - middle) * normal).sum(axis=1) > 0.0
+    return ends, middle, np.where(inward[:, None], -normal, normal), layer
+
+
+def _in_pieces(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The patches, in parts that have no vertex in common where they are not of one piece: on both sides of a
+    notch."""
+    t = len(mesh.triangles)
+    of = np.zeros(t, np.int64)
+    for k, tris in enumerate(patches):
+        of[tris] = k
+    corners, corner = np.unique(of[:, None] * len(mesh.rest) + mesh.triangles, return_inverse=True)
+    touches = (np.ones(3 * t), (np.repeat(np.arange(t), 3), t + corner.ravel()))
+    _, part = connected_components(csr_array(touches, shape=(t + len(corners),) * 2), directed=False)
+    return [tris[part[tris] == k] for tris in patches for k in dict.fromkeys(part[tris].tolist())]
+
+
+def _of_few_corners(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The patches, in halves where they have more corners than two rows of LANES hold: if most of their triangles
+    have but one corner in common with another."""
+    fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in patches]
+    halves = [
+        (tris,) if fits else (tris[: LEAF // 2], tris[LEAF // 2 :])
+        for tris, fits in zip(patches, fit, strict=True)
+    ]
+    return [tris for parts in halves for tris in parts]

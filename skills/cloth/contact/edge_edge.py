@@ -1,0 +1,111 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Narrow phase of edges against edges: which pairs touch, and on which side."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
+from skills.cloth.contact.vertex_triangle import find_due
+from skills.cloth.simd.vec3 import cross, dot, load, store, vector
+
+NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _closest_on_segments(a, b, r):
+    """Closest points of two segments along a and b that begin r apart (Ericson 2005, 5.1.9): their parameters."""
+    aa, bb = dot(a, a) + 1e-30, dot(b, b) + 1e-30
+    f, c, ab = dot(b, r), dot(a, r), dot(a, b)
+    den = aa * bb - ab * ab
+    s = min(max((ab * f - c * bb) / den, 0.0), 1.0) if den > 1e-12 * aa * bb else 0.5
+    t = (ab * s + f) / bb
+    if t < 0.0:
+        return min(max(-c / aa, 0.0), 1.0), 0.0
+    if t > 1.0:
+        return min(max((ab - c) / aa, 0.0), 1.0), 1.0
+    return s, t
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _sided(c, n, d, near, normal, release, give_up):
+    """Normal and gap of two crossing edges on the side that they are remembered to be on."""
+    lean = dot(n, load(normal, c)) if near[c] else d
+    if lean < 0.0:
+        n, d = -n, -d
+    if near[c] and (d > release or d < -give_up):
+        near[c] = False
+        if d < 0.0:
+            n, d = -n, -d
+    elif d < release:
+        near[c] = True
+        store(normal, c, n)
+    return n, d
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
+    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row n on; ->
+    rows, and how far the fastest of them may go in this time [m].
+
+    rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
+    on the table, have no other normal than the shortest way from one to the other."""
+    pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
+    due, memory = pairs.ee_due, pairs.ee_j
+    act_i, act_b, act_s, act_n, act_m = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m
+    act_d, act_w, act_c, asked = pairs.act_d, pairs.act_w, pairs.act_c, pairs.some
+    release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
+    farthest, span, n = 0.0, pace * h, np.uint64(n)
+    for place in range(find_due(count, now, pace, due, asked)):
+        c = np.uint64(asked[place])
+        i, j = edge[pair[c, 0], 0], edge[pair[c, 0], 1]
+        k, m = edge[pair[c, 1], 0], edge[pair[c, 1], 1]
+        if w[i] + w[j] + w[k] + w[m] == 0.0:
+            due[c] = PARKED
+            continue
+        borne = load(memory, c)
+        store(memory, c, nothing)
+        pi, pk = load(x, i), load(x, k)
+        a, b, r = load(x, j) - pi, load(x, m) - pk, pi - pk
+        s, t = _closest_on_segments(a, b, r)
+        way = r + s * a - t * b
+        d2 = dot(way, way)
+        slide = (1.0 - s) * load(v, i) + s * load(v, j) - (1.0 - t) * load(v, k) - t * load(v, m)
+        reach = STRAY + span * 1.5 * np.sqrt(dot(slide, slide))
+        if d2 > (release + reach) ** 2:
+            near[c] = False
+            due[c] = later(now, pace, np.sqrt(d2) - release, reach)
+            continue
+        direction = cross(a, b)
+        nn = dot(direction, direction)
+        inner = s > 1e-4 and s < 1.0 - 1e-4 and t > 1e-4 and t < 1.0 - 1e-4
+        if nn < NEAR_PARALLEL * dot(a, a) * dot(b, b) or not inner:
+            if near[c] and d2 > release * release:
+                near[c] = False
+            d = np.sqrt(d2)
+            edge_on = rim[pair[c, 0]] and rim[pair[c, 1]] and not near[c] and d > 1e-6
+            if not edge_on or d > thick + reach:
+                continue
+            direction = (1.0 / d) * way
+        else:
+            direction = (1.0 / np.sqrt(nn)) * direction
+            direction, d = _sided(c, direction, dot(direction, way), near, normal, release, give_up)
+            if d <= thick + reach:
+                near[c] = True
+                store(normal, c, direction)
+        if d > thick + reach:
+            continue
+        den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]
+        if den == 0.0:
+            continue
+        den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))
+        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
+        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
+        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = (1 - s) * w[i], s * w[j], (t - 1) * w[k], -t * w[m]
+        store(act_n, n, direction)
+        store(act_m, n, borne)
+        act_d[n], act_w[n], act_c[n] = thick, 1.0 / den, c
+        n += np.uint64(1)
+        farthest = max(farthest, reach)
+    return np.int64(n), farthest

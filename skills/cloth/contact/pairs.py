@@ -1,0 +1,257 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""The lists of pairs that may touch: when patches are searched anew, and what pairs keep from search to search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.broad_phase.patch_bounds import fit_patches, fit_ridges
+from skills.cloth.broad_phase.patch_search import search_pairs
+from skills.cloth.contact.contacts import PARKED
+from skills.cloth.contact.ridges import note_ridges, stay_ridges
+from skills.cloth.simd.vec3 import load, store
+from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
+
+SLACK = 0.001  # [m] that a corner may stray from its straight course before its patch is searched anew
+# of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs, above some 1.8 mm
+# (edge_distance in contact.py)
+CALM_SLACK = 0.15
+STALE_SHARE = 0.4  # of the slack: a patch that strayed by so much is searched along with those that must be
+HORIZON = 6  # phases for which the search looks ahead
+NONE, ONE = np.uint64(0), np.uint64(1)
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
+ROOMY = 8  # places of the table for each of its pairs: few begin where others are
+RENEW = 4  # phases after which a patch is searched along with others
+
+
+@njit(nogil=True)
+def needs_search(body, rules, state):
+    """Whether pairs may be missing from the lists."""
+    count = state.counts
+    must = _expire(
+        count[NOW],
+        count[PACE],
+        rules.phase,
+        rules.h,
+        count[WATCHED],
+        state.watched,
+        body.patches.corner,
+        body.patches.corner_start,
+        state.x,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        state.expired,
+    )
+    return must or count[SEARCHED] == 0
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
+    """Whether a patch left the course that was foreseen for it, or its course runs out within the `pace` substeps
+    for which contacts are made now. Those of which this is true, or soon will be, are marked."""
+    must = False
+    for row in range(n):
+        k = np.uint64(watched[row])
+        age = now - born[k]
+        after = np.float32(age * h)
+        most = np.float32(0.0)
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
+            dx = np.float32(x[i, 0]) - base[0, c] - after * course[0, c]
+            dy = np.float32(x[i, 1]) - base[1, c] - after * course[1, c]
+            dz = np.float32(x[i, 2]) - base[2, c] - after * course[2, c]
+            most = max(most, dx * dx + dy * dy + dz * dz)
+        strayed = np.sqrt(most) / slack[k]
+        expired[k] = expired[k] or strayed > STALE_SHARE or (moving[k] and age >= RENEW * phase)
+        must = must or strayed > 1.0 or (moving[k] and age + pace > HORIZON * phase)
+    return must
+
+
+@njit(nogil=True)
+def search(body, rules, state, pairs):
+    """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
+    small."""
+    count, patches = state.counts, body.patches
+    now, ahead = count[NOW], 0.5 * HORIZON * rules.phase * rules.h
+    _foresee(
+        now,
+        min(SLACK, CALM_SLACK * rules.thickness),
+        patches.corner,
+        patches.corner_start,
+        state.x,
+        state.v,
+        state.awake,
+        state.still,
+        state.turned,
+        state.expired,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        patches.stale,
+    )
+    fit_patches(
+        patches,
+        state.base,
+        state.course,
+        state.slack,
+        state.born,
+        state.moving,
+        now,
+        rules.h,
+        ahead,
+        count[FITTED] == 0,
+        np.float32(rules.flat),
+    )
+    patches.ridge[:] = patches.bent
+    stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
+    fit_ridges(patches, state.course, state.slack)
+    n_vt, n_ee = search_pairs(patches, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
+    if not _have_room(n_vt, count[VT], pairs.vt, patches.stale, patches.of_vertex, patches.of_tri):
+        return False
+    if not _have_room(n_ee, count[EE], pairs.ee, patches.stale, patches.of_edge, patches.of_edge):
+        return False
+    _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
+    _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
+    note_ridges(patches.stale, patches.edge_start, patches.ridge, state.ridge_searched, state.expired)
+    state.turned[:] = False
+    count[SEARCHED] = count[FITTED] = 1
+    count[SEARCHES] += 1
+    return True
+
+
+@njit(nogil=True)
+def _have_room(n_new, n, pair, stale, of_first, of_second):
+    """Whether there is room for n_new pairs when those of stale patches have left the first n."""
+    room = len(pair) - n
+    if n_new > room:
+        for c in range(n):
+            room += stale[of_first[pair[c, 0]]] or stale[of_second[pair[c, 1]]]
+    return n_new <= room
+
+
+@njit(nogil=True)
+def _foresee(
+    now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
+):  # fmt: skip
+    """New courses for the patches that expired, or have a corner that woke, or move and have one that fell asleep:
+    they are stale."""
+    for k in range(len(stale)):
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
+            expired[k] = expired[k] or (turned[i] and (awake[i] or moving[k]))
+        stale[k] = expired[k]
+        if not stale[k]:
+            continue
+        born[k], moving[k] = now, False
+        for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
+            i = np.uint64(corner[c])
+            calm = still[i] or not awake[i]
+            moving[k] = moving[k] or not calm
+            for d in range(3):
+                base[d, c] = x[i, d]
+                course[d, c] = 0.0 if calm else v[i, d]
+        slack[k] = SLACK if moving[k] else calm_slack
+
+
+@njit(nogil=True)
+def _renew_vertex_triangle(patches, width, pairs, count, n_new):
+    """The new pairs in the places of those of stale patches, with the side of those that were there. Pairs that
+    sleep and know no side leave, too."""
+    vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    borne, memory, free, key, row = pairs.vt_j, pairs.kept, pairs.near_c, pairs.key, pairs.row
+    stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)
+    n, kept, places, now = np.uint64(count[VT]), NONE, NONE, count[NOW]
+    for c in range(n):  # without a guess about which pairs these are
+        old = stale[of_vertex[vt[c, 0]]] | stale[of_tri[vt[c, 1]]]
+        free[places] = c
+        places += np.uint64(old | ((side[c] == 0) & (due[c] == PARKED)))
+    for k in range(places):
+        o = np.uint64(free[k])
+        scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[o, 0], vt[o, 1], side[o]
+        store(memory, kept, load(borne, o))
+        kept += np.uint64(side[o] != 0)
+    shift = _note(scratch, np.int64(kept), width, key, row)
+    for c in range(np.uint64(n_new)):
+        at = _find(new[c, 0] * width + new[c, 1], key, shift)
+        found, r = key[at] >= 0, np.uint64(row[at])
+        was = np.int8(scratch[r, 2])  # read in any case: a branch would be guessed at
+        o = np.uint64(free[c]) if c < places else n
+        n += np.uint64(c >= places)
+        vt[o, 0], vt[o, 1], due[o] = new[c, 0], new[c, 1], now
+        side[o] = was * np.int8(found)
+        store(borne, o, (1.0 if found else 0.0) * load(memory, r))
+    for c in range(int(places) - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
+        n -= ONE
+        o = np.uint64(free[c])
+        if o < n:
+            vt[o, 0], vt[o, 1], side[o], due[o] = vt[n, 0], vt[n, 1], side[n], due[n]
+            store(borne, o, load(borne, n))
+    count[VT] = n
+
+
+@njit(nogil=True)
+def _renew_edge_edge(patches, width, pairs, count, n_new):
+    """The same for edges, with the normals of those that were near."""
+    ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
+    scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
+    stale, of_edge = patches.stale, patches.of_edge.view(np.uint32)
+    free, key, row = pairs.near_c, pairs.key, pairs.row
+    n, kept, places, now = np.uint64(count[EE]), NONE, NONE, count[NOW]
+    for c in range(n):
+        old = stale[of_edge[ee[c, 0]]] | stale[of_edge[ee[c, 1]]]
+        free[places] = c
+        places += np.uint64(old | ((not near[c]) & (due[c] == PARKED)))
+    for k in range(places):
+        o = np.uint64(free[k])
+        scratch[kept, 0], scratch[kept, 1] = ee[o, 0], ee[o, 1]
+        store(memory, kept, load(borne, o))
+        store(kept_normal, kept, load(normal, o))
+        kept += np.uint64(near[o])
+    shift = _note(scratch, np.int64(kept), width, key, row)
+    for c in range(np.uint64(n_new)):
+        at = _find(new[c, 0] * width + new[c, 1], key, shift)
+        found, r = key[at] >= 0, np.uint64(row[at])
+        o = np.uint64(free[c]) if c < places else n
+        n += np.uint64(c >= places)
+        ee[o, 0], ee[o, 1], near[o], due[o] = new[c, 0], new[c, 1], found, now
+        store(borne, o, (1.0 if found else 0.0) * load(memory, r))
+        store(normal, o, (1.0 if found else 0.0) * load(kept_normal, r))
+    for c in range(int(places) - 1, n_new - 1, -1):
+        n -= ONE
+        o = np.uint64(free[c])
+        if o < n:
+            ee[o, 0], ee[o, 1], near[o], due[o] = ee[n, 0], ee[n, 1], near[n], due[n]
+            store(borne, o, load(borne, n))
+            store(normal, o, load(normal, n))
+    count[EE] = n
+
+
+@njit(nogil=True)
+def _note(pair, n, width, key, row):
+    """A table (linear probing) of the rows of n pairs, found by first * width + second; -> the shift of its keys.
+    In places without a key row is 0."""
+    bits = 6
+    while (1 << bits) < ROOMY * n and (2 << bits) <= len(key):
+        bits += 1
+    key[: 1 << bits], row[: 1 << bits] = -1, 0
+    shift = np.uint64(64 - bits)
+    for c in range(n):
+        k = pair[c, 0] * width + pair[c, 1]
+        at = _find(k, key, shift)
+        key[at], row[at] = k, c
+    return shift
+
+
+@njit(nogil=True, forceinline=True)
+def _find(k, key, shift):
+    """Where key k is in the table, or the empty place where it would be (multiplicative hashing, Knuth 6.4)."""
+    at, mask = (np.uint64(k) * GOLDEN) >> shift, (ONE << (np.uint64(64) - shift)) - ONE
+    while (key[at] >= 0) & (key[at] != k):  # one branch: which of the two it is would be guessed at
+        at = (at + ONE) & mask
+    return at

@@ -1,0 +1,120 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Where vertices are about triangles: on which side, how far, over which point, and what they must not come nearer
+to. LANES pairs at once, in single precision, relative to a corner of the triangle.
+
+The side of a pair follows the geometry as long as it is apart and is kept while it is near. A vertex that is not
+over the triangle meets the nearest point of its border, from the side that it is remembered on or clearly is on:
+else it could slip through over a corner that points at it. While it is farther from the border than cloth is
+thick, it may slide on over the triangle, but sink no deeper towards its plane. One that has slid out past the
+border goes down around it, as if it were round. Let go at once, what presses on it would throw it past the border
+before the next look, and the edges that are to hold from then on would take its wrong side for their own.
+
+All is in one flat array, of which each quantity takes a row of LANES: only of constant distances in one array the
+compiler knows that no row is another one, and makes one instruction of sixteen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.contact.contacts import GIVE_UP, MAX_WAIT, RELEASE, STRAY
+from skills.cloth.simd.f32x16 import LANES
+
+__all__ = [
+    "AWAY", "BORDER", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES",
+    "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
+]  # fmt: skip
+
+BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
+# A vertex goes down around a border from where it is past it by so much that, a thickness high, it is SLIP [m]
+# farther away than a thickness; by SINK x thickness a look at most.
+SLIP, SINK = 0.5 * STRAY, 0.1
+LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
+
+# Rows that are read: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less
+# the corner's; the side that is remembered.
+TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
+# Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; how many looks later one
+# that is away must be looked at again (whole ones: `later` in contact.py), 0 for others; how far it may go until
+# the next look. The contact: its normal, the weights of the second and third corner; the least barycentric
+# coordinate, below -BORDER in any case where the vertex goes down around the border; the distance that can be kept
+# without a push from what it does not touch; how far away it is, over the triangle less than 0 on the wrong side.
+VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
+ROWS = 24
+AWAY, TOUCHES = 1.0, 2.0
+
+ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # tiny: instead of 0
+NO_AREA = np.float32(1e-20)  # [m4] squared, twice that of a triangle that has no normal
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def judge_sides(work, thick, span):
+    """Of LANES pairs, given and returned in the rows of `work`: (ROWS * LANES,) float32. thick [m]: the distance
+    of a contact; span [s]: until the next look."""
+    release, give_up = np.float32(RELEASE) * thick, np.float32(GIVE_UP) * thick
+    for k in range(LANES):
+        ax, ay, az = work[k], work[LANES + k], work[2 * LANES + k]
+        bx, by, bz = work[3 * LANES + k], work[4 * LANES + k], work[5 * LANES + k]
+        px, py, pz = work[6 * LANES + k], work[7 * LANES + k], work[8 * LANES + k]
+        vx, vy, vz = work[9 * LANES + k], work[10 * LANES + k], work[11 * LANES + k]
+        remembered = work[SIDE * LANES + k]
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        nn = nx * nx + ny * ny + nz * nz
+        scale = ONE / np.sqrt(nn + TINY)
+        nx, ny, nz = scale * nx, scale * ny, scale * nz
+        d = nx * px + ny * py + nz * pz
+        reach = np.float32(STRAY) + span * np.float32(1.5) * np.sqrt(vx * vx + vy * vy + vz * vz)
+        # barycentric coordinates of the projection
+        b1 = scale * (nx * (py * bz - pz * by) + ny * (pz * bx - px * bz) + nz * (px * by - py * bx))
+        b2 = scale * (nx * (ay * pz - az * py) + ny * (az * px - ax * pz) + nz * (ax * py - ay * px))
+        within = min(ONE - b1 - b2, min(b1, b2))
+        beside = within < ZERO
+        # the nearest point of each edge a, b and c = b - a, and the squared distance there
+        cx, cy, cz = bx - ax, by - ay, bz - az
+        qx, qy, qz = px - ax, py - ay, pz - az
+        s = min(max((ax * px + ay * py + az * pz) / (ax * ax + ay * ay + az * az + TINY), ZERO), ONE)
+        t = min(max((bx * px + by * py + bz * pz) / (bx * bx + by * by + bz * bz + TINY), ZERO), ONE)
+        u = min(max((cx * qx + cy * qy + cz * qz) / (cx * cx + cy * cy + cz * cz + TINY), ZERO), ONE)
+        rx, ry, rz = px - s * ax, py - s * ay, pz - s * az
+        from_a = rx * rx + ry * ry + rz * rz
+        rx, ry, rz = px - t * bx, py - t * by, pz - t * bz
+        from_b = rx * rx + ry * ry + rz * rz
+        rx, ry, rz = qx - u * cx, qy - u * cy, qz - u * cz
+        from_c = rx * rx + ry * ry + rz * rz
+        # the nearest point of the border, as weights of the second and third corner, and the way from there
+        on_a = (from_a <= from_c) & (from_a <= from_b)
+        on_c = (not on_a) & (from_c <= from_b)
+        e1 = s if on_a else (ONE - u if on_c else ZERO)
+        e2 = ZERO if on_a else (u if on_c else t)
+        wx, wy, wz = px - e1 * ax - e2 * bx, py - e1 * ay - e2 * by, pz - e1 * az - e2 * bz
+        away = np.sqrt(wx * wx + wy * wy + wz * wz)
+        out = away * away - d * d  # past the border, squared
+        slips = beside & (remembered != ZERO) & (out > np.float32(SLIP) * (thick + thick + np.float32(SLIP)))
+        # the gap cannot close within the span: the pair is apart, whichever side
+        far = (abs(d) > release + reach) | (beside & (away > thick + reach))
+        gap = away if beside else abs(d)
+        let_go = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
+        kept = ZERO if let_go else remembered
+        clear = (not beside) | (abs(d) > np.float32(LEAN) * away)
+        here = (ONE if d > ZERO else -ONE) if clear else ZERO
+        side = here if kept == ZERO else kept
+        touches = (side * d > ZERO if beside else side * d <= thick + reach) & (not far) & (nn > NO_AREA)
+        stops = beside & (away < thick)
+        inverse = ONE / (away + TINY)
+        # what comes fast may be through by the next look: it has its side from now on
+        work[SIDE * LANES + k] = side if touches else (ZERO if far & (gap > release) else kept)
+        work[VERDICT * LANES + k] = np.float32(AWAY) if far else (np.float32(TOUCHES) if touches else ZERO)
+        wait = ONE + min(max(gap - release - reach, ZERO) / reach, np.float32(MAX_WAIT))
+        work[WAIT * LANES + k] = wait if far else ZERO
+        work[REACH * LANES + k] = reach
+        work[NORMAL * LANES + k] = inverse * wx if stops else side * nx
+        work[(NORMAL + 1) * LANES + k] = inverse * wy if stops else side * ny
+        work[(NORMAL + 2) * LANES + k] = inverse * wz if stops else side * nz
+        work[SECOND * LANES + k] = e1 if beside else b1
+        work[THIRD * LANES + k] = e2 if beside else b2
+        work[GAP * LANES + k] = away if beside else side * d
+        work[WITHIN * LANES + k] = min(within, np.float32(-2.0 * BORDER)) if slips else within
+        high = min(thick, side * d)
+        lower = max(high - np.float32(SINK) * thick, min(high, np.sqrt(max(thick * thick - out, ZERO))))
+        work[LEAST * LANES + k] = (lower if slips else high) if beside & (not stops) else thick

@@ -1,0 +1,310 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Narrow phase of vertices against triangles: which pairs touch, and as which one contact where a vertex is near
+several triangles of one sheet.
+
+Nearly all of the time goes into fetching what a pair needs, and into guesses about it that turn out wrong. So the
+pairs are judged LANES at once (vertex_sides.py), those that touch are noted in short rows, and only those that are
+left when each vertex meets each sheet once become contacts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from skills.cloth.contact.contacts import LEAST_SHARE, PARKED, is_due
+from skills.cloth.contact.corners import common_corner
+from skills.cloth.contact.vertex_sides import (
+    AWAY,
+    BORDER,
+    GAP,
+    LEAST,
+    NORMAL,
+    REACH,
+    ROWS,
+    SECOND,
+    SIDE,
+    SLIDE,
+    THIRD,
+    TO_SECOND,
+    TO_THIRD,
+    TO_VERTEX,
+    VERDICT,
+    WAIT,
+    WITHIN,
+    judge_sides,
+)
+from skills.cloth.simd.f32x16 import LANES
+from skills.cloth.simd.f64x8 import blocks
+from skills.cloth.simd.vec3 import load, store, store_singles, vector
+
+AT_BEND = -2  # instead of a better row
+ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)
+OVER = np.nextafter(np.float32(BORDER), ZERO)  # of singles those above it are above BORDER
+# cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+ALIKE = np.float32(0.9)
+NEARLY = 0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem
+NEVER = np.float32(2.0)  # more than any cosine
+# A row, which is one line of the cache: numbers of the triangle, of its corners and of the vertex, and behind them
+# the contact (vertex_sides.py): normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
+TRIANGLE, CORNERS, VERTEX = 0, 1, 4
+DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
+
+
+@njit(nogil=True)
+def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
+    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
+    rows, and how far the fastest of them may go in this time [m]. top: (n,) scratch, -1."""
+    near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
+    n, bearing, farthest = _find_near(
+        count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
+        near, ids, pairs.near_c, pairs.bearing
+    )  # fmt: skip
+    _join(n, near, ids, pairs.rank, pairs.ring, top)
+    _meet_once(
+        n, np.float32(NEARLY * thick), near, ids, pairs.rank, pairs.ring, pairs.better, pairs.some, top,
+        pairs.second
+    )  # fmt: skip
+    _pass_on(bearing, pairs.bearing, pairs.better, pairs.near_c, pairs.vt_j)
+    rows = _enter(
+        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.act_i, pairs.act_b,
+        pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
+    )  # fmt: skip
+    return np.int64(rows), farthest
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _find_near(
+    count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
+):  # fmt: skip
+    """Sides of the pairs that are due, and the rows of those that can touch; -> rows, how many of them bore
+    something, and how far the fastest may go. asked: scratch, the pairs that are looked at now."""
+    work, of, hit = (
+        blocks(ROWS, 1).view(np.float32).reshape(ROWS * LANES),
+        np.zeros(LANES, np.uint64),
+        np.zeros(LANES, np.uint64),
+    )
+    work[:] = ZERO
+    pair, tri, borne = pair.view(np.uint32), tri.view(np.uint32), memory.view(np.int64)
+    farthest, n, bear, c = np.float32(0.0), np.uint64(0), np.uint64(0), np.uint64(0)
+    end = find_due(count, now, pace, due, asked)
+    while c < end:
+        filled = np.uint64(0)
+        while c < end and filled < FULL:
+            o = np.uint64(asked[c])
+            i, t = pair[o, 0], pair[o, 1]
+            p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+            if w[i] + w[p] + w[q] + w[r] == 0.0:
+                due[o] = PARKED
+            else:
+                corner = load(x, p)
+                store_singles(work, np.uint64(TO_SECOND * LANES) + filled, LANES, load(x, q) - corner)
+                store_singles(work, np.uint64(TO_THIRD * LANES) + filled, LANES, load(x, r) - corner)
+                store_singles(work, np.uint64(TO_VERTEX * LANES) + filled, LANES, load(x, i) - corner)
+                store_singles(work, np.uint64(SLIDE * LANES) + filled, LANES, load(v, i) - load(v, p))
+                work[np.uint64(SIDE * LANES) + filled] = side[o]
+                of[filled] = o
+                filled += ONE
+            c += ONE
+        judge_sides(work, np.float32(thick), np.float32(pace * h))
+        hits = np.uint64(0)
+        for k in range(filled):  # without a guess about which of them touch
+            o = of[k]
+            side[o] = np.int8(work[np.uint64(SIDE * LANES) + k])
+            due[o] = now + pace * int(work[np.uint64(WAIT * LANES) + k])
+            touches = work[np.uint64(VERDICT * LANES) + k] > AWAY
+            store(memory, o, (1.0 if touches else 0.0) * load(memory, o))
+            hit[hits] = k
+            hits += np.uint64(touches)
+        n, bear, farthest = _put_down(
+            hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
+        )
+    return n, bear, farthest
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _put_down(
+    hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
+):  # fmt: skip
+    """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`.
+    borne: the bits of `memory`."""
+    for m in range(hits):
+        k = hit[m]
+        o = of[k]
+        i, t = pair[o, 0], pair[o, 1]
+        p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+        b1, b2 = work[np.uint64(SECOND * LANES) + k], work[np.uint64(THIRD * LANES) + k]
+        if w[i] == 0.0 and _inverse_mass(i, p, q, r, float(b1), float(b2), w) == 0.0:
+            store(memory, o, vector(0.0, 0.0, 0.0))
+            continue
+        near_c[n] = o
+        ids[n, TRIANGLE], ids[n, CORNERS], ids[n, CORNERS + 1], ids[n, CORNERS + 2] = t, p, q, r
+        ids[n, VERTEX] = i
+        for d in range(3):
+            near[n, DIRECTION + d] = work[np.uint64((NORMAL + d) * LANES) + k]
+        near[n, INSIDE], near[n, APART] = work[np.uint64(WITHIN * LANES) + k], work[np.uint64(GAP * LANES) + k]
+        near[n, AIM], near[n, AT_SECOND], near[n, AT_THIRD] = work[np.uint64(LEAST * LANES) + k], b1, b2
+        bearing[bear] = n
+        bear += np.uint64((borne[o, 0] | borne[o, 1] | borne[o, 2]) != 0)
+        n += ONE
+        farthest = max(farthest, work[np.uint64(REACH * LANES) + k])
+    return n, bear, farthest
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _inverse_mass(i, p, q, r, b1, b2, w):
+    """Of vertex i against the point of a triangle with the weights b1, b2 of the second and third corner."""
+    b0 = 1.0 - b1 - b2
+    return w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
+
+
+@njit(nogil=True, forceinline=True)
+def find_due(count, now, pace, due, asked):
+    """Which of the pairs are to be looked at now; -> their number."""
+    n = np.uint64(0)
+    for c in range(np.uint64(count)):
+        asked[n] = c
+        n += np.uint64(is_due(due[c], now, pace))
+    return n
+
+
+@njit(nogil=True, forceinline=True)
+def _join(n, near, ids, rank, ring, top):
+    """The rows of each vertex in a ring, and which of them is at the `top`. The more inside of a triangle a vertex
+    is, the higher is the `rank` of the row; of equal ones the first triangle is higher."""
+    for c in range(n):  # without a guess about each
+        i, t = np.uint64(ids[c, VERTEX]), ids[c, TRIANGLE]
+        rank[c] = (np.uint64(_ordered(near[c, INSIDE])) << np.uint64(32)) | np.uint64(np.uint32(~t))
+        ring[c] = c
+        h = np.uint64(c) if top[i] < 0 else np.uint64(top[i])
+        ring[c] = ring[h]
+        ring[h] = c
+        top[i] = np.uint64(c) if rank[c] >= rank[h] else h
+
+
+@njit(nogil=True, forceinline=True)
+def _ordered(a):
+    """A whole number, in the order of the single precision ones that it stands for (their bits, below 0 all
+    turned)."""
+    bits = np.float32(a + ZERO).view(np.int32)  # -0 is 0
+    return np.uint32(bits ^ ((bits >> np.int32(31)) | np.int32(-(2**31))))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
+    """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
+    of, and no border of those beside it: the rows of these get a `better` one, but where it is over both none that
+    is farther away by more than `nearly` [m]. On the border itself they are the same contact, so that none jumps,
+    and which one stays hangs on positions alone. Those beside a triangle that is joined to another one at an angle
+    are AT_BEND.
+
+    Mostly that is the row at the top, or the `second` one, of a layer on the other side: only where it is neither
+    all rows of the vertex are asked. All is without a guess about each. asked, second: scratch."""
+    end, left = np.uint64(0), np.uint64(0)
+    for c in range(n):
+        second[c] = c
+    for c in range(n):
+        within, h = near[c, INSIDE], np.uint64(top[np.uint64(ids[c, VERTEX])])
+        s = np.uint64(second[h])
+        second[h] = np.uint64(c) if (c != h) & ((s == h) | (rank[c] > rank[s])) else s
+        met = (within > OVER) | ((h == c) & (within >= ZERO))
+        stands = (rank[h] > rank[c]) & _stands_for(h, c, nearly, near, ids)
+        better[c] = np.int64(h) if stands & (not met) else -1
+        asked[end] = c
+        end += np.uint64(not (met | stands))
+    for m in range(end):
+        own = np.uint64(asked[m])
+        s = np.uint64(second[np.uint64(top[np.uint64(ids[own, VERTEX])])])
+        met = (s == own) & (near[own, INSIDE] >= ZERO)
+        stands = (rank[s] > rank[own]) & _stands_for(s, own, nearly, near, ids)
+        better[own] = np.int64(s) if stands else -1
+        asked[left] = own
+        left += np.uint64(not (met | stands))
+    for m in range(left):
+        own = np.uint64(asked[m])
+        best, most, at_bend = own, rank[own], False
+        o = np.uint64(ring[own])
+        while o != own:
+            joined, alike = common_corner(ids, own, o), _alike(o, own, near)
+            at_bend = at_bend | (joined & (alike <= ALIKE))
+            its = rank[o] * np.uint64(joined & (alike > _least_alike(o, own, nearly, near)))
+            best, most = (o if its > most else best), max(its, most)
+            o = np.uint64(ring[o])
+        alone = AT_BEND if at_bend & (near[own, INSIDE] < ZERO) else -1
+        better[own] = np.int64(best) if best != own else alone
+    for c in range(n):
+        top[np.uint64(ids[c, VERTEX])] = -1
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _stands_for(o, c, nearly, near, ids):
+    """Whether a vertex that is more inside of row o's triangle need not meet that of row c."""
+    return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _alike(o, c, near):
+    """Cosine between the normals of two rows."""
+    return (
+        near[c, DIRECTION] * near[o, DIRECTION]
+        + near[c, DIRECTION + 1] * near[o, DIRECTION + 1]
+        + near[c, DIRECTION + 2] * near[o, DIRECTION + 2]
+    )
+
+
+@njit(nogil=True, forceinline=True)
+def _least_alike(o, c, nearly, near):
+    """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
+    not stand in its way, whichever is nearer. Over both, o must not hide c if it is of a layer behind it."""
+    over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
+    over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
+    return ZERO if over_one else over_both
+
+
+@njit(nogil=True, forceinline=True)
+def _pass_on(n, bearing, better, near_c, memory):
+    """What rows that have a better one bore, that one bears."""
+    for m in range(n):
+        c = np.uint64(bearing[m])
+        if better[c] >= 0:
+            o = np.uint64(better[c])
+            while better[o] >= 0:
+                o = np.uint64(better[o])
+            mine, its = np.uint64(near_c[c]), np.uint64(near_c[o])
+            store(memory, its, load(memory, its) + load(memory, mine))
+            store(memory, mine, vector(0.0, 0.0, 0.0))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _enter(
+    count, thick, w, better, left, memory, near, ids, near_c, act_i, act_b, act_s, act_n, act_m, act_c, act_d,
+    act_w
+):  # fmt: skip
+    """Contacts of those that have no better one; -> rows. left: scratch, which these are.
+
+    Beside a border a vertex is held up as over it, so that hems rest on hems. But at a bend the plane of one
+    triangle passes nearer to what lies over the other than cloth is thick. There it must push nothing: vertices
+    were thrown up, fell back, and hopped so for ever."""
+    nothing, n = vector(0.0, 0.0, 0.0), np.uint64(0)
+    for c in range(count):
+        left[n] = c
+        n += np.uint64(better[c] < 0)
+    for k in range(n):
+        one = np.uint64(left[k])
+        i, p, q, r = ids[one, VERTEX], ids[one, CORNERS], ids[one, CORNERS + 1], ids[one, CORNERS + 2]
+        b1, b2 = float(near[one, AT_SECOND]), float(near[one, AT_THIRD])
+        den = _inverse_mass(i, p, q, r, b1, b2, w)
+        sinks = (near[one, INSIDE] < -OVER) | (better[one] == AT_BEND)
+        act_d[k] = float(near[one, AIM]) if sinks else thick
+        den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
+        act_i[k, 0], act_i[k, 1], act_i[k, 2], act_i[k, 3] = i, p, q, r
+        b0 = 1.0 - b1 - b2
+        act_b[k, 0], act_b[k, 1], act_b[k, 2], act_b[k, 3] = 1.0, -b0, -b1, -b2
+        act_s[k, 0], act_s[k, 1], act_s[k, 2], act_s[k, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
+        nx, ny, nz = near[one, DIRECTION], near[one, DIRECTION + 1], near[one, DIRECTION + 2]
+        store(act_n, k, vector(float(nx), float(ny), float(nz)))
+        pair = np.uint64(near_c[one])
+        store(act_m, k, load(memory, pair))
+        store(memory, pair, nothing)
+        act_c[k], act_w[k] = pair, 1.0 / den
+    return n

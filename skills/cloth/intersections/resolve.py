@@ -1,0 +1,283 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""Crossings that last are undone, by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
+Surface Collisions through Intersection Contour Minimization).
+
+Contacts keep every pair on the side on which it is remembered. Where neighbours remember different sides, the
+cloth is locked in a crossing that no contact undoes. Where two sheets cross, they do so along a contour, and each
+edge that passes through a triangle has a way to go, against the triangle, on which the contour gets shorter;
+neighbouring crossings agree on one. The pairs concerned are told that this is their side, and the contacts do the
+rest; edge and triangle are also moved a little on that way themselves, since they need not be a pair. Which part
+of the cloth is inside or outside need not be known.
+
+Cloth that does not cross is not touched. A crossing that contacts undo within some frames, as most do at a fast
+pinch, is left to them: they know more. What has fallen asleep crossing stays as it is until it is woken.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.cloth.intersections.crossings import crosses
+from skills.cloth.simd.vec3 import cross, dot, load
+
+STEP = 0.1  # x thickness a look: how far each crossing moves its edge and triangle
+PATIENCE = 3  # looks at which a crossing is left to the contacts
+SLANT = 0.2  # sine of an edge's angle with its triangle, at least, in the gradient
+GLANCE = 4  # frames from one look to the next as long as nothing crosses; else every frame
+REACH = 1.5  # x thickness: so near a triangle a vertex is for its edges to be looked at
+FAINT = 0.05  # a way shorter than this is none: two flat parts that cross have none
+MOST = 512  # crossings that are treated at once; those beyond wait
+
+
+class Tangles(NamedTuple):
+    """What the looks have found. found: (1,) crossings at the last one (MOST at most), and cross: (found, 2) edges
+    and the triangles that they pass through. age: (n,) looks in a row at which a vertex was part of one. Scratch:
+    old, (MOST, 2) those that are being undone; way, (MOST, 3) where their edges should go against the triangles,
+    in the table frame, without unit; wish, (n, 3) sums of unit ways at the vertices."""
+
+    found: NDArray[np.int64]
+    cross: NDArray[np.int32]
+    age: NDArray[np.int32]
+    old: NDArray[np.int32]
+    way: Array
+    wish: Array
+
+
+def no_tangles(vertices: int) -> Tangles:
+    return Tangles(
+        np.zeros(1, np.int64),
+        np.zeros((MOST, 2), np.int32),
+        np.zeros(vertices, np.int32),
+        np.zeros((MOST, 2), np.int32),
+        np.zeros((MOST, 3)),
+        np.zeros((vertices, 3)),
+    )
+
+
+@njit(nogil=True)
+def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
+    """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
+    x: (n, 4) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
+    n = _find(
+        soon, n_vt, pairs.vt.view(np.uint32), pairs.vt_due, n_ee, pairs.ee.view(np.uint32), pairs.near,
+        body.tri.view(np.uint32), body.edge.view(np.uint32), body.edge_tri, body.ring_start,
+        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, tangles.cross
+    )  # fmt: skip
+    if n == 0 and tangles.found[0] == 0:
+        return
+    tangles.found[0] = n
+    _grow_older(n, tangles.cross, body.edge, body.tri, tangles.age)
+    old, way, edge, tri = tangles.old, tangles.way, body.edge, body.tri
+    m = 0
+    for c in range(n):
+        e, t = tangles.cross[c, 0], tangles.cross[c, 1]
+        if _oldest(edge[e], tri[t], tangles.age) > PATIENCE:
+            old[m, 0], old[m, 1] = e, t
+            shorten(x, edge[e], body.edge_tri[e], tri, t, way[m])
+            m += 1
+    _agree(m, old, edge, tri, way, tangles.wish)
+    for c in range(m):
+        e, t = old[c, 0], old[c, 1]
+        if way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2 > FAINT**2:
+            _put_vertices(n_vt, pairs.vt, pairs.side, pairs.vt_j, edge[e], t, tri, x, way[c])
+            _put_edges(n_ee, pairs.ee, pairs.near, pairs.normal, pairs.ee_j, e, body.tri_edge[t], way[c])
+            _pull(x, w, edge[e], tri[t], STEP * thickness, way[c])
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _agree(n, cross, edge, tri, way, wish):
+    """Crossings next to each other go one way: the sum over those that share a vertex, on the same side."""
+    for c in range(n):
+        e, t = cross[c, 0], cross[c, 1]
+        for d in range(3):
+            for m in range(2):
+                wish[edge[e, m], d] = 0.0
+            for m in range(3):
+                wish[tri[t, m], d] = 0.0
+    for c in range(n):
+        e, t = cross[c, 0], cross[c, 1]
+        size = np.sqrt(way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2)
+        if size < FAINT:
+            continue
+        for d in range(3):
+            g = way[c, d] / size
+            for m in range(2):
+                wish[edge[e, m], d] += g
+            for m in range(3):
+                wish[tri[t, m], d] -= g
+    for c in range(n):
+        e, t = cross[c, 0], cross[c, 1]
+        for d in range(3):
+            i, j, p, q, r = edge[e, 0], edge[e, 1], tri[t, 0], tri[t, 1], tri[t, 2]
+            way[c, d] = wish[i, d] + wish[j, d] - wish[p, d] - wish[q, d] - wish[r, d]
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
+    """Crossings of the edges about a vertex with a triangle that it is near to, and of edges that are near to each
+    other with the triangles beside them; -> their number."""
+    n, one = 0, np.uint64(1)
+    for c in range(np.uint64(n_vt)):
+        if vt_due[c] > soon:
+            continue
+        i, t = vt[c, 0], vt[c, 1]
+        corner = load(x, tri[t, 0])
+        normal = cross(load(x, tri[t, 1]) - corner, load(x, tri[t, 2]) - corner)
+        d = dot(normal, load(x, i) - corner)
+        if d * d > reach * reach * dot(normal, normal):
+            continue
+        for a in range(np.uint64(start[i]), np.uint64(start[i + one])):
+            if d * dot(normal, load(x, ring[a]) - corner) <= 0.0:
+                n = _add(n, ring_edge[a], t, edge, tri, x, found)
+    for c in range(n_ee):
+        if not near[c]:
+            continue
+        for m in range(2):
+            e, f = ee[c, m], ee[c, 1 - m]
+            for k in range(2):
+                if edge_tri[f, k] >= 0:
+                    n = _add(n, e, edge_tri[f, k], edge, tri, x, found)
+    return n
+
+
+@njit(nogil=True)
+def _add(n, e, t, edge, tri, x, cross):
+    i, j = edge[e, 0], edge[e, 1]
+    p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+    if n == len(cross) or i in (p, q, r) or j in (p, q, r):
+        return n
+    if not crosses(x, i, j, p, q, r):
+        return n
+    for c in range(n):
+        if cross[c, 0] == e and cross[c, 1] == t:
+            return n
+    cross[n, 0], cross[n, 1] = e, t
+    return n + 1
+
+
+@njit(nogil=True)
+def _grow_older(n, cross, edge, tri, age):
+    """One frame more for what crosses, nothing for the rest."""
+    for c in range(n):
+        e, t = cross[c, 0], cross[c, 1]
+        for m in range(5):
+            v = edge[e, m] if m < 2 else tri[t, m - 2]
+            if age[v] >= 0:
+                age[v] = -age[v] - 1
+    for v in range(len(age)):
+        age[v] = -age[v] if age[v] < 0 else 0
+
+
+@njit(nogil=True)
+def _oldest(edge, tri, age):
+    return max(max(age[edge[0]], age[edge[1]]), max(age[tri[0]], max(age[tri[1]], age[tri[2]])))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
+    """Both ends of the edge belong on that side of triangle t to which the edge should go."""
+    normal = np.empty(3)
+    _normal(x, tri[t, 0], tri[t, 1], tri[t, 2], normal)
+    up = way[0] * normal[0] + way[1] * normal[1] + way[2] * normal[2]
+    right = 1 if up > 0.0 else -1
+    for c in range(n):
+        if pair[c, 1] == t and (pair[c, 0] == edge[0] or pair[c, 0] == edge[1]) and side[c] != right:
+            side[c] = right
+            memory[c, 0] = memory[c, 1] = memory[c, 2] = 0.0
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _pull(x, w, edge, tri, step, way):
+    """Move the middles of edge (2,) and triangle (3,) against each other by `step` [m]; velocities stay, and so
+    does the centre of mass."""
+    total, size = 0.0, 0.0
+    for m in range(2):
+        total += 0.25 * w[edge[m]]
+    for m in range(3):
+        total += w[tri[m]] / 9.0
+        size += way[m] * way[m]
+    if total == 0.0 or size < 1e-12:
+        return
+    far = step / (np.sqrt(size) * total)
+    for m in range(5):
+        v = edge[m] if m < 2 else tri[m - 2]
+        share = 0.5 * w[v] * far if m < 2 else -w[v] * far / 3.0
+        for d in range(3):
+            x[v, d] += share * way[d]
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _put_edges(n, pair, near, normal, memory, e, sides, way):
+    """The edge belongs on that side of the triangle's edges, `sides` (3,), to which it should go."""
+    for c in range(n):
+        if not near[c]:
+            continue
+        first = pair[c, 0] == e
+        other = pair[c, 1] if first else pair[c, 0]
+        if not (first or pair[c, 1] == e) or (other != sides[0] and other != sides[1] and other != sides[2]):
+            continue
+        lean = normal[c, 0] * way[0] + normal[c, 1] * way[1] + normal[c, 2] * way[2]
+        if (lean < 0.0) == first:
+            for m in range(3):
+                normal[c, m] = -normal[c, m]
+                memory[c, m] = 0.0
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def shorten(x, edge, beside, tri, t, way):
+    """How an edge (2,) has to move against triangle t for the contour to get shorter, into `way` (3,): the sum
+    over the triangles `beside` (2,; -1: none) the edge. R - (E.R)/(E.N) N is the steepest descent of the length
+    by this crossing's own point; as published, the part along the normal, which parts the two, counts twice."""
+    p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
+    normal, along, inward, out = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    _normal(x, p, q, r, normal)
+    length = 0.0
+    for m in range(3):
+        along[m] = x[edge[1], m] - x[edge[0], m]
+        length += along[m] * along[m]
+    lean = 0.0
+    for m in range(3):
+        along[m] /= np.sqrt(length)
+        lean += along[m] * normal[m]
+    lean = max(lean, SLANT) if lean >= 0.0 else min(lean, -SLANT)
+    way[:] = 0.0
+    for k in range(2):
+        if beside[k] < 0:
+            continue
+        third = tri[beside[k], 0] + tri[beside[k], 1] + tri[beside[k], 2] - edge[0] - edge[1]
+        _normal(x, edge[0], edge[1], third, inward)
+        rx = normal[1] * inward[2] - normal[2] * inward[1]
+        ry = normal[2] * inward[0] - normal[0] * inward[2]
+        rz = normal[0] * inward[1] - normal[1] * inward[0]
+        size = np.sqrt(rx * rx + ry * ry + rz * rz)
+        if size < 1e-6:
+            continue
+        depth = 0.0  # of the third corner, across the edge
+        for m in range(3):
+            out[m] = x[third, m] - x[edge[0], m]
+            depth += out[m] * along[m]
+        for m in range(3):
+            out[m] -= depth * along[m]
+        if rx * out[0] + ry * out[1] + rz * out[2] < 0.0:
+            size = -size
+        rx, ry, rz = rx / size, ry / size, rz / size
+        slope = 2.0 * (along[0] * rx + along[1] * ry + along[2] * rz) / lean
+        way[0] += rx - slope * normal[0]
+        way[1] += ry - slope * normal[1]
+        way[2] += rz - slope * normal[2]
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def _normal(x, p, q, r, out):
+    """Unit normal."""
+    ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
+    vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
+    out[0], out[1], out[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    size = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2) + 1e-30
+    for m in range(3):
+        out[m] /= size

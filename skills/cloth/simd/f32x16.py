@@ -1,0 +1,170 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""LANES single precision numbers as one register, for compiled code.
+
+`load_lanes(a, i, j)` reads a[i, j] of an array (m, k, LANES) of singles and `set_lanes` writes it, `all_lanes(s)`
+is s in every place; a + b, a - b, a * b, a / b, `size` (absolute value), `root`, `least`, `most` compute place by
+place, `picked(a, i)` is a[i] in each, by whole numbers i (whole_numbers.py). `not_above(a, b)` is a bit for each
+place where a <= b, `where(bits, a, b)` chooses by such bits; `lowest` finds the first of them. Written as loops
+the same became instructions half as wide, between which bits were collected one by one. Products and sums may be
+contracted, as everywhere in the solver.
+
+That the last axis of an array is LANES long nothing checks.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.cpython.unsafe.numbers import trailing_zeros
+from numba.extending import models, overload, register_model
+
+from skills.cloth.simd.i32x16 import LANES, WHOLE, flags, whole
+from skills.cloth.simd.intrinsics import elementwise, everywhere_of, load_of, operation, store_of
+
+__all__ = [
+    "LANES", "all_lanes", "expect_columns", "expect_rows", "least", "load_lanes", "lowest", "most", "not_above",
+    "picked", "root", "set_lanes", "size", "where",
+]  # fmt: skip
+
+_REGISTER = ir.VectorType(ir.FloatType(), LANES)
+_FLAGS = ("contract", "nnan", "nsz")
+
+# place of the lowest bit of a number; an intrinsic of numba's, which its own sets use
+lowest: Any = trailing_zeros
+
+
+class _Lanes(types.Type):
+    pass
+
+
+_lanes = _Lanes(name="Lanes")
+
+
+@register_model(_Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _REGISTER)  # type: ignore[no-untyped-call]
+
+
+def _check_singles(array: Any) -> None:
+    fits = isinstance(array, types.Array) and array.ndim == 3 and array.dtype == types.float32
+    if not fits or array.layout != "C":
+        raise TypingError(f"lanes are rows of a C-ordered array (m, k, {LANES}) of singles, not of {array}")
+
+
+# a[i, j] of an array (m, k, LANES)
+load_lanes, set_lanes = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
+all_lanes = everywhere_of(_lanes, _REGISTER, types.float32)
+_plus, _minus, _times, _over = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
+
+
+def _chosen(sign: str) -> Any:
+    @operation
+    def apply(typingctx, a, b):
+        def generate(context, builder, signature, arguments):
+            first = builder.fcmp_ordered(sign, *arguments, flags=_FLAGS)
+            return builder.select(first, *arguments)
+
+        return _lanes(_lanes, _lanes), generate
+
+    return apply
+
+
+least, most = _chosen("<"), _chosen(">")
+
+
+@operation
+def root(typingctx, a):
+    """Square root."""
+
+    def generate(context, builder, signature, arguments):
+        kind = ir.FunctionType(_REGISTER, [_REGISTER])
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f32"), arguments
+        )
+
+    return _lanes(_lanes), generate
+
+
+@operation
+def size(typingctx, a):
+    """|a|"""
+
+    def generate(context, builder, signature, arguments):
+        bits = builder.and_(builder.bitcast(arguments[0], WHOLE), ir.Constant(WHOLE, [0x7FFFFFFF] * LANES))
+        return builder.bitcast(bits, _REGISTER)
+
+    return _lanes(_lanes), generate
+
+
+@operation
+def not_above(typingctx, a, b):
+    """A bit for each place where a <= b."""
+
+    def generate(context, builder, signature, arguments):
+        met = builder.fcmp_ordered("<=", *arguments, flags=_FLAGS)
+        return builder.zext(builder.bitcast(met, ir.IntType(LANES)), ir.IntType(32))
+
+    return types.int32(_lanes, _lanes), generate
+
+
+def _give(operation: Any, function: Any) -> None:
+    @overload(operation)
+    def apply(a, b):
+        if a == _lanes and b == _lanes:
+            return lambda a, b: function(a, b)
+        return None
+
+
+for _sign, _function in (
+    (operator.add, _plus), (operator.sub, _minus), (operator.mul, _times), (operator.truediv, _over)
+):  # fmt: skip
+    _give(_sign, _function)
+
+
+@operation
+def picked(typingctx, a, i):
+    """a[i] in each place, i modulo LANES."""
+
+    def generate(context, builder, signature, arguments):
+        # written so the compiler makes one instruction of it where the machine has it
+        a, i = arguments
+        i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
+        made = ir.Constant(_REGISTER, ir.Undefined)
+        for k in range(LANES):
+            place = ir.Constant(ir.IntType(32), k)
+            made = builder.insert_element(
+                made, builder.extract_element(a, builder.extract_element(i, place)), place
+            )
+        return made
+
+    return _lanes(_lanes, whole), generate
+
+
+@operation
+def where(typingctx, bits, a, b):
+    """a where there is a bit, else b."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.select(flags(builder, arguments[0]), *arguments[1:])
+
+    return _lanes(types.int32, _lanes, _lanes), generate
+
+
+@njit(nogil=True, forceinline=True)
+def expect_rows(array, k):
+    """That an array is (m, k, LANES). The compiler knows it from here on: it finds places by constants then."""
+    if array.shape[1] != k or array.shape[2] != LANES:
+        raise ValueError("not an array of so many rows of lanes")
+
+
+@njit(nogil=True, forceinline=True)
+def expect_columns(array, k):
+    """The same of an array (m, k)."""
+    if array.shape[1] != k:
+        raise ValueError("not an array of so many columns")

@@ -1,0 +1,143 @@
+"""To above the grasps, and the straight ways down to them and a little beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.model import JointLimits, RobotModel
+from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
+from skills.motion.kinematics import ik
+from skills.motion.kinematics.posture import Posture, in_base
+from skills.motion.moves.free_motion import plan_free_motion
+from skills.motion.validation.collision import CollisionChecker
+from skills.motion.validation.failures import out_of_reach, too_near
+from skills.motion.validation.inputs import senseless_paths, senseless_state
+from skills.vocabulary import Outcome, Table, ToolPath
+
+__all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
+
+APPROACH_HEIGHT = 0.08
+"""Of the point above a grasp, where the straight way down begins [m]."""
+OVERTRAVEL = 0.015
+"""How far below the planned grasp a descent may go on before it has to have met something [m]."""
+STEP = 0.002
+"""Between joint samples of a way down [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """One arm's straight way down: joints q (m, 7) at depths (m,) below the point above the grasp [m].
+
+    `grasp_depth` is where the planned grasp lies; beyond it the way goes on for the overtravel.
+    """
+
+    q: Array
+    depth: Array
+    grasp_depth: float
+
+    def at(self, depth: float) -> Array:
+        """(7,) joints at a depth, clamped to the ends."""
+        return np.array([np.interp(depth, self.depth, self.q[:, k]) for k in range(7)])
+
+
+@dataclass(frozen=True, eq=False)
+class GraspMotion:
+    """approach: both arms, ends above the grasps. descend: per arm used."""
+
+    approach: ArmTrajectory
+    descend: Mapping[Side, Descent]
+
+    @property
+    def q_above(self) -> Array:
+        return self.approach.q[-1]
+
+    @property
+    def q_grasp(self) -> Array:
+        """(14,) with every hand at its planned grasp."""
+        q = np.array(self.q_above)
+        for side, way in self.descend.items():
+            q[arm_slice(side)] = way.at(way.grasp_depth)
+        return frozen(q)
+
+
+def plan_grasp(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    postures: Mapping[Side, Posture],
+    q_now: Array,
+    *,
+    limits: JointLimits | None = None,
+    approach_height: float = APPROACH_HEIGHT,
+    overtravel: float = OVERTRAVEL,
+    q_hint: Mapping[Side, Array] | None = None,
+    rng: np.random.Generator | None = None,
+) -> Outcome[GraspMotion]:
+    """To `approach_height` [m] above the first point of each path, then straight down, per arm.
+
+    postures: by arm. paths: as for `plan_fold_motion`; shift them to try a grasp elsewhere. q_hint: joints
+    (7,) near the point above, by arm (else the arm's present ones are the hint).
+    Failures: STALE_STATE (q_now is no state), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
+    """
+    limits = limits or model.planning
+    senseless = senseless_state(model, q_now) or senseless_paths(paths)
+    if senseless:
+        return Outcome(failure=senseless)
+    q_above = np.array(q_now)
+    descend: dict[Side, Descent] = {}
+    for side, posture in postures.items():
+        hint = q_hint[side] if q_hint else q_now[arm_slice(side)]
+        way = _descent(model, table, side, posture, paths[posture.path], hint, approach_height, overtravel)
+        if way.failure:
+            return Outcome(failure=way.failure)
+        descend[side] = way.unwrap()
+        q_above[arm_slice(side)] = descend[side].q[0]
+    contact = checker.first_collision(_in_step(q_above, descend), allow_fingertips=True)
+    if contact is not None:
+        return Outcome(failure=too_near("the way down", str(contact)))
+    approach = plan_free_motion(model, checker, q_now, q_above, limits=limits, rng=rng)
+    if approach.failure:
+        return Outcome(failure=approach.failure)
+    return Outcome(GraspMotion(approach.unwrap(), descend))
+
+
+def _descent(
+    model: RobotModel,
+    table: Table,
+    side: Side,
+    posture: Posture,
+    path: ToolPath,
+    hint: Array,
+    above: float,
+    overtravel: float,
+) -> Outcome[Descent]:
+    to_grasp = np.linspace(0.0, above, int(np.ceil(above / STEP)) + 1)
+    beyond = np.linspace(0.0, overtravel, int(np.ceil(overtravel / STEP)) + 1)
+    depth = np.concatenate([to_grasp, above + beyond[1:]])
+    n = len(depth) - 1
+    position = np.tile(in_base(table, path.position[:1])[0], (n + 1, 1))
+    position[:, 2] += above - depth
+    rotation = np.tile(posture.rotation(path)[:1], (n + 1, 1, 1))
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = rotation[0], position[0]
+    q0 = ik.solve_pose(model, side, start, hint, gain=0.0)
+    if q0 is None:
+        return Outcome(failure=out_of_reach(table, side, "the point above the grasp", position[0]))
+    solution = ik.follow_path(model, side, rotation, position, q0)
+    reached = len(solution.q)
+    if reached < len(to_grasp):
+        return Outcome(failure=out_of_reach(table, side, "the way down", position[reached]))
+    return Outcome(Descent(frozen(solution.q), frozen(depth[:reached]), above))
+
+
+def _in_step(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
+    """(samples, 14) with all hands going down together, to their planned grasps."""
+    q = np.tile(q_above, (samples, 1))
+    for i, share in enumerate(np.linspace(0.0, 1.0, samples)):
+        for side, way in descend.items():
+            q[i, arm_slice(side)] = way.at(share * way.grasp_depth)
+    return q

@@ -1,0 +1,67 @@
+"""What would help when a fold cannot be made where the garment lies: by how much to shift it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from robots.errors import Failure
+from robots.model import RobotModel
+from robots.ports import Array, Side, frozen
+from skills.motion.moves.posture_search import rank_postures
+from skills.motion.validation.collision import CollisionChecker
+from skills.vocabulary import Table, ToolPath
+
+__all__ = ["with_helpful_shift"]
+
+SHIFTS = (0.06, 0.15)
+"""Tried in turn, along x and along y towards the table's middle [m]."""
+
+
+def with_helpful_shift(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[Side, ToolPath],
+    q_now: Array,
+    failure: Failure,
+    *,
+    above: float,
+    below: float,
+) -> Failure:
+    """The same failure, saying by how much to shift the garment for the fold to be possible, if a shift helps.
+
+    values["shift_m"]: (2,) in the table frame, None when no shift that was tried helps. Costs up to four searches;
+    none where the arms are in each other's way, for they will be wherever the garment lies.
+    """
+    if failure.values.get("binding", {}).get("constraint") == "arms":
+        return failure
+    for shift in _shifts(table, paths, failure):
+        moved = {
+            side: replace(p, position=frozen(p.position + np.append(shift, 0.0))) for side, p in paths.items()
+        }
+        if rank_postures(model, checker, table, moved, q_now, above=above, below=below).ok:
+            values = {**failure.values, "shift_m": shift.tolist()}
+            return replace(failure, hint=f"lay the garment {_words(shift)}", values=values)
+    tried = f"no shift of up to {max(SHIFTS) * 1e3:.0f} mm towards the table's middle would help"
+    return replace(failure, hint=f"{failure.hint}; {tried}", values={**failure.values, "shift_m": None})
+
+
+def _shifts(table: Table, paths: Mapping[Side, ToolPath], failure: Failure) -> Iterator[Array]:
+    """Towards the table's middle, from the place that is not reached, else from the middle of the fold."""
+    place = failure.values.get("binding", {}).get("where_m", [])[:2]
+    if not place:
+        place = np.mean([p.position[:, :2].mean(axis=0) for p in paths.values()], axis=0)
+    gap = np.array([sum(table.x) / 2, sum(table.y) / 2]) - place
+    for size in SHIFTS:
+        for axis in np.argsort(-np.abs(gap)):
+            yield size * (1.0 if gap[axis] >= 0.0 else -1.0) * np.eye(2)[axis]
+
+
+def _words(shift: Array) -> str:
+    length = f"{np.abs(shift).max() * 1e3:.0f} mm"
+    if shift[0]:
+        return f"{length} {'further from' if shift[0] > 0 else 'nearer to'} the robot"
+    return f"{length} to the robot's {'left' if shift[1] > 0 else 'right'}"

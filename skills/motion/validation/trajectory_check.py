@@ -1,0 +1,152 @@
+"""The last look at a trajectory before it is sent: nothing moves unchecked.
+
+Independent of how the trajectory was made: it is judged as the table of samples and the Hermite interpolant
+between them that the arms will be given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import Failure, FailureKind
+from robots.model import JointLimits, RobotModel
+from robots.ports import ArmTrajectory, Array
+from skills.motion.timing.timing import Peaks, peaks
+from skills.motion.validation.collision import CollisionChecker, Contact
+from skills.vocabulary import Outcome
+
+__all__ = ["check_trajectory", "contact_along"]
+
+START_TOLERANCE = float(np.deg2rad(1.0))
+LIMIT_TOLERANCE = 1e-6
+"""Share by which a limit may be exceeded: rounding only."""
+REST = 1e-6
+"""Speed [rad/s] that counts as standing still."""
+LONGEST_GAP = 0.0101
+"""Between samples [s]."""
+CHECK_STEP = 0.02
+"""Joint motion between two collision checks [rad]."""
+
+
+def check_trajectory(
+    model: RobotModel,
+    checker: CollisionChecker,
+    trajectory: ArmTrajectory,
+    q_now: Array,
+    limits: JointLimits,
+    *,
+    allow_fingertips: bool = False,
+    start_tolerance: float = START_TOLERANCE,
+) -> Outcome[Peaks]:
+    """Everything that has to hold before a trajectory is sent; the value says how near the limits it comes.
+
+    q_now: (14,) where the arms are. allow_fingertips: the fingers may touch the table (a grasp).
+    Failures: LIMIT_EXCEEDED, START_MISMATCH, IN_COLLISION.
+    """
+    bad = (
+        _malformed(trajectory)
+        or _start(model, trajectory, q_now, start_tolerance)
+        or _positions(model, trajectory, limits)
+    )
+    if bad:
+        return Outcome(failure=bad)
+    share = peaks(trajectory, limits)
+    if share.worst > 1.0 + LIMIT_TOLERANCE:
+        return Outcome(failure=_too_fast(share))
+    bad = _collision(checker, trajectory, allow_fingertips)
+    if bad:
+        return Outcome(failure=bad)
+    return Outcome(share)
+
+
+def _malformed(trajectory: ArmTrajectory) -> Failure | None:
+    arrays = {"t": trajectory.t, "q": trajectory.q, "qd": trajectory.qd, "qdd": trajectory.qdd}
+    for name, a in arrays.items():
+        if not np.all(np.isfinite(a)):
+            return _limit(f"the trajectory's {name} has values that are not numbers", {"field": name})
+    n = len(trajectory.t)
+    if n < 2 or any(a.shape != (n, 14) for name, a in arrays.items() if name != "t"):
+        return _limit("the trajectory's arrays do not fit each other", {"samples": n})
+    gap = np.diff(trajectory.t)
+    if trajectory.t[0] != 0.0 or gap.min() <= 0.0:
+        return _limit("the trajectory's times do not start at zero and rise", {"least_step_s": float(gap.min())})
+    if gap.max() > LONGEST_GAP:
+        return _limit("the trajectory's samples are too far apart", {"largest_step_s": float(gap.max())})
+    moving = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qd[-1]).max())
+    if moving > REST:
+        return _limit("the trajectory does not start and end at rest", {"speed_rad_s": float(moving)})
+    return None
+
+
+def _start(model: RobotModel, trajectory: ArmTrajectory, q_now: Array, tolerance: float) -> Failure | None:
+    off = np.abs(trajectory.q[0] - q_now)
+    joint = int(np.nan_to_num(off, nan=np.inf).argmax())
+    if off[joint] <= tolerance:
+        return None
+    return Failure(
+        FailureKind.START_MISMATCH,
+        f"{model.joint_names[joint]} stands {np.rad2deg(off[joint]):.2f} degrees from the trajectory's start",
+        "plan again from where the arms are",
+        {"joint": model.joint_names[joint], "off_rad": float(off[joint]), "allowed_rad": tolerance},
+    )
+
+
+def _positions(model: RobotModel, trajectory: ArmTrajectory, limits: JointLimits) -> Failure | None:
+    # The first sample is where the arms are: it may stand a little outside what is planned with.
+    over = np.maximum(limits.lower - trajectory.q, trajectory.q - limits.upper).max(axis=0)
+    over -= np.maximum(0.0, np.maximum(limits.lower - trajectory.q[0], trajectory.q[0] - limits.upper))
+    joint = int(over.argmax())
+    if over[joint] <= 1e-9:
+        return None
+    return _limit(
+        f"{model.joint_names[joint]} would leave its range by {over[joint]:.4f} rad",
+        {"joint": model.joint_names[joint], "over_rad": float(over[joint])},
+    )
+
+
+def _too_fast(share: Peaks) -> Failure:
+    return _limit(
+        f"the trajectory takes {share.velocity:.2f} of the velocity, {share.acceleration:.2f} of the acceleration "
+        f"and {share.jerk:.2f} of the jerk limits",
+        {"velocity_share": share.velocity, "acceleration_share": share.acceleration, "jerk_share": share.jerk},
+    )
+
+
+def _limit(what: str, values: Mapping[str, object]) -> Failure:
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED, what, "report this: the planner made what it must not", dict(values)
+    )
+
+
+def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_fingertips: bool) -> Failure | None:
+    contact = contact_along(checker, trajectory, allow_fingertips=allow_fingertips)
+    if contact is None:
+        return None
+    return Failure(
+        FailureKind.IN_COLLISION,
+        f"the trajectory comes too near: {contact}",
+        "plan again; if it stays, clear the arms' way",
+        {"pair": str(contact), "at_s": float(trajectory.t[contact.index])},
+    )
+
+
+def contact_along(
+    checker: CollisionChecker, trajectory: ArmTrajectory, *, allow_fingertips: bool = False
+) -> Contact | None:
+    """The first contact on a trajectory's way, and at which of its samples. Planners look at what they made just
+    so: between samples that are further apart two hands can pass through each other."""
+    kept = _apart(trajectory.q, CHECK_STEP)
+    contact = checker.first_collision(trajectory.q[kept], allow_fingertips=allow_fingertips)
+    return None if contact is None else replace(contact, index=int(kept[contact.index]))
+
+
+def _apart(q: Array, step: float) -> NDArray[np.intp]:
+    """Which samples of q (n, 14) are at most about `step` [rad] apart, ends included."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
+    marks = np.arange(0.0, travelled[-1], step)
+    keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))
+    return np.minimum(keep, len(q) - 1)

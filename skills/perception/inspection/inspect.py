@@ -1,0 +1,199 @@
+"""After a fold: what lies on the table against what the simulation predicted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import frozen
+from skills.perception.inspection.diagnosis import diagnose
+from skills.perception.inspection.fold_heights import (
+    extra_height,
+    judged_area,
+    missing_layer,
+    piled_area,
+    upper_height,
+)
+from skills.perception.inspection.left_behind import left_behind
+from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
+from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from skills.perception.inspection.result import Inspection, InspectionSettings
+from skills.perception.perceive import (
+    PerceptionSettings,
+    camera_fault,
+    height_above,
+    smooth_height,
+    table_unseen,
+    touches_border,
+)
+from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.registration.alignment import align, edge_deviation
+from skills.perception.segmentation.mask import Segmentation
+from skills.perception.segmentation.segment import methods, segment
+from skills.vocabulary import (
+    CameraCalibration,
+    CameraFrame,
+    Failure,
+    FailureKind,
+    FoldStep,
+    Outcome,
+    PredictedShape,
+    Table,
+)
+
+__all__ = ["Inspection", "InspectionSettings", "inspect"]
+
+
+def inspect(
+    frame: CameraFrame,
+    calibration: CameraCalibration,
+    table: Table,
+    reference: CameraFrame | None,
+    predicted: PredictedShape,
+    step: FoldStep | None = None,
+    settings: InspectionSettings | None = None,
+    previous: CameraFrame | None = None,
+    flat_top: float | None = None,
+    before: CameraFrame | None = None,
+) -> Outcome[Inspection]:
+    """Compare one picture with the predicted mesh, and name what went wrong.
+
+    step: the fold that was made, which tells where its targets and lines are; without it only what shows
+    in silhouette and height is judged. reference: as for `perceive`. previous: the last picture, which
+    tells a frozen camera. before: the picture before the fold (previous, if None), which shows what the fold laid
+    on top of the cloth that lay there. flat_top:
+    `Perception.top` of the flat garment, which tells how far creases and pile stand above the mesh's
+    middle surface.
+
+    Fails with CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW: then there is nothing to judge. A bad fold is not a
+    failure of looking: it is the value's `diagnosis`.
+    """
+    settings = settings or InspectionSettings()
+    fault = camera_fault(frame, calibration, previous, settings.perception)
+    if fault is not None:
+        return Outcome(failure=fault)
+    view = TableView(calibration, table, settings.perception.pixel)
+    if (unseen := table_unseen(view, settings.perception)) is not None:
+        return Outcome(failure=unseen)
+    seen = view.rectify(frame)
+    empty = view.rectify(reference) if reference is not None else None
+    height = height_above(seen, empty)
+    looked = _segmented(seen, empty, height, settings.perception)
+    if looked.failure is not None:
+        return Outcome(failure=looked.failure)
+    found = looked.unwrap()
+    expected = draw_shape(view, predicted)
+    if flat_top is not None:
+        expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
+    figures = _Figures(view, found, height, expected, step, settings)
+    edge = None
+    before = before or previous
+    if step is not None and len(step.grasps) == 2 and before is not None:
+        lay = height_above(view.rectify(before), empty)
+        edge = moved_edge(height, lay, predicted, step, view, figures.R, figures.t)
+    inspection = figures.inspection(seen.rgb, edge)
+    kind, confidence = diagnose(inspection, step, settings)
+    inspection = replace(inspection, diagnosis=kind, confidence=confidence)
+    notes: dict[str, float | int | str] = {
+        "iou": inspection.iou,
+        "iou_aligned": inspection.iou_aligned,
+        "drift_m": inspection.drift_m,
+        "drift_rad": inspection.drift_rad,
+        "height_m": inspection.height_m,
+        "extra_height_m": inspection.extra_height_m,
+        "edge_deviation_m": inspection.edge_deviation_m,
+        "segmentation_confidence": found.confidence,
+    }
+    return Outcome(value=inspection, notes=notes)
+
+
+def _segmented(
+    seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], looking: PerceptionSettings
+) -> Outcome[Segmentation]:
+    """The garment by the first method that finds it clearly, as `perceive` tries them; or else by the first that
+    finds it at all. height: (H, W) [m] above the table."""
+    bare = empty.rgb if empty is not None else None
+    vague: list[Segmentation] = []
+    beyond = False
+    for method in methods(looking.method, empty is not None):
+        found = segment(method, seen.rgb, bare, seen.valid, height, looking.segmentation)
+        if not found.found:
+            continue
+        if touches_border(found.mask, seen.valid, 2):
+            beyond = True
+        elif found.confidence >= looking.lowest_segmentation:
+            return Outcome(value=found)
+        else:
+            vague.append(found)
+    if vague:
+        return Outcome(value=vague[0])
+    if beyond:
+        return Outcome(
+            failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
+        )
+    return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is not seen on the table any more"))
+
+
+class _Figures:
+    """The figures of one comparison. found: what is seen in `view`; expected: (H, W) the prediction's height [m].
+
+    R (2, 2), t (2,) [m]: the rigid motion that lays the prediction on what is seen.
+    """
+
+    def __init__(
+        self,
+        view: TableView,
+        found: Segmentation,
+        height: NDArray[np.float32],
+        expected: NDArray[np.float32],
+        step: FoldStep | None,
+        settings: InspectionSettings,
+    ) -> None:
+        self._view, self._found, self._height, self._expected = view, found, height, expected
+        self._step, self._settings = step, settings
+        self._outline = outline_of(view, np.isfinite(expected))
+        self._observed = view.to_table(found.contour)
+        self.R, self.t = align(self._outline, self._observed)
+
+    def inspection(self, rgb: NDArray[np.uint8], edge: MovedEdge | None) -> Inspection:
+        """All of them, not yet judged."""
+        view, mask, step, settings = self._view, self._found.mask, self._step, self._settings
+        where = np.isfinite(self._expected)
+        moved = move_view(view, self._expected, self.R, self.t)
+        centre = self._outline.mean(axis=0)
+        drift = self.R @ centre + self.t - centre
+        smooth = smooth_height(self._height, 7)
+        excess = smooth - moved
+        judged = judged_area(mask, view, step, settings)
+        deviation, place = edge_deviation(self._outline @ self.R.T + self.t, self._observed)
+        return Inspection(
+            iou=_iou(mask, where),
+            iou_aligned=_iou(mask, np.isfinite(moved)),
+            drift=frozen(drift),
+            drift_about=frozen(centre),
+            drift_m=float(np.linalg.norm(drift)),
+            drift_rad=float(np.arctan2(self.R[1, 0], self.R[0, 0])),
+            height_m=upper_height(smooth, judged),
+            extra_height_m=extra_height(excess, judged),
+            piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
+            edge_deviation_m=deviation,
+            edge_place=frozen(place),
+            missing_layer=missing_layer(self._height, moved, view, step, self.R, self.t, settings),
+            edge=edge,
+            left_behind=left_behind(view, mask, where, step, settings),
+            diagnosis=None,
+            confidence=1.0,
+            contour=frozen(self._observed),
+            mask=frozen(mask),
+            predicted=frozen(where),
+            height=frozen(self._height),
+            view=view,
+            rgb=frozen(rgb),
+        )
+
+
+def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    union = np.count_nonzero(a | b)
+    return float(np.count_nonzero(a & b) / union) if union else 0.0

@@ -1,0 +1,46 @@
+"""A predicted mesh as the camera sees it, and how it looks after a rigid motion."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import PredictedShape
+
+__all__ = ["draw_shape", "move_view", "outline_of"]
+
+
+def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
+    """Height of a predicted mesh as the camera sees it (H, W) [m], NaN where the mesh is not.
+
+    Each triangle is drawn where it appears on the view (its parallax included), low ones first.
+    """
+    place = np.round(view.to_pixel(view.shadow_on_table(shape.vertices)) * 16).astype(np.int32)
+    z = shape.vertices[shape.triangles, 2].mean(axis=1)
+    image = np.full(view.shape, np.nan, np.float32)
+    for i in np.argsort(z, kind="stable"):
+        cv2.fillConvexPoly(image, place[shape.triangles[i]], float(z[i]), cv2.LINE_8, 4)
+    return image
+
+
+def outline_of(view: TableView, mask: NDArray[np.bool_]) -> Array:
+    """The longest boundary of a region (n, 2) [m]. Raises ValueError when it is empty."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        raise ValueError("the predicted shape lies outside of the view")
+    return view.to_table(max(contours, key=len).reshape(-1, 2).astype(float))
+
+
+def move_view(view: TableView, image: NDArray[np.float32], R: Array, t: Array) -> NDArray[np.float32]:
+    """A view image after the table motion p -> R p + t, NaN where nothing comes from."""
+    corners = np.array([[0.0, 0.0], [view.shape[1], 0.0], [0.0, view.shape[0]]])
+    to = view.to_pixel(view.to_table(corners) @ R.T + t)
+    M = cv2.getAffineTransform(corners.astype(np.float32), to.astype(np.float32))
+    size = (view.shape[1], view.shape[0])
+    moved = cv2.warpAffine(
+        image, M, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan")
+    )
+    return moved.astype(np.float32, copy=False)

@@ -1,0 +1,292 @@
+"""Where a garment's key points lie: its template's contour, bent onto the observed boundary.
+
+The paper's registration (see `energy`): the template's vertices are feature points and keep their identity;
+Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic Jacobian) move the
+contour, segments are subdivided and merged, the reference follows. It starts from every orientation that
+the silhouette allows, and the energy says which is right. At the end each corner is set to where the boundary
+has it (`corners`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array, frozen
+from skills.perception.registration.corners import CornerSettings, least_turn, set_corners
+from skills.perception.registration.energy import (
+    Boundary,
+    EnergyWeights,
+    closest_segments,
+    contour_terms,
+    interior_angles,
+    segment_lengths,
+    solve_damped,
+)
+from skills.perception.template import GarmentOutline, polygon_area, symmetries
+
+__all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "fit", "register"]
+
+
+_MARGIN = 0.005
+"""Distances between boundaries that differ by less do not rule an orientation out [m]."""
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """Lengths [m]. Segments longer than `longest` are split, neighbours shorter than `shortest` are merged."""
+
+    weights: EnergyWeights = field(default_factory=EnergyWeights)
+    longest: float = 0.06
+    shortest: float = 0.015
+    steps_each: int = 6
+    """Levenberg-Marquardt steps between two updates of the reference."""
+    updates: int = 12
+    reduction: float = 0.05
+    """The registration ends when an update lowers the energy by less than this share."""
+    equal: float = 0.004
+    """Mean boundary distances closer than this do not tell two orientations apart [m]."""
+    candidates: int = 3
+    corners: CornerSettings | None = field(default_factory=CornerSettings)
+    """How corners are set at the end; None leaves the registered ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """keypoints: name -> (2,) [m]. contour: (n, 2) registered, counter-clockwise, key points among it.
+
+    energy: the data terms at the end [m3]; residual: root mean square boundary distance [m]. angle: by
+    which the template was turned first [rad]; scale: observed size / template's. ambiguous: symmetries
+    that the silhouette leaves open; the orientation nearest to that of the template is then chosen.
+    history: energy after each update.
+    """
+
+    keypoints: Mapping[str, Array]
+    contour: Array
+    energy: float
+    residual: float
+    angle: float
+    scale: float
+    ambiguous: tuple[str, ...]
+    history: tuple[float, ...]
+    stages: tuple[Array, ...]
+    least_turn: float
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A template laid over the boundary: polygon (k, 2), turned by `angle` [rad]; mean distance [m]."""
+
+    polygon: Array
+    angle: float
+    distance: float
+
+
+def register(
+    contour: Array, garment: GarmentOutline, settings: RegistrationSettings | None = None
+) -> Registration:
+    """Fit the garment's template to an observed boundary (n, 2) [m], table frame, closed implicitly."""
+    settings = settings or RegistrationSettings()
+    contour = np.asarray(contour, dtype=float)
+    if polygon_area(contour) < 0:
+        contour = contour[::-1]
+    boundary = Boundary(contour)
+    template = np.asarray(garment.template, dtype=float)
+    clockwise = polygon_area(template) < 0
+    polygon = template[::-1] if clockwise else template
+    names = garment.keypoints[::-1] if clockwise else garment.keypoints
+    open_to = symmetries(polygon)
+    starts = best_starts(polygon, boundary, settings)
+    fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
+    best, start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
+    X, feature, history, stages = best
+    if settings.corners is not None:
+        X = set_corners(X, feature, polygon, boundary, settings.corners)
+    vertices = np.flatnonzero(feature >= 0)
+    points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
+    angles = interior_angles(polygon)[feature[vertices]]
+    notch = np.zeros(len(X), bool)
+    notch[vertices] = angles > (settings.corners or CornerSettings()).notch_angle
+    # A crotch lies where no boundary is seen: the two segments that end there are not compared with it.
+    distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
+    return Registration(
+        keypoints={name: points[name] for name in garment.keypoints},
+        contour=frozen(X),
+        energy=history[-1],
+        residual=float(np.sqrt(np.mean(distance**2))),
+        angle=start.angle,
+        scale=float(np.sqrt(polygon_area(contour) / polygon_area(polygon))),
+        ambiguous=open_to,
+        history=tuple(history),
+        stages=tuple(frozen(stage) for stage in stages),
+        least_turn=least_turn(X[vertices], angles, boundary, settings.corners),
+    )
+
+
+def best_starts(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> list[Start]:
+    """The template (k, 2), counter-clockwise, in each plausible orientation, best first."""
+    return _plausible(_starts(polygon, boundary), settings)
+
+
+def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
+    """The placed template bent onto the boundary, without snapping its corners: (n, 2) [m]."""
+    return fit(polygon, boundary, settings)[0]
+
+
+# --- where to start ------------------------------------------------------------------------------------
+
+
+def _starts(polygon: Array, boundary: Boundary) -> list[Start]:
+    """The template in every orientation suggested by moments and the smallest rectangle, best first."""
+    observed, ours = _axes(boundary.samples), _axes(polygon)
+    angles: list[float] = []
+    for a in observed:
+        for b in ours:
+            angles += [a - b + k * np.pi / 2 for k in range(4)]
+    placed: list[tuple[Array, float, float]] = []
+    for angle in map(_wrap, angles):
+        if all(abs(_wrap(angle - a)) > np.deg2rad(3) for _, a, _ in placed):
+            X = _place(polygon, angle, boundary)
+            placed.append((X, angle, _distance_there(X, boundary)))
+    # The way back costs more: it is looked at only where the way there is no longer than twice the shortest.
+    most = 2.0 * min(there for _, _, there in placed) + _MARGIN
+    starts = [
+        Start(X, angle, 0.5 * (there + _distance_back(X, boundary))) for X, angle, there in placed if there <= most
+    ]
+    return sorted(starts, key=lambda s: s.distance)
+
+
+def _plausible(starts: list[Start], settings: RegistrationSettings) -> list[Start]:
+    """Orientations worth a full fit. Those as good as the best, half a turn away, are the same silhouette:
+    of these only the one nearest to the template's own orientation is kept."""
+    best = starts[0].distance
+    equal = [s for s in starts if s.distance <= best + settings.equal]
+    first = min(equal, key=lambda s: (abs(s.angle) > np.deg2rad(91), s.distance))
+    twins = [s for s in equal if abs(_wrap(s.angle - first.angle)) > np.deg2rad(60)]
+    upright = min([first, *twins], key=lambda s: round(abs(s.angle), 3))
+    rest = [s for s in starts if s.distance <= 1.6 * best + settings.equal and s not in twins and s is not first]
+    return [upright, *rest][: settings.candidates]
+
+
+def _wrap(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _axes(points: Array) -> tuple[float, float]:
+    """Directions [rad] of the smallest enclosing rectangle's edge and of the long principal axis."""
+    corners = cv2.boxPoints(cv2.minAreaRect(points.astype(np.float32)))
+    a, b = corners[1] - corners[0], corners[2] - corners[1]
+    long = a if a @ a >= b @ b else b
+    _, axes = np.linalg.eigh(np.cov(points.T))
+    return float(np.arctan2(long[1], long[0])), float(np.arctan2(axes[1, 1], axes[0, 1]))
+
+
+def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
+    """The template turned by `angle`, its extents stretched to the observed ones (by a quarter at most)."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s], [s, c]])
+    seen = boundary.samples @ R
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    extent = np.ptp(polygon, axis=0)
+    stretch = (high - low) / extent
+    size = float(np.sqrt(stretch.prod()))
+    stretch = np.clip(stretch, 0.8 * size, 1.25 * size)
+    middle = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
+    return ((polygon - middle) * stretch + 0.5 * (low + high)) @ R.T
+
+
+def _distance_there(polygon: Array, boundary: Boundary) -> float:
+    """Mean distance of a placed template from the boundary [m]."""
+    X = _subdivide(polygon, np.arange(len(polygon)), 0.03)[0]
+    return float(boundary.nearest(X)[0].mean())
+
+
+def _distance_back(polygon: Array, boundary: Boundary) -> float:
+    """Mean distance of the boundary from a placed template [m]."""
+    _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, 0.0)
+    return float(np.linalg.norm(foot - boundary.samples, axis=1).mean())
+
+
+def _judge(
+    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
+) -> float:
+    """The energy of a finished fit with the template itself as the reference."""
+    corners = X[feature >= 0]
+    scale = np.sqrt(abs(polygon_area(corners) / polygon_area(polygon)))
+    r = contour_terms(corners, polygon * scale, boundary, settings.weights).r
+    n = len(corners)
+    return float((r[n : 3 * n] ** 2).sum()) + _energy(X, boundary, settings)
+
+
+# --- the fit -------------------------------------------------------------------------------------------
+
+
+def fit(
+    polygon: Array, boundary: Boundary, settings: RegistrationSettings
+) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
+    """Registered contour (n, 2), which key point each vertex is (-1: none), the energies, and the contours that
+    have them."""
+    X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
+    history, stages = [_energy(X, boundary, settings)], [X]
+    for _ in range(settings.updates):
+        X = _levenberg_marquardt(X, boundary, settings)
+        X, feature = _subdivide(X, feature, settings.longest)
+        X, feature = _merge(X, feature, settings.shortest)
+        history.append(_energy(X, boundary, settings))
+        stages.append(X)
+        if history[-1] > (1 - settings.reduction) * history[-2]:
+            break
+    return X, feature, history, stages
+
+
+def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> float:
+    return contour_terms(X, X, boundary, settings.weights).energy
+
+
+def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
+    """A few damped Gauss-Newton steps against the reference `X` itself."""
+    reference = X
+    terms = contour_terms(X, reference, boundary, settings.weights)
+    (A, g), energy = terms.normal_equations(), terms.energy
+    damping, growth = 1e-3 * float(A.diagonal().max()), 2.0
+    for _ in range(settings.steps_each):
+        step = -solve_damped(A, g, damping)
+        candidate = X + step.reshape(-1, 2)
+        terms = contour_terms(candidate, reference, boundary, settings.weights)
+        gain = energy - terms.energy
+        predicted = float((step * (damping * step - g)).sum())
+        if gain > 0 and predicted > 0:
+            X, energy = candidate, energy - gain
+            A, g = terms.normal_equations()
+            damping *= max(1 / 3, 1 - (2 * gain / predicted - 1) ** 3)
+            growth = 2.0
+            if gain < 1e-3 * energy:
+                break
+        else:
+            damping, growth = damping * growth, growth * 2
+    return X
+
+
+def _subdivide(X: Array, feature: NDArray[np.intp], longest: float) -> tuple[Array, NDArray[np.intp]]:
+    """Split each segment that is longer than `longest` into equal parts."""
+    parts = np.maximum(np.ceil(segment_lengths(X) / longest).astype(np.intp), 1)
+    segment = np.repeat(np.arange(len(X)), parts)
+    k = np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)
+    t = (k / parts[segment])[:, None]
+    points = (1 - t) * X[segment] + t * X[(segment + 1) % len(X)]
+    return points, np.where(k == 0, feature[segment], -1).astype(np.intp)
+
+
+def _merge(X: Array, feature: NDArray[np.intp], shortest: float) -> tuple[Array, NDArray[np.intp]]:
+    """Drop vertices between two short segments, unless one is a feature point."""
+    lengths = segment_lengths(X)
+    keep = np.ones(len(X), bool)
+    for i in range(len(X)):
+        before = (i - 1) % len(X)
+        if feature[i] < 0 and keep[before] and max(lengths[i], lengths[before]) < shortest:
+            keep[i] = False
+    return X[keep], feature[keep]

@@ -1,0 +1,94 @@
+"""Colours as logarithms, in which light is a common offset, and mixtures of Gaussians in these."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numba import njit
+
+from robots.ports import Array
+from skills.perception.segmentation.mask import Field, Image, Mask
+
+__all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
+
+FLOOR = -18.0
+"""No colour is less likely than this (log density): there are always surprises."""
+_LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
+_OPPONENT = np.array(
+    [[1 / 3, 1 / 3, 1 / 3], [0.5**0.5, -(0.5**0.5), 0.0], [6**-0.5, 6**-0.5, -2 * 6**-0.5]], np.float32
+)
+
+
+def log_colour(rgb: Image) -> Field:
+    """The offset keeps the noise of dark pixels finite."""
+    return np.asarray(cv2.LUT(cv2.GaussianBlur(rgb, (0, 0), 0.8), _LOG), dtype=np.float32)
+
+
+def opponent(colour: Field) -> Field:
+    """Log luminance and the two log chromaticities, which no change of light's strength alters: (..., 3)."""
+    return np.asarray(cv2.transform(colour, _OPPONENT), dtype=np.float32)
+
+
+def noise_scale(rgb: Image, smooth: float = 2.0) -> Field:
+    """Noise of log colour grows as 1 / intensity."""
+    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), smooth).astype(np.float32)
+    return 128.0 / (grey + 8.0)
+
+
+def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
+    """Log density of each pixel's colour under a mixture of three colours learnt inside `core`."""
+    inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    where = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
+    channels = opponent(image)
+    sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
+    weights, centres, covariances = cluster_colours(sample)
+    level = float(np.median(noise.ravel()[where]))
+    roots = [np.linalg.inv(np.linalg.cholesky(c)) for c in covariances]
+    constants = [np.log(w) + np.log(np.diag(root)).sum() - 2.7568 for w, root in zip(weights, roots, strict=True)]
+    return np.asarray(
+        _mixture(
+            channels, noise, np.float32(level), np.array(centres, np.float32), np.array(roots, np.float32),
+            np.array(constants, np.float32),
+        ),
+        dtype=np.float32,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _mixture(channels, noise, level, centres, roots, constants):  # type: ignore[no-untyped-def]
+    """Log density (h, w) of the likeliest of some Gaussians; roots: inverse Cholesky factors of their covariances.
+    Where noise is above `level`, they are as much wider."""
+    rows, columns = noise.shape
+    out = np.empty((rows, columns), np.float32)
+    for i in range(rows):
+        for j in range(columns):
+            blur = level / max(noise[i, j], level)
+            best = np.float32(FLOOR)
+            for k in range(len(constants)):
+                a = channels[i, j, 0] - centres[k, 0]
+                b = channels[i, j, 1] - centres[k, 1]
+                c = channels[i, j, 2] - centres[k, 2]
+                u = roots[k, 0, 0] * a
+                v = roots[k, 1, 0] * a + roots[k, 1, 1] * b
+                w = roots[k, 2, 0] * a + roots[k, 2, 1] * b + roots[k, 2, 2] * c
+                best = max(best, constants[k] - np.float32(0.5) * (u * u + v * v + w * w) * blur * blur)
+            out[i, j] = best
+    return out
+
+
+def cluster_colours(sample: Array, count: int = 3) -> tuple[list[float], list[Array], list[Array]]:
+    """Cluster weights, centres (3,) and covariances (3, 3) by Lloyd's algorithm from luminance quantiles."""
+    order = np.argsort(sample[:, 0], kind="stable")
+    centres = sample[order[[int(len(order) * (i + 0.5) / count) for i in range(count)]]]
+    scale = np.array([0.3, 1.0, 1.0])
+    label = np.zeros(len(sample), int)
+    for _ in range(8):
+        gap = (sample[:, None] - centres[None]) * scale
+        label = np.argmin((gap**2).sum(axis=2), axis=1)
+        centres = np.array(
+            [sample[label == i].mean(axis=0) if (label == i).any() else centres[i] for i in range(count)]
+        )
+    floor = np.diag([0.04**2, 0.012**2, 0.012**2])
+    kept = [i for i in range(count) if np.count_nonzero(label == i) > 20]
+    weights = [float(np.mean(label == i)) for i in kept]
+    return weights, [centres[i] for i in kept], [np.cov(sample[label == i].T) + floor for i in kept]

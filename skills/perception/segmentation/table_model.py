@@ -1,0 +1,104 @@
+"""The bare table: how its light changed since it was photographed, or what it looks like where nobody did."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from robots.ports import Array
+from skills.perception.segmentation.colour_model import FLOOR, log_colour
+from skills.perception.segmentation.covered import covered
+from skills.perception.segmentation.mask import Field, Image, Mask, SegmentationSettings
+
+__all__ = ["fit_table", "light_change", "light_plane", "table_likelihood", "table_spread"]
+
+
+def light_change(image: Field, table: Field, valid: Mask, height: Field | None = None) -> Field:
+    """How the light (or the exposure) changed since the reference: a plane per channel, (3, 3), see `light_plane`.
+
+    Fitted to the pixels that agree with the commonest change; the garment is an outlier, or is left out where
+    height (H, W) [m] above the table, NaN where unknown, tells that it covers much of the view.
+    """
+    rows, columns = valid.shape
+    r, c = np.mgrid[0:rows:6, 0:columns:6]
+    keep = valid[r, c]
+    if height is not None:
+        keep &= ~covered(height[::6, ::6], keep)
+    d = (image[::6, ::6] - table[::6, ::6])[keep].astype(float)
+    r, c = r[keep], c[keep]
+    basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
+    centre = np.array([_mode(channel) for channel in d.T])
+    plane = np.zeros((3, 3))
+    plane[0] = centre
+    for tolerance in (0.12, 0.08, 0.08):
+        inlier = np.abs(d - basis @ plane).max(axis=1) < tolerance
+        if np.count_nonzero(inlier) < 50:
+            break
+        plane = np.linalg.lstsq(basis[inlier], d[inlier], rcond=None)[0]
+    return np.asarray(plane, dtype=np.float32)
+
+
+def _mode(values: Array) -> float:
+    """The commonest value, from a smoothed histogram 0.02 wide."""
+    edges = np.arange(-2.0, 2.02, 0.02)
+    counts, _ = np.histogram(np.clip(values, -1.99, 1.99), edges)
+    best = int(np.argmax(np.convolve(counts, np.ones(5), mode="same")))
+    near = values[np.abs(values - (edges[best] + 0.01)) < 0.05]
+    return float(np.median(near)) if len(near) else 0.0
+
+
+def light_plane(plane: Field, shape: tuple[int, ...], where: tuple[slice, slice]) -> Field:
+    """A plane per channel (value in the middle, slopes down and right) in a part of the view: (h, w, 3)."""
+    rows, columns = shape
+    along = (np.arange(rows) / rows - 0.5).astype(np.float32)[where[0], None, None]
+    across = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, where[1], None]
+    return np.asarray((plane[0] + along * plane[1]) + across * plane[2], dtype=np.float32)
+
+
+def fit_table(rgb: Image, valid: Mask) -> Image:
+    """A table picture guessed from the rim of the view: a plane in log colour, outliers left out."""
+    rows, columns = valid.shape
+    inner = cv2.erode(valid.astype(np.uint8), np.ones((41, 41), np.uint8), borderValue=0) > 0
+    rim = valid & ~inner
+    r, c = np.nonzero(rim)
+    r, c = r[::11], c[::11]
+    colour = log_colour(rgb)
+    d = colour[r, c].astype(float)
+    basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
+    keep = np.ones(len(r), bool)
+    plane = np.zeros((3, 3))
+    for _ in range(4):
+        plane = np.linalg.lstsq(basis[keep], d[keep], rcond=None)[0]
+        residual = np.abs(d - basis @ plane).max(axis=1)
+        keep = residual <= max(2.0 * float(np.median(residual)), 1e-3)
+    along = (np.arange(rows) / rows - 0.5)[:, None, None]
+    across = (np.arange(columns) / columns - 0.5)[None, :, None]
+    table = np.exp(plane[0] + along * plane[1] + across * plane[2]) - 8.0
+    return np.clip(table, 0, 255).astype(np.uint8)
+
+
+def table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, float]:
+    """Standard deviations of the bare table's log luminance and log chromaticity, over the noise scale."""
+    light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
+    table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
+    chroma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006)
+    return max(_spread(light, noise, table), 0.008), chroma
+
+
+def _spread(values: Field, noise: Field, where: Mask) -> float:
+    """Robust standard deviation of values / noise."""
+    sample = values[where] / noise[where]
+    return float(1.4826 * np.median(np.abs(sample - np.median(sample)))) if len(sample) > 20 else 0.03
+
+
+def table_likelihood(
+    difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
+) -> Field:
+    """Log density of each pixel's colour as lit table, or as table in a shadow of any depth."""
+    light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
+    light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
+    lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)
+    shaded = (light < 0) & (light > -settings.deepest_shadow)
+    density = (1 - settings.shadow_share) * lit + settings.shadow_share / settings.deepest_shadow * shaded
+    colour = -0.5 * (c1 * c1 + c2 * c2) / chroma_sigma**2 - 2.0 * np.log(chroma_sigma) - 1.8379
+    return np.maximum(np.log(density + 1e-12) + colour, FLOOR)

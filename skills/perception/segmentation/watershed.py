@@ -1,0 +1,40 @@
+"""The paper's segmentation: corners are background, the centre is foreground (Vincent and Soille 1991)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from skills.perception.registration.boundary import refine_boundary
+from skills.perception.segmentation.mask import (
+    Image,
+    Mask,
+    Segmentation,
+    SegmentationSettings,
+    clean,
+    fill,
+    nothing,
+)
+
+__all__ = ["segment_watershed"]
+
+
+def segment_watershed(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
+    """The paper's: watershed from the four corners (background) and the centre (foreground)."""
+    settings = settings or SegmentationSettings()
+    rows, columns = np.nonzero(valid)
+    top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
+    radius = max(min(bottom - top, right - left) // 20, 2)
+    markers = np.zeros(valid.shape, np.int32)
+    for row in (top + radius, bottom - radius):
+        inside = np.flatnonzero(valid[row])
+        for column in (inside[0] + radius, inside[-1] - radius):
+            cv2.circle(markers, (int(column), int(row)), int(radius), 1, -1)
+    cv2.circle(markers, (int(left + right) // 2, int(top + bottom) // 2), int(radius), 2, -1)
+    markers[~valid] = 1
+    labels = cv2.watershed(np.ascontiguousarray(cv2.medianBlur(rgb, 5)), markers)
+    mask, others, share = clean(labels == 2, settings)
+    if not mask.any():
+        return nothing(valid.shape)
+    contour, clear = refine_boundary(mask, rgb, None)
+    return Segmentation(fill(contour, valid), contour, share * clear, others)

@@ -1,0 +1,223 @@
+"""The director of HIL scripts: what is done when, on a clock that is only ever slept by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cell.campaigns.hil import director as directing
+from cell.campaigns.hil.clock import PunctualClock
+from cell.campaigns.hil.director import Director
+from cell.campaigns.hil.script import Script
+from cell.campaigns.hil.verdict import broken_expectations
+from cell.executive.machine import Step
+from cell.states.commands import CommandQueue
+from cell.states.context import Context, Result
+from cell.states.fold_request import FoldResult
+from cell.states.transition_table import Effect, Event, State
+from robots.errors import Failure, FailureKind
+from robots.ports import Ports
+from tests.fakes import FakeCell
+
+PAUSE = frozenset({Event.PAUSE})
+
+
+def a_script(*actions: dict[str, Any], **expect: Any) -> Script:
+    data = {"about": "a test", "garment": "small_towel", "do": actions, "expect": {"end": "folded", **expect}}
+    return Script.model_validate(data)
+
+
+@pytest.fixture(autouse=True)
+def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A director's guard against a clock that stands still outlives a test that does not close it."""
+    monkeypatch.setattr(directing, "HUNG_FACTOR", 1e4)
+
+
+def begun(*actions: dict[str, Any], **expect: Any) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
+    cell, commands, told = FakeCell(), CommandQueue(), []
+    director = Director(a_script(*actions, **expect), np.zeros(14), told.append)
+    return director, director.begin(cell.ports(), commands), cell, commands, told
+
+
+def enter(director: Director, state: State, cell: FakeCell) -> None:
+    director.entered(cell.now, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
+
+
+class Diary:
+    """An agenda that writes down when it was called."""
+
+    def __init__(self, due: list[float], cell: FakeCell) -> None:
+        self._due, self._cell, self.done = sorted(due), cell, []
+
+    def next_due(self) -> float | None:
+        return self._due[0] if self._due else None
+
+    def carry_out(self, now: float) -> None:
+        while self._due and self._due[0] <= now:
+            self.done.append((self._due.pop(0), self._cell.now))
+
+
+@settings(max_examples=50)
+@given(st.lists(st.floats(0.0, 10.0), max_size=8), st.lists(st.floats(0.0, 10.0), min_size=1, max_size=8))
+def test_what_is_due_is_done_at_its_time_however_long_the_sleeps(due: list[float], sleeps: list[float]) -> None:
+    cell = FakeCell()
+    diary = Diary(due, cell)
+    clock = PunctualClock(cell.ports().clock, diary)
+    for t in sorted(sleeps):
+        clock.sleep_until(t)
+        assert clock.now() == t, "the sleeper wakes when it asked to"
+    assert diary.done == [(t, t) for t in sorted(due) if t <= max(sleeps)]
+
+
+def test_a_command_falls_between_two_set_points() -> None:
+    _, ports, cell, commands, _ = begun({"when": {"time_s": 0.255}, "say": "pause"})
+    ports.clock.sleep_until(0.25)
+    assert commands.take(PAUSE) is None
+    ports.clock.sleep_until(0.26)
+    assert commands.take(PAUSE) is Event.PAUSE and cell.now == 0.26
+
+
+def test_states_count_their_visits() -> None:
+    second = {"state": "folding", "visit": 2, "after_s": 0.5}
+    director, ports, cell, _, told = begun({"when": second, "tell": "now"})
+    for _ in range(2):
+        enter(director, State.FOLDING, cell)
+        ports.clock.sleep_until(cell.now + 0.4)
+        assert not told
+        if cell.now < 0.5:
+            ports.clock.sleep_until(cell.now + 0.4)
+            enter(director, State.RELEASING, cell)
+    ports.clock.sleep_until(cell.now + 0.2)
+    assert told == ["now"]
+
+
+def test_what_is_due_when_its_state_was_left_is_not_done_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    director, ports, cell, _, told = begun({"when": {"state": "folding", "after_s": 5.0}, "tell": "too late"})
+    enter(director, State.FOLDING, cell)
+    ports.clock.sleep_until(2.0)
+    enter(director, State.RETREATING, cell)
+    ports.clock.sleep_until(8.0)
+    enter(director, State.FOLDED, cell)
+    assert not told and [str(action) for action in director.seen().missed] == ["tell"]
+
+
+def test_a_command_that_nobody_takes_has_shown_nothing() -> None:
+    director, ports, cell, commands, _ = begun(
+        {"when": {"state": "folding"}, "say": "pause"}, {"when": {"state": "folding"}, "say": "resume"}
+    )
+    enter(director, State.FOLDING, cell)
+    ports.clock.sleep_until(1.0)
+    assert commands.take(PAUSE) is Event.PAUSE
+    enter(director, State.FOLDED, cell)
+    assert [str(action) for action in director.seen().missed] == ["say resume"]
+
+
+def test_trouble_of_the_script_does_not_end_the_run() -> None:
+    director, ports, *_ = begun({"when": {"time_s": 1.0}, "fault": {"kind": "no_garment"}})
+    ports.clock.sleep_until(2.0)  # the fake is no simulated cell
+    (trouble,) = director.seen().trouble
+    assert "simulated cell" in trouble
+    (broken, *_) = broken_expectations(a_script(), result(), director.seen())
+    assert "could not be carried out" in broken
+
+
+def test_what_is_said_waits_until_the_question_was_asked_but_a_stop_does_not_wait() -> None:
+    director, ports, cell, commands, _ = begun(
+        {"when": {"state": "approaching"}, "say": "pause"}, {"when": {"state": "approaching"}, "stop": "now"}
+    )
+    enter(director, State.APPROACHING, cell)
+    assert cell.stop_reason == "now" and commands.take(PAUSE) is None
+    ports.clock.sleep_until(0.01)
+    assert commands.take(PAUSE) is Event.PAUSE
+
+
+def test_a_run_without_end_is_aborted() -> None:
+    director, ports, _, commands, _ = begun()
+    ports.clock.sleep_until(599.0)
+    assert commands.take(frozenset({Event.ABORT})) is None and not director.seen().overdue
+    ports.clock.sleep_until(601.0)
+    assert commands.take(frozenset({Event.ABORT})) is Event.ABORT and director.seen().overdue
+    assert not ports.stop.state().stopped
+    ports.clock.sleep_until(661.0)
+    assert ports.stop.state().stopped, "what does not heed that is stopped"
+    (broken, *_) = broken_expectations(a_script(), result(), director.seen())
+    assert "still going after 600 s" in broken
+    director.close()
+
+
+def result(**changes: Any) -> FoldResult:
+    fields: dict[str, Any] = {
+        "garment": "small_towel", "seed": 0, "driver": "sim", "simulated": True, "world": "xpbd",
+        "result": "folded", "state": "folded", "failure": None, "score": {"passed": True},
+        "steps": ({"done": True}, {"done": False}),
+        "robot_time_s": 30.0, "wall_time_s": 9.0, "stage_times_s": {}, "run_dir": str(Path("x")), **changes,
+    }  # fmt: skip
+    return FoldResult(**fields)
+
+
+FAILED = Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "look again")
+
+
+def played(monkeypatch: pytest.MonkeyPatch, script: Script, *, away: float = 0.0) -> Director:
+    """A run that folds, after one missed grasp."""
+    monkeypatch.setattr(directing, "truth", lambda ports: pytest.fail("no fault was asked for"))
+    cell, commands = FakeCell(np.full(14, away)), CommandQueue()
+    director = Director(script, np.zeros(14), lambda line: None)
+    director.begin(cell.ports(), commands)
+    for state in (State.LOOKING, State.GRASPING, State.RECOVERING, State.GRASPING, State.FOLDED):
+        enter(director, state, cell)
+        event = Event.FAILED if state is State.GRASPING and director.seen().failures == () else Event.DONE
+        step = Step(State.IDLE, Event.DONE, state, Effect.NOTHING)
+        director.performed(cell.now, step, Result(event, Context().with_failure(FAILED)))
+    return director
+
+
+MET = {
+    "end": ["not_folded", "folded"], "failures": ["missed_grasp"], "only_failures": True, "folds": 1,
+    "through": ["looking", "recovering", "grasping"], "not_through": ["paused"], "within_s": 30, "passed": True,
+    "parked": True,
+}  # fmt: skip
+
+
+def test_a_run_that_is_as_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = a_script(**MET)
+    assert broken_expectations(script, result(), played(monkeypatch, script).seen()) == ()
+
+
+@pytest.mark.parametrize(
+    ("expect", "said"),
+    [
+        ({"end": "stopped"}, "ended folded; expected stopped"),
+        ({"failures": ["missed_grasp", "missed_grasp"]}, "met missed_grasp; expected"),
+        ({"failures": []}, "besides; expected no other failures than none"),
+        ({"through": ["recovering", "looking"]}, "never came to looking"),
+        ({"not_through": ["recovering"]}, "came to recovering"),
+        ({"folds": 2}, "made 1 folds; expected 2"),
+        ({"within_s": 29.9}, "took 30.0 s"),
+        ({"passed": False}, "the score passed"),
+        ({"parked": False}, "the arms were parked"),
+    ],
+)
+def test_each_expectation_can_be_broken(
+    expect: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = a_script(**{**MET, **expect})
+    broken = broken_expectations(script, result(), played(monkeypatch, script).seen())
+    assert len(broken) == 1 and said in broken[0]
+
+
+def test_arms_that_are_not_at_rest_are_not_parked(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = a_script(parked=True)
+    (broken,) = broken_expectations(script, result(), played(monkeypatch, script, away=0.1).seen())
+    assert "not parked" in broken
+
+
+def test_what_never_came_to_pass_has_shown_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = a_script({"when": {"state": "asking"}, "tell": "a"}, {"when": {"time_s": 99}, "tell": "b"})
+    broken = broken_expectations(script, result(), played(monkeypatch, script).seen())
+    assert [b.split(" never")[0] for b in broken] == ["tell (0 s into asking)", "tell (at 99 s)"]

@@ -1,0 +1,123 @@
+"""HIL scripts as files: what is good, and what is refused with its reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cell.campaigns.hil.performing import check_script
+from cell.campaigns.hil.script import read_script
+from cell.config.cell_settings import load_settings
+from cell.simulation import FaultKind
+from cell.states.transition_table import Event, State
+from robots.errors import ConfigurationError, FailureKind
+from robots.ports import Side
+
+SHIPPED = sorted((Path(__file__).parents[3] / "hil").glob("*.yaml"))
+GOOD: dict[str, Any] = {"about": "a test", "garment": "small_towel", "expect": {"end": "folded"}}
+
+
+def script_file(folder: Path, **changes: Any) -> Path:
+    path = folder / "script.yaml"
+    path.write_text(yaml.safe_dump({**GOOD, **changes}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=[p.stem for p in SHIPPED])
+def test_every_shipped_script_can_be_performed(path: Path) -> None:
+    script = read_script(path)
+    check_script(script, load_settings(), "sim")
+    assert script.name == path.stem
+
+
+def test_a_script_is_read_whole(tmp_path: Path) -> None:
+    script = read_script(script_file(
+        tmp_path, seed=7, attended=True, cell={"optimiser": {"simulations": 5}},
+        do=[
+            {"when": {"state": "folding", "visit": 2, "after_s": 1.5}, "say": "pause"},
+            {"when": {"time_s": 3}, "fault": {"kind": "dropped_corner", "side": "left", "size_m": 0.1}},
+            {"stop": "the button"},
+        ],
+        expect={"end": ["folded", "not_folded"], "failures": ["slipped"], "through": ["paused"]},
+    ))  # fmt: skip
+    pause, drop, stop = script.do
+    assert (pause.when.state, pause.when.visit, pause.when.after_s) == (State.FOLDING, 2, 1.5)
+    assert pause.say is Event.PAUSE and stop.stop == "the button" and stop.when.time_s == 0.0
+    fault = drop.fault.at(3.0)
+    assert (fault.kind, fault.side, fault.at, fault.size) == (FaultKind.DROPPED_CORNER, Side.LEFT, 3.0, 0.1)
+    assert script.expect.end == (State.FOLDED, State.NOT_FOLDED)
+    assert script.expect.failures == (FailureKind.SLIPPED,) and script.needs_simulation
+    own = check_script(script, load_settings(), "sim")
+    assert own.optimiser.simulations == 5 and own.table == load_settings().table
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"expect": {}}, "expect.end"),
+        ({"expect": {"end": "folding"}}, "folded, not_folded, stopped, fault"),
+        ({"expect": {"end": "folded", "failures": ["bad_luck"]}}, "missed_grasp"),
+        ({"expect": {"end": "folded", "fold": 2}}, "did you mean 'folds'"),
+        ({"do": [{"when": {"state": "folding"}}]}, "one of fault, say, stop and tell"),
+        ({"do": [{"say": "pause", "stop": "now"}]}, "one of fault, say, stop and tell"),
+        ({"do": [{"say": "faster"}]}, "approve"),
+        ({"do": [{"when": {"state": "folding", "time_s": 1.0}, "say": "pause"}]}, "either `time_s` or `state`"),
+        ({"do": [{"when": {"time_s": 1.0, "visit": 2}, "say": "pause"}]}, "go with `state`"),
+        ({"do": [{"when": {"state": "dancing"}, "say": "pause"}]}, "folding"),
+        ({"do": [{"when": {"state": "idle"}, "say": "pause"}]}, "folding"),
+        ({"limit_s": 0}, "limit_s"),
+        ({"do": [{"when": {"state": "folding", "after_s": -1}, "say": "pause"}]}, "after_s"),
+        ({"do": [{"when": {"time_s": float("nan")}, "say": "pause"}]}, "time_s"),
+        ({"do": [{"fault": {"kind": "camera_black", "side": "left"}}]}, "has no side"),
+        ({"do": [{"fault": {"kind": "camera_black", "grasp": 1}}]}, "does not count grasps"),
+        ({"do": [{"say": "approve"}]}, "attended: true"),
+        ({"seed": -1}, "seed"),
+        ({"path": "/etc"}, "unknown key 'path'"),
+        ({"about": ""}, "about"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    path = script_file(tmp_path, **changes)
+    with pytest.raises(ConfigurationError) as error:
+        read_script(path)
+    assert said in f"{error.value.what} {error.value.hint}" and str(path) in error.value.what
+
+
+@pytest.mark.parametrize("content", [b"", b"- a", b"about: [", b"\xff\xfe", b"about: x\nabout: y"])
+def test_files_that_are_no_scripts_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "script.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError):
+        read_script(path)
+
+
+def test_only_a_simulated_cell_is_hurt(tmp_path: Path) -> None:
+    script = read_script(script_file(tmp_path, do=[{"fault": {"kind": "no_garment"}}]))
+    with pytest.raises(ConfigurationError, match="only a simulated cell"):
+        check_script(script, load_settings(), "ros")
+    scored = read_script(script_file(tmp_path, expect={"end": "folded", "passed": True}))
+    with pytest.raises(ConfigurationError, match="is scored"):
+        check_script(scored, load_settings(), "ros")
+    plain = read_script(script_file(tmp_path, do=None))
+    assert plain.do == () and check_script(plain, load_settings(), "ros")
+
+
+def test_what_the_script_names_is_found_where_the_script_says(tmp_path: Path) -> None:
+    path = script_file(tmp_path, cell={"optimiser": {"speed": 9}})
+    line = path.read_text().splitlines().index("    speed: 9") + 1
+    with pytest.raises(ConfigurationError) as error:
+        check_script(read_script(path), load_settings(), "sim")
+    assert f"{path}:{line}: unknown key" in error.value.what
+    (tmp_path / "own.yaml").write_text("title: no garment\n")
+    with pytest.raises(ConfigurationError, match=r"own\.yaml"):
+        check_script(read_script(script_file(tmp_path, garment="./own.yaml")), load_settings(), "sim")
+
+
+@pytest.mark.parametrize(("key", "value"), [("cell", {"optimiser": {"speed": 9}}), ("garment", "small_towle")])
+def test_settings_and_garments_are_checked_before_anything_moves(key: str, value: Any, tmp_path: Path) -> None:
+    script = read_script(script_file(tmp_path, **{key: value}))
+    with pytest.raises(ConfigurationError):
+        check_script(script, load_settings(), "sim")

@@ -1,0 +1,154 @@
+"""Garment files: what is wrong is named, and nothing is guessed silently."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cell.config.garments.garment_file import AVERAGE, list_garments, load_garment, shipped_garment_path
+from robots.errors import ConfigurationError
+
+
+def towel() -> dict[str, Any]:
+    return yaml.safe_load(shipped_garment_path("medium_towel").read_text())
+
+
+def write(tmp_path: Path, data: object) -> Path:
+    path = tmp_path / "mine.yaml"
+    path.write_text(data if isinstance(data, str) else yaml.safe_dump(data, sort_keys=False))
+    return path
+
+
+def refusal(tmp_path: Path, data: object) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        load_garment(write(tmp_path, data))
+    text = str(caught.value)
+    assert "mine.yaml" in text and "pydantic" not in text and "Traceback" not in text
+    return text
+
+
+def test_a_copy_of_a_shipped_file_is_the_same_garment_by_another_name(tmp_path: Path) -> None:
+    ours, shipped = load_garment(write(tmp_path, towel())), load_garment("medium_towel")
+    assert ours.name == "mine" and ours.material == shipped.material and ours.plan == shipped.plan
+    assert (ours.template == shipped.template).all()
+    with pytest.raises(ValueError):
+        ours.template[0, 0] = 1.0
+
+
+def test_an_unknown_name_lists_the_known_and_guesses() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load_garment("medium_towl")
+    assert "did you mean medium_towel" in str(caught.value)
+    assert all(name in str(caught.value) for name in list_garments())
+
+
+BROKEN = {
+    "unknown key": ({"colour": "red"}, ["colour", "not known"]),
+    "nearly a key": ({"categry": "towel"}, ["categry", "category"]),
+    "millimetres": ({"keypoints": {"a": [-200, -300], "b": [200, -300], "c": [200, 300]}}, ["keypoints", "-200"]),
+    "speed out of range": ({"max_tool_speed": 35}, ["max_tool_speed", "35"]),
+    "not a number": ({"max_tool_speed": float("nan")}, ["max_tool_speed", "nan"]),
+    "three layers": ({"layers": 3}, ["layers", "3"]),
+    "empty plan": ({"plan": []}, ["plan"]),
+    "pose upside down": ({"poses": {"x": [0.6, 0.5], "y": [0, 0], "angle_deg": [0, 0]}}, ["lower end 0.6"]),
+    "no poses": ({"poses": None}, ["poses"]),
+    "clockwise": ({"keypoints": {"near_right": [-0.2, -0.3], "near_left": [-0.2, 0.3], "far_left": [0.2, 0.3],
+                                 "far_right": [0.2, -0.3]}}, ["counter-clockwise"]),
+    "crossing": ({"keypoints": {"near_right": [-0.2, -0.3], "far_left": [0.2, 0.3], "far_right": [0.2, -0.3],
+                                "near_left": [-0.2, 0.3]}}, ["crosses itself"]),
+    "off centre": ({"keypoints": {"near_right": [0, 0], "far_right": [0.4, 0], "far_left": [0.4, 0.6],
+                                  "near_left": [0, 0.6]}}, ["middle", "0.2"]),
+    "edge of nothing": ({"edge_pairs": [[["near_right", "hood"], ["far_right", "far_left"]]]}, ["hood", "near"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "expected"), BROKEN.values(), ids=BROKEN)
+def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
+    text = refusal(tmp_path, towel() | change)
+    assert all(word in text for word in expected), text
+
+
+def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
+    data = towel()
+    data["plan"][1]["variants"][0]["grasps"][0]["at"] = "sleeve"
+    assert "plan.quarter" in refusal(tmp_path, data) and "sleeve" in refusal(tmp_path, data)
+    data = towel()
+    data["plan"][0]["line"][0] = {"near_right": 0.5, "far_right": 0.6}
+    assert "sum to one, not 1.1" in refusal(tmp_path, data)
+    data = towel()
+    for grasp in data["plan"][0]["variants"][0]["grasps"]:
+        grasp["arm"] = "left"
+    assert "one arm cannot take two grasps" in refusal(tmp_path, data)
+    data = towel()
+    data["plan"][1]["name"] = data["plan"][0]["name"]
+    assert "same name" in refusal(tmp_path, data)
+    data = towel()
+    data["material"]["thickness"] = 2.5
+    text = refusal(tmp_path, data)
+    assert "material.thickness = 2.5" in text and "0.01" in text
+
+
+def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
+    data = towel()
+    for grasp, point in zip(data["plan"][0]["variants"][0]["grasps"], ("far_right", "near_right"), strict=True):
+        grasp |= {"at": point, "inset": [0.0, 0.0]}
+    text = refusal(tmp_path, data)
+    assert "plan.half.grasps (left_onto_right)" in text and "-300 mm inside what moves" in text
+    data = towel()
+    data["plan"][0]["variants"][0]["grasps"][0]["at"] = {"far_left": 2.0, "far_right": -1.0}
+    assert "plan.half.grasps" in refusal(tmp_path, data) and "beside the garment" in refusal(tmp_path, data)
+    data["plan"][0]["variants"][0]["grasps"][0]["at"] = "far_left"
+    assert load_garment(write(tmp_path, data)).plan
+
+
+def test_every_way_of_a_step_is_looked_at(tmp_path: Path) -> None:
+    data = towel()
+    data["plan"][0]["variants"][1]["moves"] = ["near_right", "far_left"]
+    text = refusal(tmp_path, data)
+    assert "plan.half.line (right_onto_left)" in text and "no fold line" in text
+    data = towel()
+    data["plan"][0]["variants"][1]["name"] = "left_onto_right"
+    assert "plan.half: two variants have the same name" in refusal(tmp_path, data)
+
+
+@pytest.mark.parametrize("text", ["", "- a\n- b\n", "a: [1, 2", "\x00\x01", "just words"])
+def test_a_file_that_is_no_garment_is_refused(tmp_path: Path, text: str) -> None:
+    refusal(tmp_path, text)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.yaml", tmp_path / "sub/none.yml", f"{tmp_path}/"):
+        with pytest.raises(ConfigurationError, match=r"no such garment file|this is a folder"):
+            load_garment(path)
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigurationError, match=r"not a text file \(UTF-8\)"):
+        load_garment(binary)
+
+
+def test_friction_belongs_to_garment_and_surface(tmp_path: Path) -> None:
+    data = towel()
+    data["material"]["friction_angle_deg"] = {"bare_table": 20.0, "felt": 35.0}
+    path = write(tmp_path, data)
+    assert load_garment(path, "felt").material.friction_static == pytest.approx(math.tan(math.radians(35)))
+    assert load_garment(path).material.friction_static == pytest.approx(math.tan(math.radians(20)))
+    with pytest.raises(ConfigurationError) as caught:
+        load_garment(path, "glass")
+    assert "'glass'" in str(caught.value) and "bare_table, felt" in str(caught.value)
+
+
+def test_what_nobody_measured_is_the_papers_average_and_says_so(tmp_path: Path) -> None:
+    data = towel()
+    del data["material"]
+    material = load_garment(write(tmp_path, data), "any_surface").material
+    assert material.stretch_fraction == 0.024
+    assert material.friction_static == pytest.approx(math.tan(math.radians(22.2)))
+    assert material.areal_mass == AVERAGE["areal_mass"]
+    assert set(material.assumed) == {
+        "stretch_fraction", "friction_static", "friction_dynamic", "areal_mass", "bending_length", "thickness",
+        "friction_layers",
+    }  # fmt: skip

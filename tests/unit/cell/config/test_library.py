@@ -1,0 +1,150 @@
+"""The library's files: whole or not at all, the user's before the shipped, nothing broken used or lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+import cell.config.library.library_file as files
+from cell.campaigns.library.build import build_library
+from cell.config.garments.garment_file import load_garment
+from cell.config.library.library_file import (
+    add_entry,
+    load_library,
+    shipped_library_path,
+    user_library_path,
+    write_library,
+)
+from robots.errors import StorageError
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+from skills.trajectory.library import Library, LibraryEntry, from_json, lookup, to_json, trajectory_from
+
+TOWELS = ("small_towel", "medium_towel", "large_towel")
+TOWEL = load_garment("medium_towel")
+
+
+def perfect(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
+    """A stand-in simulation: the fold comes out 3 mm high, whatever the arc."""
+    state = TOWEL.flat_state(*TOWEL.poses.middle)
+    steps = plan_folds(state, TOWEL).unwrap()
+    start = next(iter(paths.values())).position[0, :2]
+    step = next(s for s in steps if any(np.allclose(g.point, start) for g in s.grasps.values()))
+    return target_vertices(mesh, step.lines, material) + np.array([0, 0, 0.003])
+
+
+@pytest.fixture(scope="module")
+def built() -> Library:
+    return build_library([TOWEL], method="initial", predict=perfect)
+
+
+def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library) -> None:
+    shipped = load_library().library
+    half, quarter = built.entries
+    add_entry(tmp_path, half)
+    add_entry(tmp_path, quarter)
+    add_entry(tmp_path, replace(half, simulations=99))
+    loaded = load_library(tmp_path)
+    assert not loaded.refused
+    assert len(loaded.library.entries) == 2 + len(shipped.entries)
+    found = lookup(loaded.library, "towel", "half", TOWEL.material, TOWEL.size_m)
+    assert found is not None and found.simulations == 99
+
+
+def test_two_who_add_at_once_lose_nothing(tmp_path: Path, built: Library) -> None:
+    """As a run that ends while a build writes what it has found in hours."""
+    begin = threading.Barrier(2)
+
+    def add(who: str) -> None:
+        begin.wait()
+        for k in range(8):
+            add_entry(tmp_path, replace(built.entries[0], garment=f"{who}{k}"))
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(add, ("a", "b")))
+    library, refused = from_json(user_library_path(tmp_path).read_text())
+    assert not refused and len(library.entries) == 16
+
+
+def test_nothing_is_left_half_written(tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = user_library_path(tmp_path)
+    write_library(path, built)
+    before = path.read_bytes()
+
+    def full(_fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left"):
+        write_library(path, Library())
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_a_folder_that_is_a_file_is_a_storage_error(tmp_path: Path, built: Library) -> None:
+    (tmp_path / "logs").write_text("")
+    with pytest.raises(StorageError) as caught:
+        add_entry(tmp_path / "logs", built.entries[0])
+    assert "--logs" in str(caught.value)
+
+
+def test_a_folder_that_may_not_be_read_is_a_storage_error(
+    tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its lock is taken on it; a run goes on without the entry."""
+    monkeypatch.setattr(
+        "cell.config.library.library_file.os.open",
+        Mock(side_effect=PermissionError(errno.EACCES, "Permission denied")),
+    )
+    with pytest.raises(StorageError, match="cannot be read: Permission denied"):
+        add_entry(tmp_path, built.entries[0])
+
+
+def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path: Path, built: Library) -> None:
+    path = user_library_path(tmp_path)
+    path.write_text("{ broken")
+    loaded = load_library(tmp_path)
+    assert [p for p, _ in loaded.refused] == [path] and "JSON" in loaded.refused[0][1].reason
+    assert len(loaded.library.entries) == len(load_library().library.entries)
+    add_entry(tmp_path, built.entries[0])
+    assert (tmp_path / "library.json.refused").read_text() == "{ broken"
+    assert not load_library(tmp_path).refused
+    path.write_text("broken again")
+    add_entry(tmp_path, built.entries[0])
+    assert (tmp_path / "library.json.refused").read_text() == "{ broken"
+    assert (tmp_path / "library.json.refused-2").read_text() == "broken again"
+
+
+def test_one_damaged_entry_costs_only_itself(tmp_path: Path, built: Library) -> None:
+    path = user_library_path(tmp_path)
+    path.write_text(to_json(built).replace('"method": "initial"', '"method": "default"', 1))
+    loaded = load_library(tmp_path)
+    assert len(loaded.refused) == 1 and loaded.refused[0][1].index == 0
+    assert built.entries[1].step in [e.step for e in loaded.library.entries if e.garment == "medium_towel"]
+
+
+@pytest.mark.parametrize("name", TOWELS)
+def test_the_shipped_library_has_every_towel_step(name: str) -> None:
+    """Shipped entries are whole, belong to the garment files as they are now, and are good folds."""
+    library, refused = from_json(shipped_library_path().read_text())
+    assert not refused
+    garment = load_garment(name)
+    for step in plan_folds(garment.flat_state(*garment.poses.middle), garment).unwrap():
+        entry = lookup(library, garment.category, step.name, garment.material, garment.size_m)
+        assert isinstance(entry, LibraryEntry) and entry.garment == name
+        assert entry.material == garment.material and entry.size_m == pytest.approx(garment.size_m)
+        diagonal = float(np.hypot(*garment.size_m))
+        # A shorter arc may cost a little of D: the objective weighs both.
+        assert entry.dissimilarity <= entry.dissimilarity_initial + 5e-4
+        assert entry.dissimilarity < 0.025 * diagonal
+        found = trajectory_from(entry, step, garment.material.thickness)
+        assert found is not None
+        assert all(np.isfinite(c).all() and c[:, 2].min() >= 0 for c in found.control_points.values())

@@ -1,0 +1,97 @@
+"""`foldcell garment new`: a garment file from a photograph, as a person would use it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.cli import main
+from cell.config.garments.garment_file import load_garment
+
+OWN = {  # a T-shirt of one's own [m]: longer, narrower, with shorter sleeves than the shipped one
+    "hem_right": (-0.36, -0.22), "armpit_right": (0.13, -0.22), "cuff_lower_right": (0.08, -0.34),
+    "cuff_upper_right": (0.21, -0.40), "shoulder_right": (0.31, -0.19), "collar_right": (0.36, -0.08),
+    "collar_left": (0.36, 0.08), "shoulder_left": (0.31, 0.19), "cuff_upper_left": (0.21, 0.40),
+    "cuff_lower_left": (0.08, 0.34), "armpit_left": (0.13, 0.22), "hem_left": (-0.36, 0.22),
+}  # fmt: skip
+METRE = 1050.0
+"""Pixels."""
+
+
+def photograph(path: Path, points: np.ndarray, angle: float) -> None:
+    """The cloth from straight above on an even table; table x is up in the picture, y to the left."""
+    image = np.clip(np.random.default_rng(0).normal(170, 2, (960, 1280, 3)), 0, 255).astype(np.uint8)
+    c, s = np.cos(angle), np.sin(angle)
+    xy = points @ np.array([[c, s], [-s, c]])
+    pixels = np.column_stack([640 - METRE * xy[:, 1], 480 - METRE * xy[:, 0]])
+    cv2.fillPoly(image, [np.round(pixels * 16).astype(np.int32)], (60, 90, 150), cv2.LINE_AA, 4)
+    cv2.imwrite(str(path), image)
+
+
+@pytest.fixture
+def shirt(tmp_path: Path) -> Path:
+    path = tmp_path / "My Shirt.png"
+    photograph(path, np.array(list(OWN.values())), 0.15)
+    return path
+
+
+def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    return dict(json.loads(capsys.readouterr().out.splitlines()[-1]))
+
+
+def test_a_shirt_of_ones_own(
+    shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    hem = ["--between", "hem_right,hem_left", "--length", "0.44"]
+    line = ["garment", "new", str(shirt), "--like", "t_shirt", *hem]
+    assert main([*line, "--json"]) == 0
+    told = answer(capsys)
+    assert Path(told["file"]) == Path("my_shirt.yaml") and (tmp_path / "my_shirt-perceived.png").exists()
+    own, like = load_garment(tmp_path / "my_shirt.yaml"), load_garment("t_shirt")
+    true = np.array([OWN[name] for name in own.keypoints])
+    assert np.linalg.norm(own.template - true, axis=1).max() < 0.010
+    assert own.plan == like.plan and own.title == "My shirt"
+    assert own.material.stretch_fraction == pytest.approx(like.material.stretch_fraction, rel=1e-3)
+    assert set(own.material.assumed) == set(like.material.assumed)
+    capsys.readouterr()
+    assert main(["garment", "check", "my_shirt.yaml"]) == 0
+    assert main(line) == 64 and "exists" in capsys.readouterr().err, "nothing is written over"
+    assert main([*line, "--replace"]) == 0 and "next" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "cuff_upper_left"),
+        (["--length", "44"], "metres"),
+        (["--length", "nan"], "metres"),
+        (["--length", "0.44", "--between", "hem_right,belly"], "cuff_upper_left"),
+        (["--length", "0.44", "--between", "hem_right"], "two key points"),
+        (["--unit", "m", "--length", "0.44"], "knows the garment's size"),
+        (["--length", "0.44", "--output", "shirt.txt"], ".yaml"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    options: list[str], said: str, shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert main(["garment", "new", str(shirt), "--like", "t_shirt", *options]) == 64
+    assert said in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name]
+
+
+def test_another_kind_of_garment_makes_no_file(
+    shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["garment", "new", str(shirt), "--like", "pants", "--length", "0.9", "--json"]) == 2
+    told = answer(capsys)
+    assert not told["recognised"] and told["reason"] and "--like" in told["hint"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name]

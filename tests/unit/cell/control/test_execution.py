@@ -1,0 +1,422 @@
+"""Streaming: the arms get what was planned, and every way of going wrong ends in a typed failure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.control.path_clock import PathControl
+from cell.control.sent import Sent
+from cell.control.streaming import ExecutionLimits, Tick, come_to_rest, hold, stream, wait
+from cell.control.ticks import TICK_S
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, JointSetpoint, Ports
+from tests.fakes import FakeCell
+
+LIMITS = ExecutionLimits()
+ONE = np.ones(14)
+PLANNING = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.2 * ONE, 3.0 * ONE, 30.0 * ONE)
+PROTECTIVE = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
+
+
+def control(commands: CommandQueue | None = None) -> PathControl:
+    return PathControl(commands, PROTECTIVE, PLANNING)
+
+
+def derivatives(cell: FakeCell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position of joint 0 as commanded, and its first and second differences over time."""
+    q = np.array([q[0] for _, q in cell.commands])
+    return q, np.diff(q) / TICK_S, np.diff(q, 2) / TICK_S**2
+
+
+def ramp(distance: float = 0.5, duration: float = 1.0) -> ArmTrajectory:
+    """A minimum-jerk motion of every joint."""
+    t = np.linspace(0.0, duration, 101)
+    s = t / duration
+    shape = s**3 * (10 - 15 * s + 6 * s**2)
+    speed = 30 * s**2 * (1 - s) ** 2 / duration
+    one = np.ones(14) * distance
+    return ArmTrajectory(t, np.outer(shape, one), np.outer(speed, one), np.zeros((101, 14)))
+
+
+def test_the_arms_arrive_and_got_every_set_point() -> None:
+    cell = FakeCell()
+    outcome = stream(cell.ports(), ramp(), LIMITS)
+    assert outcome.ok
+    np.testing.assert_allclose(cell.q, 0.5)
+    times = np.diff([t for t, _ in cell.commands])
+    np.testing.assert_allclose(times, TICK_S, atol=1e-9)
+    sent = np.array([q[0] for _, q in cell.commands])
+    np.testing.assert_allclose(sent, [ramp().at(t)[0][0] for t, _ in cell.commands], atol=1e-12)
+
+
+def test_the_interpolant_is_the_closed_form() -> None:
+    """Between samples the table must give the minimum-jerk polynomial that it was made from."""
+    for t in np.linspace(0.0, 1.0, 333):
+        q, qd = ramp().at(float(t))
+        assert q[0] == pytest.approx(0.5 * t**3 * (10 - 15 * t + 6 * t**2), abs=1e-6)
+        assert qd[0] == pytest.approx(0.5 * 30 * t**2 * (1 - t) ** 2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: setattr(c, "stop_reason", "button"), FailureKind.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
+        (lambda c: setattr(c, "follows", False), FailureKind.TRACKING_ERROR),
+    ],
+)
+def test_what_goes_wrong_on_the_way_is_named(spoil, kind) -> None:
+    cell = FakeCell()
+    cell.at(0.3, lambda: spoil(cell))
+    outcome = stream(cell.ports(), ramp(), LIMITS)
+    assert outcome.failure is not None
+    assert outcome.failure.kind is kind
+    assert cell.now < 1.0, "it went on to the end of the motion"
+
+
+def test_nothing_is_sent_after_a_stop() -> None:
+    """The fake raises on a set-point to a stopped robot: the stream must see the stop within a tick."""
+    cell = FakeCell()
+    cell.at(0.5, lambda: setattr(cell, "stop_reason", "button"))
+    assert stream(cell.ports(), ramp(), LIMITS).failure is not None
+    assert max(t for t, _ in cell.commands) < 0.5 + 1e-9
+
+
+@pytest.mark.parametrize("off", [2.0, -2.0])
+def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) -> None:
+    q = np.zeros(14)
+    q[3] = np.deg2rad(off)
+    cell = FakeCell(q)
+    failure = stream(cell.ports(), ramp(), LIMITS).failure
+    assert failure is not None
+    assert failure.kind is FailureKind.START_MISMATCH
+    assert failure.values["joint"] == 3
+    assert not cell.commands
+
+
+@pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
+def test_arms_that_are_nowhere_are_not_moved(spoil) -> None:
+    """Their state is old, or no numbers: nobody knows where a motion would begin."""
+    cell = FakeCell()
+    cell.now = 5.0
+    spoil(cell)
+    failure = stream(cell.ports(), ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    hold(cell.ports(), LIMITS)
+    assert wait(cell.ports(), 0.3, LIMITS, sent=Sent(np.zeros(14))) is None
+    assert not cell.commands, "nor told to hold, or what they were told before"
+
+
+def test_a_state_that_is_no_number_ends_a_motion() -> None:
+    cell = FakeCell()
+    cell.at(0.3, lambda: setattr(cell, "follows", False))
+    cell.at(0.3, lambda: cell.q.fill(np.nan))
+    failure = stream(cell.ports(), ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE and cell.now < 0.4
+
+
+@pytest.mark.parametrize(("sag", "seconds"), [(0.005, 1.0), (0.02, 1.0 + LIMITS.settle_s)])
+def test_a_motion_ends_when_the_arms_arrived_or_will_not_come_nearer(sag: float, seconds: float) -> None:
+    """Arms that hang a little below their last set-point are where they can be."""
+    cell = FakeCell()
+    cell.at(0.9, lambda: setattr(cell, "follows", False))
+    cell.at(0.95, lambda: setattr(cell, "q", np.full(14, 0.5 - sag)))
+    outcome = stream(cell.ports(), ramp(), LIMITS)
+    assert outcome.ok and cell.now == pytest.approx(seconds, abs=3 * TICK_S)
+    np.testing.assert_allclose(cell.commands[-1][1], 0.5)
+
+
+def test_a_watcher_ends_the_motion_and_the_arms_hold() -> None:
+    cell = FakeCell()
+    slipped = Failure(FailureKind.SLIPPED, "gone")
+    cell.at(0.35, lambda: setattr(cell, "follows", False))
+    outcome = stream(cell.ports(), ramp(), LIMITS, lambda tick: slipped if tick.t >= 0.4 else None)
+    assert outcome.failure is slipped
+    stood = ramp().at(0.34)[0]
+    np.testing.assert_allclose(cell.commands[-1][1], stood)
+    assert np.abs(cell.commands[-2][1] - stood).max() > 1e-3
+    assert cell.now == pytest.approx(0.4)
+
+
+def test_arms_whose_state_is_as_old_as_the_settings_allow_are_told_to_hold() -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.85
+    hold(cell.ports(), LIMITS)
+    assert not cell.commands
+    hold(cell.ports(), replace(LIMITS, stale_s=0.3))
+    assert len(cell.commands) == 1
+
+
+def test_waiting_keeps_the_arms_commanded() -> None:
+    """The driver holds after 0.2 s without a command; a wait must not rely on that."""
+    cell = FakeCell()
+    assert wait(cell.ports(), 0.5, LIMITS) is None
+    assert np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+def test_a_wait_ends_with_what_is_watched_for() -> None:
+    cell, times = FakeCell(), []
+    slipped = Failure(FailureKind.SLIPPED, "gone")
+
+    def watch(tick: Tick) -> Failure | None:
+        times.append(tick.t)
+        return slipped if cell.now >= 0.3 else None
+
+    assert wait(cell.ports(), 0.5, LIMITS, watch) is slipped
+    assert cell.now == pytest.approx(0.3) and times == pytest.approx(np.arange(1, 31) * TICK_S)
+
+
+# --- on the path: pause, resume, an early end ----------------------------------------------------------
+
+
+def paused(pause: float, resume: float, **options) -> tuple[FakeCell, object, PathControl]:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(pause, lambda: commands.put(Event.PAUSE))
+    cell.at(resume, lambda: commands.put(Event.RESUME))
+    held = control(commands)
+    return cell, stream(cell.ports(), ramp(duration=1.5), LIMITS, control=held, **options), held
+
+
+def test_a_control_that_nobody_uses_changes_nothing() -> None:
+    plain, controlled = FakeCell(), FakeCell()
+    stream(plain.ports(), ramp(), LIMITS)
+    stream(controlled.ports(), ramp(), LIMITS, control=control(CommandQueue()))
+    assert len(plain.commands) == len(controlled.commands)
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(plain.commands, controlled.commands, strict=True))
+
+
+@pytest.mark.parametrize("pause", [0.05, 0.4, 0.75, 1.1])
+def test_a_pause_comes_to_rest_within_0_6_s_and_goes_on_where_it_stopped(pause: float) -> None:
+    cell, outcome, held = paused(pause, pause + 1.0)
+    assert outcome.ok
+    assert cell.q == pytest.approx(0.5)
+    q, v, a = derivatives(cell)
+    resting = np.flatnonzero((np.abs(v) < 1e-9) & (q[1:] > 1e-6) & (q[1:] < 0.5 - 1e-6))
+    assert resting[0] * TICK_S <= pause + 0.6 + 2 * TICK_S
+    assert held.waited_s == pytest.approx(0.4, abs=0.05), "only the rest is waiting, not the way to it"
+    assert np.diff(q).min() > -1e-12, "it never goes back"
+    assert np.abs(v).max() <= PLANNING.velocity[0]
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+    assert np.abs(np.diff(a)).max() / TICK_S <= PROTECTIVE.jerk[0]
+
+
+def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    for t, said in ((0.5, Event.PAUSE), (1.5, Event.RESUME), (1.7, Event.PAUSE), (3.0, Event.RESUME)):
+        cell.at(t, lambda said=said: commands.put(said))
+    assert stream(cell.ports(), ramp(duration=1.5), LIMITS, control=control(commands)).ok
+    q, v, a = derivatives(cell)
+    assert cell.q == pytest.approx(0.5) and np.diff(q).min() > -1e-12
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+    assert np.abs(v[240:300]).max() < 1e-9, "at rest 0.6 s after the second pause"
+
+
+@pytest.mark.parametrize("off", [2.0, -2.0])
+def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(1.5, lambda: setattr(cell, "follows", False))
+    cell.at(1.5, lambda: setattr(cell, "q", cell.q + np.deg2rad(off)))
+    cell.at(1.6, lambda: commands.put(Event.RESUME))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.START_MISMATCH
+
+
+@pytest.mark.parametrize("pause", [None, 0.5])
+def test_the_velocities_told_are_those_at_which_the_set_points_move(
+    pause: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also while the clock runs down and up: a robot that is fed them forward would be kicked by any other."""
+    cell, commands, told = FakeCell(), CommandQueue(), []
+    if pause is not None:
+        cell.at(pause, lambda: commands.put(Event.PAUSE))
+        cell.at(pause + 0.8, lambda: commands.put(Event.RESUME))
+    ports = cell.ports()
+    command = ports.arms.command
+    monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append(qd[0]), command(q, qd))[1])
+    assert stream(ports, ramp(duration=1.5), LIMITS, control=control(commands)).ok
+    q = derivatives(cell)[0]
+    assert told[1:-1] == pytest.approx((q[2:] - q[:-2]) / (2 * TICK_S), abs=0.01)
+    assert max(told) > 0.5
+
+
+def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
+    cell, commands, kept = FakeCell(), CommandQueue(), []
+    held = control(commands)
+    held.note = lambda name, values: kept.append((name, cell.now, dict(values), abs(derivatives(cell)[1][-1])))
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(1.5, lambda: commands.put(Event.RESUME))
+    assert stream(cell.ports(), ramp(duration=1.5), LIMITS, control=held).ok
+    (paused, rested, told, speed), (resumed, went_on, from_there, still) = kept
+    assert (paused, resumed) == ("paused", "resumed")
+    assert speed < 2e-3 and still < 1e-9, "kept in the last tick of the way to rest, and before the first away"
+    assert told["asked_s"] == pytest.approx(0.5, abs=2 * TICK_S) and 1.0 <= rested <= 1.2
+    assert went_on == pytest.approx(1.5, abs=2 * TICK_S) and from_there["path_s"] == told["path_s"]
+
+
+def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    for t, said in ((0.2, Event.RESUME), (0.3, Event.PAUSE), (2.5, Event.RESUME)):
+        cell.at(t, lambda said=said: commands.put(said))
+    assert stream(cell.ports(), ramp(), LIMITS, control=control(commands)).ok
+    assert cell.now > 2.5
+
+
+@pytest.mark.parametrize("act", [lambda ports: hold(ports, LIMITS), lambda ports: wait(ports, 0.3, LIMITS)])
+def test_arms_of_which_nothing_recent_is_known_are_told_nothing(act) -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.0
+    act(cell.ports())
+    assert not cell.commands
+
+
+@pytest.mark.parametrize("rested", [False, True])
+def test_an_abort_brings_the_motion_to_rest_on_its_path(rested: bool) -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    if rested:
+        cell.at(0.3, lambda: commands.put(Event.PAUSE))
+    cell.at(1.0 if rested else 0.3, lambda: commands.put(Event.ABORT))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.ABORTED
+    q, v, a = derivatives(cell)
+    assert 0.0 < q[-1] < 0.5 and abs(v[-1]) < 0.02
+    assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_a_watched_failure_ends_softly_on_the_path() -> None:
+    cell = FakeCell()
+    slipped = Failure(FailureKind.SLIPPED, "gone")
+    outcome = stream(cell.ports(), ramp(), LIMITS, lambda tick: slipped if tick.t >= 0.4 else None, control())
+    assert outcome.failure is slipped
+    assert cell.now == pytest.approx(1.0, abs=0.03)
+    _, v, a = derivatives(cell)
+    assert abs(v[-1]) < 0.02 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were() -> None:
+    """A hold at a state 0.1 s old would tear the arms back by what they moved since."""
+    cell = FakeCell()
+    cell.at(0.5, lambda: setattr(cell, "frozen_since", cell.now))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control()).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    q, _, a = derivatives(cell)
+    assert np.diff(q).min() > -1e-12 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
+
+
+def test_a_stop_in_a_pause_ends_it() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.3, lambda: commands.put(Event.PAUSE))
+    cell.at(1.3, lambda: setattr(cell, "stop_reason", "button"))
+    failure = stream(cell.ports(), ramp(), LIMITS, control=control(commands)).failure
+    assert failure is not None and failure.kind is FailureKind.STOPPED
+
+
+def test_a_driver_that_alters_set_points_is_found_out() -> None:
+    cell = FakeCell()
+    ports = cell.ports()
+    told = ports.arms.command
+
+    def clipped(q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
+        sent = told(np.minimum(q, 0.3), qd)
+        return JointSetpoint(sent.stamp, np.minimum(q, 0.3), qd, bool(np.any(q > 0.3)))
+
+    ports.arms.command = clipped  # type: ignore[method-assign]
+    failure = stream(ports, ramp(), LIMITS).failure
+    assert failure is not None and failure.kind is FailureKind.LIMIT_EXCEEDED
+    assert failure.values["clipped"] and np.abs(cell.q).max() < 0.31
+
+
+# arms that are off their set-point
+
+
+def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
+    """All joints some degrees off where they were sent, at place [rad], for so long."""
+    cell = FakeCell(q=np.full(14, place + np.deg2rad(off)))
+    cell.at(lasts, lambda: cell.q.fill(place))
+    return cell
+
+
+@pytest.mark.parametrize("place", [0.0, 0.4])
+@pytest.mark.parametrize("off", [3.0, -3.0])
+def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: float) -> None:
+    """What is planned from the depth of a drop begins with a jump once the arms are back."""
+    cell = displaced(0.4, place, off)
+    assert come_to_rest(cell.ports(), LIMITS, Sent(np.full(14, place))) is None
+    assert cell.now == pytest.approx(0.4, abs=2 * TICK_S)
+    assert cell.commands == [], "they are sent there already"
+
+
+def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
+    cell = displaced(1e9)
+    assert come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14))) is None
+    assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: c.ports().stop.trigger("button"), FailureKind.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
+    ],
+)
+def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
+    cell = displaced(1e9)
+    cell.at(0.3, lambda: spoil(cell))
+    failure = come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14)))
+    assert failure is not None and failure.kind is kind and cell.now < 0.5
+
+
+def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
+    cell = displaced(1e9)
+    assert come_to_rest(cell.ports(), LIMITS, Sent()) is None and cell.now == 0.0
+
+
+def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:
+    """Ports whose program is held up for 0.15 s at a moment; and the stalls that are still to come."""
+    ports, stalls = cell.ports(), [at]
+
+    class Stalling:
+        def now(self) -> float:
+            return ports.clock.now()
+
+        def sleep_until(self, t: float) -> None:
+            late = stalls and t > stalls[0]
+            ports.clock.sleep_until(t + (0.15 if late else 0.0))
+            if late:
+                stalls.pop()
+
+    return replace(ports, clock=Stalling()), stalls
+
+
+@pytest.mark.parametrize("at", [0.6, 0.9, 1.3])
+def test_a_stall_does_not_end_a_pause(at: float) -> None:
+    """On the way to rest or at rest: nobody has said that the arms may go on."""
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.5, lambda: commands.put(Event.PAUSE))
+    cell.at(1.8, lambda: commands.put(Event.RESUME))
+    ports, stalls = stalling(cell, at)
+    assert stream(ports, ramp(duration=1.5), LIMITS, control=control(commands)).ok and not stalls
+    rest = [q[0] for t, q in cell.commands if 1.4 < t < 1.8]
+    assert len(rest) > 20 and np.ptp(rest) == 0.0 and 0.05 < rest[0] < 0.45
+
+
+@pytest.mark.parametrize("at", [0.1, 0.5, 0.9])
+def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
+    """The arms have come to rest meanwhile: the path's speed would be a jump."""
+    cell = FakeCell()
+    ports, stalls = stalling(cell, at)
+    outcome = stream(ports, ramp(), LIMITS, control=control())
+    assert outcome.ok and cell.q == pytest.approx(0.5) and not stalls
+    q = np.array([q[0] for _, q in cell.commands])
+    gap = int(np.argmax(np.diff([t for t, _ in cell.commands]) > 0.1)) + 1
+    assert 0 < gap < len(q) - 10
+    after = np.diff(q[gap - 1 :]) / TICK_S
+    assert abs(after[0]) < 0.05, "as slow as after a pause"
+    assert np.abs(np.diff(after)).max() / TICK_S <= PROTECTIVE.acceleration[0]
+    assert np.diff(q).min() > -1e-12 and np.abs(after).max() <= PLANNING.velocity[0]

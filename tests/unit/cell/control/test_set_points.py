@@ -1,0 +1,151 @@
+"""Where one motion ends the next begins: set-points never jump by what the arms' reading is off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.control.path_clock import PathControl
+from cell.control.sent import Sent, faded
+from cell.control.streaming import ExecutionLimits, stream, wait
+from cell.executive.effects import hands
+from cell.executive.effects.hands import each_hand
+from robots.errors import FailureKind
+from robots.ports import ArmTrajectory, Side
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+OFF = 0.008
+"""What the reading differs from the last set-point by [rad]."""
+MOST = 6.0 * OFF / 0.25**2
+"""Peak acceleration of a minimum-jerk move over OFF in 0.25 s is 5.77 OFF / 0.25^2 [rad/s2]."""
+
+
+def accelerations(cell: FakeCell) -> np.ndarray:
+    q = np.array([cell.commands[0][1] * 0 + OFF, *(q for _, q in cell.commands)])
+    return np.diff(q, n=2, axis=0) / 0.01**2
+
+
+def standing(seconds: float = 0.5) -> ArmTrajectory:
+    t = np.linspace(0.0, seconds, 51)
+    zero = np.zeros((51, 14))
+    return ArmTrajectory(t, zero, zero, zero)
+
+
+def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
+    share = np.array([faded(k) for k in range(40)])
+    assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
+
+
+@pytest.mark.parametrize("kind", ["stream", "wait", "hands"])
+def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, sent = FakeCell(), Sent(np.full(14, OFF))
+    if kind == "stream":
+        control = PathControl(None, None, None, sent=sent)
+        assert stream(cell.ports(), standing(), ExecutionLimits(), control=control).ok
+    elif kind == "wait":
+        assert wait(cell.ports(), 0.5, ExecutionLimits(), sent=sent) is None
+    else:
+        monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
+        work = fake_workcell(cell, sent=sent)
+        ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(now) if now >= 0.5 else state)
+        assert ended.ok
+    assert cell.commands[0][1] == pytest.approx(OFF, abs=1e-6)
+    assert cell.commands[-1][1] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(accelerations(cell)).max() <= MOST
+    assert sent.q == pytest.approx(cell.commands[-1][1])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: setattr(c, "stop_reason", "button"), FailureKind.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
+        (lambda c: setattr(c, "q", c.q + 0.2), FailureKind.TRACKING_ERROR),
+    ],
+)
+@pytest.mark.parametrize("waiting", [False, True])
+def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
+    spoil, kind, waiting: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.follows = False
+    cell.at(0.3, lambda: spoil(cell))
+    if waiting:
+        failure = wait(cell.ports(), 2.0, ExecutionLimits())
+    else:
+        failure = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state).failure
+    assert failure is not None and failure.kind is kind and cell.now < 0.5
+    if kind is FailureKind.TRACKING_ERROR:
+        assert cell.commands[-1][1] == pytest.approx(cell.q), "they hold where they were pushed to"
+
+
+@pytest.mark.parametrize("off", [0.03, 0.055])
+def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody pushed an arm in a pause: a way that was planned from elsewhere would begin with a jump."""
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.q = cell.q + off
+    work = fake_workcell(cell)
+    began = each_hand(work, {Side.LEFT: None}, lambda side, now, state: state, lambda _: np.zeros(14))
+    assert began.failure is not None and began.failure.kind is FailureKind.START_MISMATCH
+    assert cell.commands == []
+
+
+@pytest.mark.parametrize("sag", [0.009, 0.018])
+def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arms that hang below their set-point are not elsewhere: their way begins at the set-point."""
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    cell.follows = False
+    cell.q = cell.q - sag
+    work = fake_workcell(cell, sent=Sent(np.zeros(14)))
+    ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(1), lambda _: np.zeros(14))
+    assert ended.ok and cell.commands[0][1] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("off", [0.3, -0.3])
+def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
+    """Somebody jogged the arms: they begin where they stand."""
+    cell = FakeCell()
+    wait(cell.ports(), 0.1, ExecutionLimits(), sent=Sent(np.full(14, off)))
+    assert np.abs(cell.commands[0][1]).max() == 0.0
+
+
+def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
+    cell = FakeCell()
+    cell.now, cell.frozen_since = 5.0, 4.0
+    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    assert ended.failure is not None and ended.failure.kind is FailureKind.STALE_STATE
+    assert cell.commands == []
+
+
+def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    cell = FakeCell()
+    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    assert ended.failure is not None and ended.failure.kind is FailureKind.GRIPPER_FAULT
+    assert 10.0 < cell.now < 60.0 and np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+@pytest.mark.parametrize("sag", [0.0, OFF])
+def test_hands_are_told_the_speed_at_which_their_set_points_move(
+    sag: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot that is fed its velocities forward would be kicked by any other."""
+    monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
+    cell, told = FakeCell(), []
+    cell.q = cell.q - sag
+    ports = cell.ports()
+    command = ports.arms.command
+    monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append((q, qd)), command(q, qd))[1])
+    work = fake_workcell(cell, ports=ports, sent=Sent(np.zeros(14)))
+    slide = lambda _: np.full(14, 0.005 + 0.05 * cell.now)  # noqa: E731
+    assert each_hand(work, {Side.LEFT: 0}, lambda s, now, state: Outcome(1) if now > 0.5 else 0, slide).ok
+    q, qd = (np.array(part) for part in zip(*told, strict=True))
+    assert qd[0] == pytest.approx(0.0)
+    assert qd[1:] == pytest.approx(np.diff(q, axis=0) / 0.01)

@@ -1,0 +1,71 @@
+"""A garment that drifted takes the belief of it along."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config.garments.garment_file import load_garment
+from cell.executive.effects.drifting import moved_along
+from cell.states.context import Context
+from skills.cloth.mesh import ClothMesh
+from skills.planning.plan import plan_folds
+from skills.vocabulary import FoldLine, FoldStep, Grasp, Side
+
+
+@pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])
+def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
+    """The outline's middle is far from the vertices' where a sleeve lies folded over."""
+    rng = np.random.default_rng(3)
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    t, middle = np.array([0.012, -0.004]), np.array([0.9, 0.3])
+    vertices, rest = rng.uniform(0.3, 0.7, (40, 3)), rng.uniform(0.3, 0.7, (40, 2))
+    point, line = np.array([0.5, 0.1]), FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0]))
+    grasp = Grasp(Side.LEFT, point, 0.2, 2, 0.004)
+    step = FoldStep("hem", 0, line, (line,), {Side.LEFT: grasp}, {Side.LEFT: np.array([0.7, 0.1, 0.01])})
+    one = np.array([[0, 1, 2]], np.int32)
+    mesh = ClothMesh(rest, np.zeros(40, np.int32), one, np.zeros(1, np.int32), np.zeros((0, 2), np.int32))
+    seen: Any = SimpleNamespace(drift=R @ middle + t - middle, drift_rad=turn, drift_about=middle)
+
+    after = moved_along(Context(vertices=vertices, mesh=mesh, steps=(step,)), seen)
+
+    def moved(xy: np.ndarray) -> np.ndarray:
+        return xy @ R.T + t
+
+    assert after.vertices is not None and after.mesh is not None
+    np.testing.assert_allclose(after.vertices[:, :2], moved(vertices[:, :2]), atol=1e-12)
+    np.testing.assert_array_equal(after.vertices[:, 2], vertices[:, 2])
+    np.testing.assert_allclose(after.mesh.rest, moved(rest), atol=1e-12)
+    (there,) = after.steps
+    np.testing.assert_allclose(there.grasps[Side.LEFT].point, moved(point), atol=1e-12)
+    np.testing.assert_allclose(there.line.point, moved(line.point), atol=1e-12)
+    np.testing.assert_allclose(there.line.direction, R @ line.direction, atol=1e-12)
+    np.testing.assert_allclose(there.targets[Side.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
+
+
+def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
+    """From the flat garment that moved along, as the plan that moved along says it."""
+    towel = load_garment("medium_towel")
+    flat = towel.flat_state(*towel.poses.middle)
+    steps = plan_folds(flat, towel).unwrap()
+    nothing = np.zeros((0, 2))
+    mesh = ClothMesh(
+        nothing,
+        np.zeros(0, np.int32),
+        np.zeros((0, 3), np.int32),
+        np.zeros(0, np.int32),
+        np.zeros((0, 2), np.int32),
+    )
+    context = Context(flat=flat, steps=steps, mesh=mesh, vertices=np.zeros((0, 3)))
+    seen: Any = SimpleNamespace(drift=np.array([0.02, -0.01]), drift_rad=0.05, drift_about=np.array([0.6, 0.1]))
+    after = moved_along(context, seen)
+    assert after.flat is not None
+    for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
+        assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
+        for side, grasp in anew.grasps.items():
+            np.testing.assert_allclose(grasp.point, moved.grasps[side].point, atol=1e-12)
+            np.testing.assert_allclose(anew.targets[side], moved.targets[side], atol=1e-12)
+            assert np.cos(grasp.heading - moved.grasps[side].heading) == pytest.approx(1.0)

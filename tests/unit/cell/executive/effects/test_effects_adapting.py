@@ -1,0 +1,132 @@
+"""What a fold teaches: where it dragged cloth the friction moves towards the truth, else nothing is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.identify import BOUND, silhouette
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.executive.effects.adapting import FACTORS, adapt
+from cell.executive.effects.planning import simulated_paths
+from cell.states.context import Context
+from robots.ports import Array
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.predict import predict_fold
+from skills.planning.plan import plan_folds
+from skills.trajectory.paths import LIFT_HEIGHT, fold_paths
+from skills.vocabulary import Material, PredictedShape
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+TOWEL = load_garment("medium_towel")
+STATE = TOWEL.flat_state(*TOWEL.poses.middle)
+STEPS = plan_folds(STATE, TOWEL).unwrap()
+MESH = mesh_from_contour(STATE.contour, 0.03, TOWEL.layers)
+FLAT = MESH.lay_flat(TOWEL.material.thickness)
+MU = TOWEL.material.friction_static
+
+
+class View:
+    """Looks from straight above."""
+
+    def shadow_on_table(self, xyz: Array) -> Array:
+        return np.asarray(xyz)[:, :2]
+
+
+def settings(adapting: bool) -> CellSettings:
+    shipped = load_settings()
+    return shipped.model_copy(update={"optimiser": shipped.optimiser.model_copy(update={"adapt": adapting})})
+
+
+def motion() -> Any:
+    """A fold, begun from the lifted grasps, drawn up and over so high that it drags what should rest."""
+    controls, half = {}, STEPS[0]
+    for side, grasp in half.grasps.items():
+        start, end = np.append(grasp.point, LIFT_HEIGHT), half.targets[side]
+        up = np.array([0.0, 0.0, 0.75])
+        controls[side] = np.array([start, start + up, end + up, end])
+    paths = fold_paths(controls, {s: g.heading for s, g in half.grasps.items()}, 3.0)
+    return SimpleNamespace(tool_paths=paths, postures={s: SimpleNamespace(path=s) for s in paths})
+
+
+def folded(cell: Any, mesh: ClothMesh, material: Material) -> Array:
+    paths = simulated_paths(cell, motion())
+    return predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths).vertices
+
+
+def outline(vertices: Array, mesh: ClothMesh) -> Array:
+    shape = silhouette(vertices, mesh.triangles)
+    largest = max(getattr(shape, "geoms", [shape]), key=lambda part: part.area)
+    return np.asarray(largest.exterior.coords)[:-1]
+
+
+class Told:
+    """Takes the place of the recorder."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[float, float, float]] = []
+
+    def adapted(self, *figures: float) -> None:
+        self.heard.append(figures)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+@pytest.fixture(scope="module")
+def predicted(workers: ThreadPoolExecutor) -> Array:
+    return folded(fake_workcell(FakeCell(), workers), MESH, TOWEL.material)
+
+
+def after(
+    workers: ThreadPoolExecutor, predicted: Array, contour: Array, *, on: bool = True, index: int = 0
+) -> Any:
+    """What is believed after a fold that left this outline, the record, the clock and what the view was told."""
+    clock, told = FakeCell(), Told()
+    cell = fake_workcell(clock, workers, expected=TOWEL, recorder=told, settings=settings(on))
+    context = Context(
+        garment=TOWEL, steps=STEPS, index=index, mesh=MESH, vertices=FLAT, motion=motion(),
+        predicted=PredictedShape(predicted, MESH.triangles, MESH.rest),
+        inspection=SimpleNamespace(contour=contour, view=View()),  # type: ignore[arg-type]
+    )  # fmt: skip
+    learned, record = adapt(cell, context)
+    return SimpleNamespace(
+        friction=learned.known_garment.material.friction_static, record=record, spent=clock.now, told=told.heard,
+        each=cell.settings.computing.simulation_s,
+    )  # fmt: skip
+
+
+def test_a_fold_that_went_as_predicted_costs_nothing(workers: ThreadPoolExecutor, predicted: Array) -> None:
+    same = after(workers, predicted, outline(predicted, MESH))
+    assert same.friction == MU and same.spent == 0.0 and same.told == []
+    assert same.record["outline_residual_m"] < 1e-3
+
+
+@pytest.mark.parametrize("factor", [0.55, 1.6])
+def test_a_fold_that_dragged_more_or_less_moves_the_friction_there(
+    workers: ThreadPoolExecutor, predicted: Array, factor: float
+) -> None:
+    """Seen in a world with another mesh; within the bound; charged, on record and shown."""
+    world = mesh_from_contour(STATE.contour, 0.026, TOWEL.layers, 0.4)
+    cell = fake_workcell(FakeCell(), workers)
+    contour = outline(folded(cell, world, TOWEL.material.with_friction(factor * MU)), world)
+    learned = after(workers, predicted, contour)
+    assert (learned.friction - MU) * (factor - 1.0) > 0.0
+    assert (1.0 - BOUND) * MU <= learned.friction <= (1.0 + BOUND) * MU
+    assert learned.spent == pytest.approx(len(FACTORS) * learned.each)
+    assert learned.record["friction_before"] == MU and learned.record["friction"] == learned.friction
+    ((_, shown, share),) = learned.told
+    assert shown == learned.friction and share == learned.record["friction_learned"]
+
+    for nothing in (after(workers, predicted, contour, on=False), after(workers, predicted, contour, index=1)):
+        assert nothing.friction == MU and nothing.record == {} and nothing.spent == 0.0

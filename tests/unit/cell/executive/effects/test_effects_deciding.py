@@ -1,0 +1,275 @@
+"""What is tried after a failure, and what an operator can say: bounds, dwell, waiting that is not charged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.control.sent import Sent
+from cell.executive.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.states.context import Context
+from cell.states.recovery_table import RECOVERIES, Adjustment
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.ports import Side
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+
+
+SEEN = Context(reference=FakeCell().ports().camera.capture())
+"""The empty table was photographed."""
+
+
+def failed(kind: FailureKind, times: int = 1, context: Context | None = None) -> Context:
+    context = context or Context()
+    for _ in range(times):
+        context = context.with_failure(Failure(kind, "it failed"))
+    return context
+
+
+def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
+    path = tmp_path / "cell.yaml"
+    path.write_text("recovery:\n" + "".join(f"  {k}: {v}\n" for k, v in bounds.items()))
+    return load_settings(path)
+
+
+# recoveries
+
+
+def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
+    """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.008)))
+    choose_next(workcell, failed(K.CAMERA_FAULT, context=SEEN))
+    assert cell.commands[0][1] == pytest.approx(0.008) and workcell.sent.q == pytest.approx(cell.commands[-1][1])
+
+
+@pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])
+def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
+    kind: FailureKind, event: Event
+) -> None:
+    plan: Any = (SimpleNamespace(name="half"),)
+    context = replace(SEEN, steps=plan, carried=True)
+    for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
+        assert choose_next(fake_workcell(FakeCell()), failed(kind, looks, context)).event is event
+
+
+@pytest.mark.parametrize("kind", [K.DRIFT, K.MISSED_LAYER])
+def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
+    assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize("kind", list(RECOVERIES))
+def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
+    accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
+    context, tried = replace(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
+    while not (accepted and tried):
+        result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
+        context = result.context
+        if result.event is Event.GIVE_UP:
+            break
+        tried.append((result.event, Adjustment(str(result.record["change"]))))
+        assert len(tried) < 10
+    assert tried == [(r.event, r.adjust) for r in RECOVERIES[kind]]
+    changes = [a for _, a in tried if a is not Adjustment.NONE]
+    if Adjustment.OTHER_VARIANT in changes:  # a fold that begins anew
+        changes = changes[changes.index(Adjustment.OTHER_VARIANT) :]
+    assert list(context.adjustments) == changes
+
+
+@pytest.mark.parametrize("kind", [K.UNREACHABLE, K.IN_COLLISION])
+@pytest.mark.parametrize(("garment", "index", "ways"), [("pants", 0, 2), ("pants", 1, 1), ("t_shirt", 0, 1)])
+def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
+    kind: FailureKind, garment: str, index: int, ways: int
+) -> None:
+    context = replace(SEEN, garment=load_garment(garment), index=index, avoided=({},))
+    events = []
+    while True:
+        result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
+        context, events = result.context, [*events, result.event]
+        if result.event is Event.GIVE_UP:
+            break
+        assert (context.avoided == ()) == (result.event is Event.PLAN_AGAIN), "another way has other postures"
+    assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
+
+
+def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
+    """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
+    held: Any = {Side.LEFT: None}
+    context = replace(SEEN, garment=load_garment("pants"), held=held)
+    result = choose_next(fake_workcell(FakeCell()), failed(K.UNREACHABLE, 3, context))
+    assert result.event is Event.LOOK_AGAIN and result.context.count(Adjustment.OTHER_VARIANT) == 1
+
+
+def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
+    """Failures of ever new kinds must not add up to tries without end."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
+    context, events = Context(), []
+    for kind in (K.NO_CONTACT, K.SLIPPED, K.TRACKING_ERROR, K.OFF_TARGET, K.DRIFT):
+        result = choose_next(workcell, failed(kind, context=context))
+        context = result.context
+        events.append(result.event)
+    assert events[3:] == [Event.GIVE_UP, Event.GIVE_UP]
+    assert Event.GIVE_UP not in events[:3]
+
+
+def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=3))
+    context, events = Context(), []
+    for index in (0, 0, 1, 2):
+        result = choose_next(workcell, failed(K.MISSED_GRASP, context=replace(context, index=index)))
+        context = result.context
+        events.append(result.event)
+    assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
+
+
+@pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
+def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Path, bounds: dict[str, int]) -> None:
+    """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
+    two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))
+    tried = replace(SEEN, carried=True, recoveries=two)
+    assert choose_next(workcell, failed(K.DRIFT, context=tried)).event is Event.CARRY_ON
+    assert choose_next(workcell, failed(K.NO_CONTACT, context=tried)).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
+def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event: Event) -> None:
+    for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
+        workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds), attended=attended)
+        assert choose_next(workcell, failed(K.NO_GARMENT)).event is event
+
+
+@pytest.mark.parametrize("kind", [K.STOPPED, K.HARDWARE_FAULT, K.CATEGORY_MISMATCH, K.GRIPPER_FAULT])
+@pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
+def test_what_stands_in_no_row_is_not_tried_again(kind: FailureKind, attended: bool, event: Event) -> None:
+    result = choose_next(fake_workcell(FakeCell(), attended=attended), failed(kind))
+    assert result.event is event
+    assert result.context.recoveries == (), "asking or giving up is no recovery"
+
+
+def test_the_dwell_is_waited_with_the_arms_held(tmp_path: Path) -> None:
+    cell = FakeCell()
+    choose_next(fake_workcell(cell), failed(K.NO_GARMENT))
+    assert cell.now == pytest.approx(1.0)
+    gaps = [b - a for (a, _), (b, _) in zip(cell.commands, cell.commands[1:], strict=False)]
+    assert gaps and max(gaps) < 0.2, "the arms' commands timed out"
+    cell = FakeCell()
+    choose_next(fake_workcell(cell, settings=bounded(tmp_path, dwell=2.0)), failed(K.OFF_TARGET))
+    assert cell.now == pytest.approx(2.0)
+
+
+def test_a_stop_ends_the_dwell() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
+    result = choose_next(workcell, failed(K.NO_GARMENT))
+    assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
+    assert cell.now < 0.4
+
+
+# the operator
+
+
+@pytest.mark.parametrize(
+    ("ask", "known"),
+    [
+        (ask_approval, {Event.APPROVE, Event.RETRY, Event.ABORT}),
+        (ask_operator, {Event.RETRY, Event.SKIP, Event.ABORT}),
+        (pause, {Event.RESUME, Event.ABORT}),
+    ],
+)
+def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
+    for answer in known:
+        cell = FakeCell()
+        cell.now = 20.0
+        workcell = fake_workcell(cell)
+        cell.at(20.3, lambda queue=workcell.commands, answer=answer: queue.put(answer))
+        result = ask(workcell, replace(SEEN, waited_s=2.0))
+        assert result.event is answer
+        assert result.record == {"command": answer.value}
+        assert result.context.waited_s == pytest.approx(2.0 + cell.now - 20.0) and cell.now >= 20.3
+        assert cell.commands == [], "it moved while it asked"
+        failure = result.context.failure
+        assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
+
+
+def test_before_the_table_was_seen_another_try_photographs_it() -> None:
+    """The garment is laid after that: to look for it would find none."""
+    assert choose_next(fake_workcell(FakeCell()), failed(K.CAMERA_FAULT)).event is Event.START_OVER
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
+    said = ask_operator(workcell, Context())
+    assert said.event is Event.START_OVER and said.record == {"command": "retry"}
+
+
+def test_where_no_picture_of_the_table_is_taken_another_try_looks_for_the_garment(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text("camera: {reference: none}\n")
+    workcell = fake_workcell(FakeCell(), settings=load_settings(tmp_path / "cell.yaml"))
+    assert choose_next(workcell, failed(K.CAMERA_FAULT)).event is Event.LOOK_AGAIN
+
+
+@pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
+def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind) -> None:
+    """Else a folded garment would be taken for a smaller one that lies flat."""
+    carried = failed(kind, context=replace(SEEN, carried=True))
+    result = choose_next(fake_workcell(FakeCell()), carried)
+    assert result.event is Event.LOOK_AFTER and result.record["recovery"] == "look_after"
+    assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
+
+
+def test_no_fold_is_made_twice() -> None:
+    """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
+    strayed = failed(K.TRACKING_ERROR, context=replace(SEEN, carried=True))
+    assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
+    before = failed(K.TRACKING_ERROR, context=SEEN)
+    assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
+
+
+def test_who_says_retry_has_laid_the_garment_back() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
+    said = ask_operator(workcell, replace(SEEN, carried=True, press_tries=2))
+    assert said.event is Event.RETRY and said.context.press_tries == 0
+    blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
+    assert blind.event is Event.LOOK_AGAIN
+
+
+def test_what_was_not_asked_for_is_no_answer() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))
+    cell.at(0.6, lambda: workcell.commands.put(Event.APPROVE))
+    assert ask_approval(workcell, Context()).event is Event.APPROVE
+    assert cell.now >= 0.6
+
+
+def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
+    for carried, said in ((True, Event.SKIP), (False, Event.APPROVE)):
+        cell = FakeCell()
+        workcell = fake_workcell(cell)
+        cell.at(0.3, lambda workcell=workcell: workcell.commands.put(Event.SKIP))
+        cell.at(0.6, lambda workcell=workcell: workcell.commands.put(Event.APPROVE))
+        result = ask_approval(workcell, Context(carried=carried))
+        assert result.event is said and result.context.unpressed is carried
+
+
+@pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
+def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
+    result = ask(workcell, Context())
+    assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
+    assert cell.now < 0.4

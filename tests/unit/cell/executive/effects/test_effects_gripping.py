@@ -1,0 +1,229 @@
+"""What a hand does that takes hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.executive.effects import gripping, hands, moving
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context
+from cell.states.transition_table import Event
+from robots.errors import DriverError, Failure, FailureKind
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, Side, arm_slice
+from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.tare import Zero
+from skills.motion.moves.grasp import Descent
+from skills.motion.moves.retreat import Withdrawal
+from skills.motion.timing.jerk_limiter import Follower
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+TOUCHED = 0.04
+"""How far down its way the left hand stands [m]."""
+WAY = Descent(np.linspace(0.0, 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), TOUCHED)
+
+
+def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[FakeCell, Failure | None, Any]:
+    """The left hand presses on what pushes back so hard, from where it has touched."""
+    monkeypatch.setattr(gripping, "_depth_at", lambda *_: TOUCHED)
+    cell = FakeCell(q=np.r_[WAY.at(TOUCHED), np.zeros(7)])
+    workcell = fake_workcell(cell)
+    depth = lambda: float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))  # noqa: E731
+    pushes = SimpleNamespace(now={Side.LEFT: 0.0}, strongest=0.0)
+
+    def look(_: Any) -> Failure | None:
+        pushes.now[Side.LEFT] = newtons_a_metre * (depth() - TOUCHED)
+        pushes.strongest = max(pushes.strongest, pushes.now[Side.LEFT])
+        return Failure(FailureKind.STALE_STATE, "no tips") if np.isnan(newtons_a_metre) else None
+
+    pushes.look = look
+    posture = SimpleNamespace(pitch=0.1)
+    context: Any = SimpleNamespace(
+        motion=SimpleNamespace(postures={Side.LEFT: posture}), count=lambda adjustment: 1
+    )
+    failure = gripping._press(workcell, context, {Side.LEFT: WAY}, {Side.LEFT: Follower(TOUCHED)}, pushes)
+    return cell, failure, pushes
+
+
+def test_a_hand_presses_into_what_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, failure, _ = pressed(monkeypatch, 1000.0)
+    deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
+    assert failure is None and deepest - TOUCHED == pytest.approx(
+        gripping.PRESS + gripping.DEEPER + 0.5 * gripping.PREGRASP_OPENING * np.sin(0.1), abs=2e-4
+    )
+
+
+def test_a_hand_goes_no_deeper_into_what_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes to rest smoothly where its tip is pushed as hard as it may be."""
+    cell, failure, pushes = pressed(monkeypatch, 8_000.0)
+    most = fake_workcell(FakeCell()).settings.grasp.press_force
+    assert failure is None and most < pushes.strongest < 1.5 * most
+    q = np.array([q for _, q in cell.commands])[:, arm_slice(Side.LEFT)]
+    depth = np.interp(q[:, 0], WAY.q[:, 0], WAY.depth)
+    assert abs(depth[-1] - depth[-5]) < 1e-5 and depth.max() - depth[-1] < 5e-5
+    assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "within the hand's own acceleration"
+
+
+def test_a_hand_whose_tips_nobody_can_read_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, failure, _ = pressed(monkeypatch, float("nan"))
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    assert len(cell.commands) == 1
+
+
+# hands that hold cloth
+
+ONE = np.ones(14)
+LIMITS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
+GRIP, THICK = 12.0, 0.004
+"""What each hand squeezes with [N], and how thick the cloth between its pads is [m]."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion of which nothing but its arc matters."""
+
+    postures: Any = field(default_factory=dict)
+    arc: Any = None
+
+
+def way(distance: float, seconds: float = 2.0) -> ArmTrajectory:
+    """All joints go as far as `distance` [rad] with least jerk."""
+    t = np.linspace(0.0, seconds, round(100 * seconds) + 1)
+    u = (t / seconds)[:, None]
+    q = distance * u**3 * (10 - 15 * u + 6 * u**2) * ONE
+    qd = distance / seconds * 30 * u**2 * (1 - u) ** 2 * ONE
+    return ArmTrajectory(t, q, qd, np.zeros_like(q))
+
+
+def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, Context]:
+    """Both hands hold cloth, with the tips 20 cm over the table."""
+    cell = FakeCell()
+    cell.openings, cell.pads = dict.fromkeys(Side, THICK), dict.fromkeys(Side, GRIP)
+    monkeypatch.setattr(hands, "tool_height", lambda *_: 0.2)
+    robot = SimpleNamespace(q_park=np.zeros(14), protective=LIMITS)
+    unloaded = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+    held = Held(0.0, GRIP, THICK, LayerCount((0.0, 1.0), 1.0, 0.1))
+    motion: Any = Motion()
+    context = Context(motion=motion, zeros=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
+    return cell, fake_workcell(cell, robot=robot, limits=LIMITS), context
+
+
+def lose(cell: FakeCell, side: Side) -> None:
+    """The pads close on one another."""
+    cell.openings[side], cell.pads[side] = 0.0, 0.0
+
+
+def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, workcell, context = holding(monkeypatch)
+    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    result = gripping.fold(workcell, context)
+    assert result.event is Event.DONE and cell.q == pytest.approx(0.5)
+    taken = [frame.stamp for frame in result.context.pictures]
+    assert taken == pytest.approx(np.linspace(0.0, 2.0, len(taken)), abs=0.05)
+    assert len(taken) == workcell.settings.recorder.key_frames
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, workcell, context = holding(monkeypatch)
+    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    cell.at(0.8, lambda: lose(cell, side))
+    result = gripping.fold(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.SLIPPED
+    assert f"the {side} hand" in result.context.failure.what
+    q = np.array([q[0] for _, q in cell.commands])
+    assert 0.05 < q[-1] < 0.45 and q[-1] - q[-2] < 1e-4, "on the way, and at rest"
+    assert cell.now < 0.8 + 0.1 + 0.7, "known within 100 ms, at rest 0.6 s later"
+
+
+def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From where the hands really hold, the way may be another than was planned."""
+    cell, workcell, context = holding(monkeypatch)
+    blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
+    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
+    result = gripping.fold(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure is blocked and not cell.commands
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
+    stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, workcell, context = holding(monkeypatch)
+    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+
+    def glimpse() -> None:
+        raise DriverError(FailureKind.STOPPED if stopped else FailureKind.CAMERA_FAULT, "no picture")
+
+    monkeypatch.setattr(workcell.ports.camera, "glimpse", glimpse)
+    if stopped:
+        with pytest.raises(DriverError):
+            gripping.fold(workcell, context)
+        return
+    result = gripping.fold(workcell, context)
+    assert result.event is Event.DONE and result.context.pictures == ()
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, workcell, context = holding(monkeypatch)
+    monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
+    monkeypatch.setattr(moving, "check_trajectory", lambda *_, **__: Outcome("checked"))
+    assert gripping.lift(workcell, context).event is Event.DONE
+    cell.q = np.zeros(14)
+    workcell.sent.q = None
+    lose(cell, side)
+    result = gripping.lift(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.MISSED_GRASP
+    assert f"the {side} hand" in result.context.failure.what
+
+
+def test_a_garment_whose_hands_do_not_open_was_carried_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What came of the fold is looked at: it is not made once more."""
+    _, workcell, context = holding(monkeypatch)
+    for gripper in workcell.ports.grippers.values():
+        monkeypatch.setattr(gripper, "command", lambda opening, force: None)
+    result = gripping.release_garment(workcell, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.GRIPPER_FAULT
+    assert result.context.carried and result.context.held, "and nobody knows that it was let go"
+
+
+def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wide open pads would sweep the stack away."""
+    cell, workcell, context = holding(monkeypatch)
+    result = gripping.release_garment(workcell, context)
+    assert result.event is Event.DONE and result.context.carried and not result.context.held
+    assert all(0.01 < opening < 0.025 for opening in cell.openings.values())
+
+
+@pytest.mark.parametrize("side", [None, *Side])
+def test_cloth_that_clings_to_either_hand_is_not_taken_home(
+    side: Side | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, workcell, context = holding(monkeypatch)
+    cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s is side else 0.0 for s in Side}
+    gone: list[Any] = []
+    away = Withdrawal("up", "home")  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "_withdrawal", lambda cell, sides: Outcome(away))
+
+    def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
+        gone.append((motion, fingertips))
+
+    monkeypatch.setattr(moving, "move", move)
+    result = moving.retreat(workcell, context)
+    if side is None:
+        assert (result.event, gone) == (Event.DONE, [("up", True), ("home", False)]), "low only while they rise"
+    else:
+        assert (result.event, gone) == (Event.FAILED, [("up", True)])
+        assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what

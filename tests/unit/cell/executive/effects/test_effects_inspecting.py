@@ -1,0 +1,159 @@
+"""What follows from a look at a fold: on to the next one, an end, or a failure with its name."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cell.executive.effects.inspecting as inspecting
+from cell.executive.effects.inspecting import figures, find_folded, inspect_fold, next_step
+from cell.states.context import Context
+from cell.states.recovery_table import Adjustment
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from skills.cloth.mesh import ClothMesh
+from skills.perception.inspection.result import Inspection
+from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
+from tests.fakes import FakeCell
+from tests.inspections import inspection
+from tests.workcells import fake_workcell
+
+K = FailureKind
+TRIANGLE = np.array([[0, 1, 2]], np.int32)
+CORNERS = np.array([[0.5, 0.0], [0.7, 0.0], [0.5, 0.2]])
+FLAT = np.column_stack([CORNERS, np.full(3, 0.001)])
+FOLDED = FLAT + np.array([0.0, 0.05, 0.002])
+MESH = ClothMesh(CORNERS, np.zeros(3, np.int32), TRIANGLE, np.zeros(1, np.int32), np.zeros((0, 2), np.int32))
+LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
+STEPS = tuple(FoldStep(name, k, LINE, (), {}, {}) for k, name in enumerate(("half", "quarter")))
+
+
+def seen(diagnosis: FailureKind | None = None, **changes: Any) -> Inspection:
+    return inspection(diagnosis=diagnosis, contour=CORNERS, **changes)
+
+
+def made(**changes: Any) -> Context:
+    """The first of two folds was carried through."""
+    trajectory: Any = SimpleNamespace(source="library")
+    known: dict[str, Any] = {
+        "steps": STEPS, "mesh": MESH, "vertices": FLAT, "predicted": PredictedShape(FOLDED, TRIANGLE, CORNERS),
+        "trajectory": trajectory, "carried": True,
+    }  # fmt: skip
+    return Context(**{**known, **changes})
+
+
+def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
+    """What the camera would show is known; nothing is pressed and nothing learned."""
+    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
+    monkeypatch.setattr(inspecting, "plan_pressing", lambda *_: None)
+    monkeypatch.setattr(inspecting, "adapt", lambda cell, context: (context, {}))
+
+
+@pytest.mark.parametrize(("index", "event"), [(0, Event.NEXT_FOLD), (1, Event.ALL_FOLDED)])
+def test_a_fold_that_lies_as_predicted_leads_on(index: int, event: Event, monkeypatch: pytest.MonkeyPatch) -> None:
+    look(monkeypatch, seen())
+    before: Any = SimpleNamespace(name="half")
+    result = inspect_fold(fake_workcell(FakeCell()), made(index=index, done=(before,) * index))
+    assert result.event is event and result.record["iou"] == 0.96
+    assert [note.name for note in result.context.done] == ["half", "quarter"][: index + 1]
+
+
+@pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER, K.OFF_TARGET])
+def test_a_fold_that_does_not_is_a_failure_of_that_name(
+    kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look(monkeypatch, seen(kind, iou_aligned=0.87))
+    result = inspect_fold(fake_workcell(FakeCell()), made())
+    failure = result.context.failure
+    assert result.event is Event.FAILED and failure is not None and failure.kind is kind
+    assert "fold half: overlap 0.87" in failure.what and failure.hint
+    assert failure.values["iou_aligned"] == 0.87, "by which it is told whether it is good enough"
+    assert result.context.inspection is not None and not result.context.done
+
+
+def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
+    """Else it would be carried on with, pressed, or judged by what was true of another fold."""
+    kept = {f.name for f in fields(Context)} - {
+        "adjustments", "trajectory", "motion", "predicted", "failure", "inspection", "pictures", "plan_frames",
+        "avoided", "carried", "pressed", "press_tries", "press_motion", "unpressed", "grasps",
+    }  # fmt: skip
+    some: Any = object()
+    before = made(
+        inspection=seen(), failure=Failure(K.DRIFT, "it moved"), pressed=(seen(),), press_tries=2, unpressed=True,
+        adjustments=(Adjustment.LOWER,), avoided=(some,), press_motion=some, motion=SimpleNamespace(fold=way(2.0)),
+        plan_frames=FLAT[None], pictures=(some,), grasps=3, waited_s=4.0, recoveries=((0, "drift -> carry_on"),),
+    )  # fmt: skip
+    after = next_step(fake_workcell(FakeCell()), before).context
+    new = Context()
+    assert {f.name for f in fields(Context) if getattr(after, f.name) is getattr(new, f.name)} >= {
+        f.name for f in fields(Context) if f.name not in kept
+    }
+    assert (after.index, after.waited_s, after.recoveries) == (1, 4.0, before.recoveries)
+
+
+def way(seconds: float) -> Any:
+    return SimpleNamespace(duration=seconds)
+
+
+def test_a_fold_that_nobody_looked_at_is_believed_and_does_not_count_as_made() -> None:
+    """It was carried through, and the operator went on without a look."""
+    result = next_step(fake_workcell(FakeCell()), made())
+    assert result.context.done == ()
+    np.testing.assert_array_equal(result.context.vertices, FOLDED)
+
+
+def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_believed() -> None:
+    result = next_step(fake_workcell(FakeCell()), made(carried=False))
+    assert result.context.done == ()
+    np.testing.assert_array_equal(result.context.vertices, FLAT)
+
+
+@pytest.mark.parametrize(
+    ("left", "why"), [((), None), (("half",), "half"), (("half", "quarter"), "half, quarter")]
+)
+def test_a_run_has_folded_only_what_it_made(left: tuple[str, ...], why: str | None) -> None:
+    notes: Any = tuple(SimpleNamespace(name=s.name) for s in STEPS if s.name not in left)
+    after = made(index=1, carried=False, predicted=None, done=notes, failure=Failure(K.SLIPPED, "lost"))
+    result = next_step(fake_workcell(FakeCell()), after)
+    assert result.event is (Event.GIVE_UP if left else Event.ALL_FOLDED)
+    if why is not None:
+        assert result.context.failure is not None and result.context.failure.what.endswith(f"operator: {why}")
+        assert result.context.through, "what was left out is not made any more"
+
+
+@pytest.mark.parametrize(("overlap", "event"), [(0.91, Event.DONE), (0.89, Event.FAILED), (0.3, Event.FAILED)])
+def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
+    overlap: float, event: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look(monkeypatch, seen(iou_aligned=overlap, drift=np.array([0.01, 0.02])))
+    context = made(index=1, vertices=FOLDED, carried=False)
+    result = find_folded(fake_workcell(FakeCell()), context)
+    assert result.event is event and result.record["iou_aligned"] == overlap
+    moved = FOLDED + np.array([0.01, 0.02, 0.0]) if event is Event.DONE else FOLDED
+    np.testing.assert_allclose(result.context.vertices, moved, atol=1e-12)
+    if event is Event.FAILED:
+        assert result.context.failure is not None and result.context.failure.kind is K.NOT_FLAT
+
+
+@pytest.mark.parametrize("judge", [inspect_fold, find_folded])
+def test_where_nothing_can_be_seen_nothing_is_judged(judge: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
+    monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(failure=lost))
+    frame: Any = object()
+    with ThreadPoolExecutor(1) as workers:
+        result = judge(fake_workcell(FakeCell(), workers), made(frame=frame))
+    assert result.event is Event.FAILED and result.context.failure is lost
+
+
+def test_what_nobody_could_see_is_no_figure() -> None:
+    nothing = float("nan")
+    told = figures(seen(height_m=nothing, missing_layer=nothing))
+    assert np.isfinite(list(told.values())).all() and not {"height_m", "missing_layer", "edge_sag_m"} & set(told)
+    edge: Any = SimpleNamespace(corner=0.004, sag=nothing)
+    half = figures(seen(edge=edge))
+    assert half["edge_corner_m"] == 0.004 and half["height_m"] == 0.01 and "edge_sag_m" not in half

@@ -1,0 +1,375 @@
+"""The effects that end a run: what could not be made safe says why, and a stop leaves by its own way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cell.executive.effects.moving as moving
+from cell.control.sent import Sent
+from cell.executive.effects.moving import approach, clear, hold_still, make_safe, move, prepare, reenter, retreat
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context
+from cell.states.transition_table import Event
+from robots.baxter.model import load_model
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import ArmTrajectory, GripperState, Side
+from skills.motion.moves.retreat import Withdrawal
+from skills.motion.timing.timing import free_motion
+from skills.motion.validation.collision import CollisionChecker
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+FIRST = Context().with_failure(Failure(K.CATEGORY_MISMATCH, "these are trousers"))
+
+
+BAXTER = load_model()
+
+
+@pytest.fixture(scope="module")
+def baxter() -> dict[str, Any]:
+    """What a fake cell needs to judge motions of the real arms."""
+    guard = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
+    return {"robot": BAXTER, "guard": guard, "checker": guard, "limits": BAXTER.planning}
+
+
+def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
+    cell = FakeCell()
+    cell.openings = dict.fromkeys(cell.openings, 0.0)
+    result = make_safe(fake_workcell(cell), FIRST)
+    assert result.event is Event.DONE
+    assert set(cell.openings.values()) == {cell.ports().grippers["left"].max_opening}  # type: ignore[index]
+    assert result.context.failure is FIRST.failure, "why the run ended stays known"
+
+
+def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
+    result = make_safe(workcell, FIRST)
+    assert result.event is Event.FAILED
+    assert result.context.failure.kind is K.STOPPED
+
+
+def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
+    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: no_way)
+    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: no_way)
+    result = make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST)
+    assert result.event is Event.FAILED
+    assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
+
+
+def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
+    guard, moved, risen = SimpleNamespace(), [], []
+    too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
+    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: too_near)
+
+    def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Withdrawal]:
+        risen.append(sides)
+        return way if checker is guard else too_near
+
+    monkeypatch.setattr(moving, "plan_withdrawal", plan)
+    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    cell = FakeCell(q=np.full(14, 0.5))
+    assert make_safe(fake_workcell(cell, guard=guard), FIRST).event is Event.DONE
+    assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands where both can"
+
+
+@pytest.mark.parametrize("free", list(Side))
+def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
+    free: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
+    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
+    monkeypatch.setattr(
+        moving, "plan_withdrawal", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
+    )
+    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    assert make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST).event is Event.DONE
+    assert moved == ["up", "home"]
+    moved.clear()
+    other = Side.LEFT if free is Side.RIGHT else Side.RIGHT
+    zeros: Any = {other: None}
+    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), Context(zeros=zeros))
+    assert result.event is Event.FAILED and not moved, "a hand that did not work is not moved in its place"
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
+    fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lags, frame = Failure(K.TRACKING_ERROR, "the arm lags"), FakeCell().ports().camera.capture()
+    monkeypatch.setattr(moving, "move", lambda *_, **__: lags if fails else None)
+    cell = FakeCell()
+    cell.openings = dict.fromkeys(Side, 0.0)
+    motion: Any = SimpleNamespace(postures={Side.LEFT: None}, approach=None)
+    result = approach(fake_workcell(cell), Context(motion=motion, frame=frame, grasps=1, carried=True))
+    assert result.event is (Event.FAILED if fails else Event.DONE)
+    assert result.context.failure is (lags if fails else None)
+    assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the hand that grasps"
+    after = result.context
+    assert (after.grasps, after.carried) == (2, False) and after.before_fold is frame
+
+
+def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise DriverError(K.HARDWARE_FAULT, "the motors are off", "see the robot's screen")
+
+    monkeypatch.setattr(moving, "wait", refuse)
+    result = make_safe(fake_workcell(FakeCell()), FIRST)
+    assert (result.event, result.context.failure.kind) == (Event.FAILED, K.HARDWARE_FAULT)
+
+
+def test_a_stopped_cell_is_not_prepared() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell.ports.stop.trigger("button")
+    result = prepare(workcell, Context())
+    assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
+    assert cell.commands == []
+
+
+def test_holding_commands_where_the_arms_stand() -> None:
+    cell = FakeCell(q=np.full(14, 0.3))
+    cell.follows = False
+    assert hold_still(fake_workcell(cell), FIRST).event is Event.DONE
+    ((_, q),) = cell.commands
+    np.testing.assert_array_equal(q, np.full(14, 0.3))
+
+
+def test_holding_tells_a_stopped_robot_nothing() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell, robot=SimpleNamespace(q_park=np.zeros(14)))
+    workcell.ports.stop.trigger("button")
+    assert hold_still(workcell, FIRST).event is Event.DONE
+    assert cell.commands == []
+
+
+class Watched:
+    """Arms, a head and a gripper that remember what they were asked for."""
+
+    def __init__(self, part: Any, asked: list[str], name: str) -> None:
+        self._part, self._asked, self._name = part, asked, name
+
+    def __getattr__(self, what: str) -> Any:
+        if what in ("enable", "calibrate", "command_pan"):
+            self._asked.append(f"{self._name} {what}")
+        return getattr(self._part, what)
+
+
+@pytest.mark.parametrize(("effect", "calibrated"), [(prepare, 2), (reenter, 0)])
+def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int) -> None:
+    """Motors on, the camera where it was calibrated, hands open, arms parked."""
+    cell, asked = FakeCell(q=np.zeros(14)), []
+    cell.openings = dict.fromkeys(Side, 0.0)
+    ports = cell.ports()
+    grippers: Any = {side: Watched(g, asked, side) for side, g in ports.grippers.items()}
+    arms: Any = Watched(ports.arms, asked, "arms")
+    pans: list[float] = []
+    head: Any = SimpleNamespace(command_pan=pans.append)
+    workcell = fake_workcell(cell, ports=replace(ports, arms=arms, head=head, grippers=grippers))
+    workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.3))
+    result = effect(workcell, INTERRUPTED)
+    assert result.event in {Event.DONE, INTERRUPTED.reentry}
+    assert asked[0] == "arms enable" and len(asked) == 1 + calibrated
+    assert pans == [0.3] and min(cell.openings.values()) > 0.04
+    assert cell.now >= 1.0, "the head takes its time"
+
+
+@pytest.mark.parametrize("off", [0.1, -0.1])
+def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
+    baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Straight home, where the way is free."""
+    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("they rise first"))
+    cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
+    assert prepare(fake_workcell(cell, **baxter), Context()).event is Event.DONE
+    assert cell.q == pytest.approx(BAXTER.q_park)
+
+
+def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any]) -> None:
+    cell = FakeCell(q=BAXTER.q_park + np.r_[0.2, np.zeros(13)])
+    workcell = fake_workcell(cell, **baxter)
+    cell.at(1.0, lambda: workcell.commands.put(Event.PAUSE))
+    cell.at(2.2, lambda: workcell.commands.put(Event.RESUME))
+    result = clear(workcell, replace(FIRST, waited_s=5.0))
+    assert result.event is Event.DONE and cell.q == pytest.approx(BAXTER.q_park)
+    assert 5.0 + 0.5 < result.context.waited_s < 5.0 + 1.2
+
+
+@pytest.mark.parametrize("spoil", ["stop", "silence"])
+def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
+    cell = FakeCell(q=np.full(14, 0.5))
+    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.52) if spoil == "stop" else None))
+    if spoil == "stop":
+        workcell.ports.stop.trigger("button")
+    else:
+        cell.now, cell.frozen_since = 5.0, 4.0
+    result = retreat(workcell, Context())
+    assert result.event is Event.FAILED and cell.commands == []
+    assert result.context.failure.kind is (K.STOPPED if spoil == "stop" else K.STALE_STATE)
+
+
+INTERRUPTED = Context(reentry=Event.LOOK_AGAIN)
+
+
+class Hand:
+    """The left gripper, which lost its calibration, is in error or does not move."""
+
+    max_opening = 0.0416
+
+    def __init__(
+        self, cell: FakeCell, calibrated: bool = True, stuck: bool = False, in_error: bool = False
+    ) -> None:
+        self._cell, self._calibrated, self._stuck, self._in_error = cell, calibrated, stuck, in_error
+        self.calibrations = 0
+
+    def calibrate(self) -> None:
+        self.calibrations += 1
+        self._calibrated, self._in_error = True, False
+
+    def command(self, opening: float, force: float) -> None:
+        assert self._calibrated and not self._in_error, "it refuses"
+        if not self._stuck:
+            self._cell.openings[Side.LEFT] = opening
+
+    def state(self) -> GripperState:
+        return GripperState(
+            self._cell.now, Side.LEFT, self._cell.openings[Side.LEFT], 0.0, False, self._calibrated, self._in_error
+        )
+
+
+def with_left(cell: FakeCell, hand: Hand) -> Workcell:
+    ports = cell.ports()
+    grippers = {**ports.grippers, Side.LEFT: hand}
+    return fake_workcell(cell, ports=replace(ports, grippers=grippers))
+
+
+@pytest.mark.parametrize(("calibrated", "in_error"), [(True, False), (False, False), (True, True)])
+def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_error: bool) -> None:
+    """Calibrating closes a hand before it opens: only what does nothing without it is calibrated."""
+    cell = FakeCell()
+    cell.openings = dict.fromkeys(Side, 0.0)
+    hand = Hand(cell, calibrated, in_error=in_error)
+    result = reenter(with_left(cell, hand), INTERRUPTED)
+    assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated and not in_error else 1)
+    assert min(cell.openings.values()) > 0.04
+    assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the ledger"
+
+
+@pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
+def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: Context) -> None:
+    cell = FakeCell(q=np.full(14, 0.5))
+    cell.openings = dict.fromkeys(Side, 0.002)
+    result = effect(with_left(cell, Hand(cell, stuck=True)), context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper does not open (2 mm)" in result.context.failure.what
+    assert (cell.q == 0.5).all(), "the arms stay where they are"
+
+
+def test_a_stopped_cell_is_not_entered() -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell.ports.stop.trigger("button")
+    result = reenter(workcell, INTERRUPTED)
+    assert (result.event, result.context.failure.kind) == (Event.FAILED, K.STOPPED)
+    assert cell.commands == []
+
+
+@pytest.mark.parametrize(("age", "opening"), [(1.0, 0.03), (0.0, float("nan"))])
+def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, opening: float) -> None:
+    """Its line broke while the pads were closing: the last that was heard of them is that they were open."""
+    cell = FakeCell(q=np.full(14, 0.5))
+    hand = Hand(cell)
+    last = GripperState(-age, Side.LEFT, opening, 0.0, False, True)
+    hand.state = lambda: replace(last, stamp=cell.now - age)  # type: ignore[method-assign]
+    result = clear(with_left(cell, hand), FIRST)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper" in result.context.failure.what
+    assert (cell.q == 0.5).all(), "the arms stay where they are"
+
+
+# nothing moves unchecked
+
+
+def across() -> ArmTrajectory:
+    """From the parked pose to one with the hands, not only their fingers, in the table."""
+    q1 = np.array(BAXTER.q_park)
+    q1[[0, 7]] += [-0.5, 0.5]
+    q1[[1, 8]] += 1.0
+    return free_motion(BAXTER.q_park, q1, BAXTER.planning)
+
+
+def hurried() -> ArmTrajectory:
+    """A free motion at twice the speed that the arms may go."""
+    q1 = BAXTER.q_park + np.r_[0.2, 0.1, np.zeros(12)]
+    slow = free_motion(BAXTER.q_park, q1, BAXTER.planning)
+    return ArmTrajectory(slow.t / 2, slow.q, 2 * slow.qd, 4 * slow.qdd)
+
+
+@pytest.mark.parametrize(("motion", "kind"), [(across, K.IN_COLLISION), (hurried, K.LIMIT_EXCEEDED)])
+@pytest.mark.parametrize("fingertips", [False, True])
+def test_a_motion_that_is_not_free_or_too_fast_is_not_begun(
+    baxter: dict[str, Any], motion: Any, kind: FailureKind, fingertips: bool
+) -> None:
+    cell = FakeCell(q=BAXTER.q_park)
+    failure = move(fake_workcell(cell, **baxter), motion(), fingertips=fingertips)
+    assert failure is not None and failure.kind is kind
+    assert cell.commands == []
+
+
+def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter: dict[str, Any]) -> None:
+    """It was planned from the parked pose; meanwhile somebody moved a wrist by two degrees."""
+    cell = FakeCell(q=BAXTER.q_park + np.r_[np.zeros(13), np.deg2rad(2.0)])
+    there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)
+    failure = move(fake_workcell(cell, **baxter), there)
+    assert failure is not None and failure.kind is K.START_MISMATCH and cell.commands == []
+    cell = FakeCell(q=BAXTER.q_park)
+    cell.now, cell.frozen_since = 5.0, 4.0
+    failure = move(fake_workcell(cell, **baxter), there)
+    assert failure is not None and failure.kind is K.STALE_STATE and cell.commands == [], "or nobody knows where"
+
+
+@pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
+def test_nobody_holds_up_arms_on_their_way_to_safety(baxter: dict[str, Any], said: Event) -> None:
+    """Only the stop ends it; what else was said before is not heard."""
+    cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
+    workcell = fake_workcell(cell, **baxter)
+    cell.at(1.0, lambda: workcell.commands.put(said))
+    assert make_safe(workcell, FIRST).event is Event.DONE
+    assert cell.now > 1.2 and cell.q == pytest.approx(BAXTER.q_park)
+
+
+@pytest.mark.parametrize("effect", [prepare, clear])
+def test_arms_do_not_go_home_while_a_gripper_is_being_calibrated(effect: Any) -> None:
+    """Its pads go where they like."""
+    cell = FakeCell(q=np.full(14, 0.5))
+    hand = Hand(cell)
+    begun = hand.state
+    hand.state = lambda: replace(begun(), calibrated=False)  # type: ignore[method-assign]
+    result = effect(with_left(cell, hand), FIRST)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "left gripper is not calibrated" in result.context.failure.what
+    assert (cell.q == 0.5).all() and np.diff([t for t, _ in cell.commands]).max() < 0.2, "held meanwhile"
+    assert 10.0 < cell.now < 20.0, "a calibration takes its time, but not for ever"
+
+
+def test_a_gripper_that_opens_slowly_is_waited_for() -> None:
+    cell = FakeCell()
+    hand = Hand(cell, stuck=True)
+    cell.openings[Side.LEFT] = 0.0
+    still = hand.state
+    hand.state = lambda: replace(still(), moving=True)  # type: ignore[method-assign]
+    cell.at(2.0, lambda: cell.openings.update({Side.LEFT: 0.04}))
+    assert clear(with_left(cell, hand), FIRST).event is Event.DONE

@@ -1,0 +1,295 @@
+"""The choice of a trajectory: the library's where it keeps its promise, or else optimised from there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.config.library.library_file import entry_of
+from cell.executive.effects.planning import _draws, choose_trajectory, plan_steps
+from cell.states.context import Context, Result
+from cell.states.recovery_table import Adjustment
+from cell.states.transition_table import Event
+from robots.errors import FailureKind, StorageError
+from robots.ports import Array, Side
+from skills.cloth.mesh import mesh_from_contour
+from skills.planning.folding import target_vertices
+from skills.planning.plan import plan_folds
+from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK
+from skills.trajectory.bezier import two_parameter_controls
+from skills.trajectory.frame import frames_of
+from skills.trajectory.library import Library, entry_from
+from skills.vocabulary import GarmentState, GraspTrajectory
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+TOWEL = load_garment("medium_towel")
+STATE = TOWEL.flat_state(*TOWEL.poses.middle)
+HALF = plan_folds(STATE, TOWEL).unwrap()[0]
+MESH = mesh_from_contour(STATE.contour, 0.05, TOWEL.layers)
+PROMISED = 0.004
+LIBRARY_HEIGHT = 0.64
+LIFT = 0.005
+"""Of the grasp before the arc [m]: little, so that an arc is told by its top."""
+NEAR = 0.013
+DIAGONAL = float(np.linalg.norm(np.ptp(MESH.rest, axis=0)))
+
+
+def library(height: float = LIBRARY_HEIGHT) -> Library:
+    frames = frames_of(HALF, TOWEL.material.thickness)
+    controls = {s: two_parameter_controls(f.start, f.end, height, 0.0) for s, f in frames.items()}
+    return Library((
+        entry_from(
+            GraspTrajectory(controls, 2.0, "optimised", 5.0, PROMISED, 25), HALF, category="towel",
+            variant="left_onto_right", garment="medium_towel", material=TOWEL.material, size_m=TOWEL.size_m,
+            edge_length=0.02, method="default", dissimilarity_initial=0.01, max_tool_speed=0.35, version="0",
+        ),
+    ))  # fmt: skip
+
+
+class Perceived:
+    """Takes the place of a perception."""
+
+    def __init__(self, state: GarmentState) -> None:
+        self.state, self.garment = state, "medium_towel"
+
+
+class Cloth:
+    """Simulates: D is `others` for every arc but the library's, whose is `looked_up`. Keeps the tops seen."""
+
+    def __init__(self, looked_up: float, others: float) -> None:
+        self.looked_up, self.others = looked_up, others
+        self.tops: list[float] = []
+
+    def __call__(self, mesh: Any, positions: Array, material: Any, paths: Mapping[Side, Any], /) -> Array:
+        path = paths[Side.LEFT].position
+        top = (path[:, 2].max() - path[0, 2]) / np.linalg.norm(path[-1] - path[0])
+        self.tops.append(top)
+        own = abs(top - 0.75 * LIBRARY_HEIGHT) < NEAR
+        target = target_vertices(mesh, HALF.lines, TOWEL.material)
+        return target + np.array([0.0, 0.0, self.looked_up if own else self.others])
+
+
+class Watcher:
+    """Takes the place of the recorder."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, int, Mapping[Side, Array], tuple[float, float], tuple[float, float]]] = []
+
+    def plan(self, *_: Any) -> None: ...
+
+    def candidate(self, *seen: Any) -> None:
+        self.seen.append(seen)
+
+
+@pytest.fixture
+def workers() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+class Choice:
+    """One choice by a workcell around that cloth."""
+
+    def __init__(
+        self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
+        shelf: Library | None = None, full: bool = False,
+    ) -> None:  # fmt: skip
+        monkeypatch.setattr("cell.executive.effects.planning.ClothPredictor", lambda: cloth)
+        self.cell, self.kept, self.watcher, self.cloth = FakeCell(), [], Watcher(), cloth
+        shelf = library() if shelf is None else shelf
+        settings = load_settings()
+        self.full, self.told = full, list[str]()
+        low = settings.grasp.model_copy(update={"lift_height": LIFT})
+        self.settings = settings.model_copy(update={"grasp": low})
+        cell = fake_workcell(
+            self.cell, workers, expected=TOWEL, library=lambda: shelf, recorder=self.watcher,
+            keep=self._keep, settings=self.settings, tell=self.told.append,
+        )  # fmt: skip
+        context = Context(
+            garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=MESH.lay_flat(TOWEL.material.thickness),
+            adjustments=changes,
+        )  # fmt: skip
+        self.result: Result = choose_trajectory(cell, context)
+
+    def _keep(self, *it: Any) -> None:
+        if self.full:
+            raise StorageError("library.json cannot be written: No space left on device")
+        self.kept.append(it)
+
+    @property
+    def trajectory(self) -> GraspTrajectory:
+        assert self.result.context.trajectory is not None
+        return self.result.context.trajectory
+
+
+@pytest.mark.parametrize(("behind", "others", "simulations"), [(0.1, 0.001, 1), (0.9, 0.016, 2)])
+def test_a_look_up_that_keeps_its_promise_is_taken(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, behind: float, others: float, simulations: int
+) -> None:
+    """One that is well behind it is compared with the first guess, which does as much worse here."""
+    comes_to = PROMISED + behind * PROMISE_SLACK
+    choice = Choice(Cloth(comes_to, others), workers, monkeypatch)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "library"
+    assert len(choice.cloth.tops) == simulations == choice.trajectory.simulations, "nothing is optimised"
+    assert choice.trajectory.dissimilarity == pytest.approx(comes_to), "as simulated here"
+    assert choice.kept == [], "what is in the library is not added to it"
+    costs = choice.settings.computing
+    assert choice.cell.now == pytest.approx(costs.library_s + simulations * costs.simulation_s)
+
+
+def test_a_look_up_that_gains_less_than_promised_falls_back_to_optimising(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.010), workers, monkeypatch)
+    assert choice.trajectory.source == "optimised"
+
+
+def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "optimised"
+    assert choice.trajectory.dissimilarity == pytest.approx(0.003)
+    assert choice.cloth.tops[0] == pytest.approx(0.75 * LIBRARY_HEIGHT, abs=NEAR), "the look-up was tried first"
+    assert choice.trajectory.simulations == len(choice.cloth.tops) <= choice.settings.optimiser.simulations + 1
+    ((kept, _, _, notes),) = choice.kept
+    assert kept is choice.trajectory and notes["method"] == "default" and notes["dissimilarity_initial_m"]
+    costs = choice.settings.computing
+    spent = costs.library_s + len(choice.cloth.tops) * costs.simulation_s
+    assert choice.cell.now == pytest.approx(spent), "all simulations are charged"
+
+
+def test_a_trajectory_that_cannot_be_kept_is_folded_all_the_same(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch, full=True)
+    assert choice.result.event is Event.DONE and choice.trajectory.source == "optimised"
+    assert "No space left" in str(choice.result.record["not_kept"]) and "No space left" in choice.told[-1]
+
+
+def test_the_looked_up_arc_stays_where_nothing_better_is_found(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The promise is broken, but the fold is still worth making: a warm start counts as a candidate."""
+    choice = Choice(Cloth(0.012, 0.030), workers, monkeypatch)
+    assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
+
+
+def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a towel of one's own, which its file folds with one hand."""
+    (both,) = library().entries
+    one_hand = replace(both, garment="mine", inner={Side.LEFT: both.inner[Side.LEFT]})
+    choice = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library((one_hand, both)))
+    assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(Side)
+
+
+def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poor = 1.01 * POOR_SHARE * DIAGONAL
+    choice = Choice(Cloth(poor, poor), workers, monkeypatch)
+    failure = choice.result.context.failure
+    assert choice.result.event is Event.FAILED and failure is not None
+    assert failure.kind is FailureKind.PREDICTION_POOR
+    assert failure.values["limit_m"] == pytest.approx(POOR_SHARE * DIAGONAL)
+    assert failure.values["dissimilarity_m"] == pytest.approx(poor)
+
+
+def test_a_recovery_optimises_from_the_looked_up_arc_and_another_looks_nothing_up(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE)
+    assert len(again.cloth.tops) > 2 and again.trajectory.source == "optimised"
+    assert again.trajectory.dissimilarity == pytest.approx(PROMISED), "the warm start"
+    plain = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE, Adjustment.PLAIN_ARC)
+    assert len(plain.cloth.tops) == 1 and plain.trajectory.dissimilarity == pytest.approx(0.008)
+    assert plain.kept == [], "the next run would take the first guess for what a search has found"
+    empty = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library())
+    assert len(empty.cloth.tops) > 2 and empty.trajectory.source == "optimised" and len(empty.kept) == 1
+
+
+def test_the_view_is_shown_every_candidate_of_the_search(
+    workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = Choice(Cloth(0.012, 0.006), workers, monkeypatch)
+    seen = choice.watcher.seen
+    times, counts = [s[0] for s in seen], [s[1] for s in seen]
+    assert counts[0] == 1 and counts == sorted(set(counts)) and times == sorted(times)
+    best = float("inf")
+    for _, _, arcs, (d, cost), (best_d, best_cost) in seen:
+        best = min(best, cost)
+        assert best_cost == best and d in (pytest.approx(0.012), pytest.approx(0.006)) and best_d <= 0.0121
+        for side, arc in arcs.items():
+            assert arc.shape[1] == 3
+            assert np.allclose(arc[0, :2], HALF.grasps[side].point) and np.allclose(arc[-1], HALF.targets[side])
+
+
+def test_another_search_draws_other_numbers_and_the_same_ones_in_every_run() -> None:
+    workcell = fake_workcell(FakeCell())
+    first, second, third = (_draws(workcell, k).random(4) for k in range(3))
+    assert len({tuple(x) for x in (first, second, third)}) == 3
+    np.testing.assert_array_equal(_draws(workcell, 2).random(4), third)
+    np.testing.assert_array_equal(first, workcell.rng().random(4), "the first one is as ever")
+
+
+# in another way
+
+
+def perceived() -> Any:
+    return Perceived(STATE)
+
+
+def planned(context: Context) -> Context:
+    result = plan_steps(fake_workcell(FakeCell(), expected=TOWEL), context)
+    assert result.event is Event.DONE
+    assert result.record.get("ways", [s.variant for s in result.context.steps]) == [
+        s.variant for s in result.context.steps
+    ]
+    return result.context
+
+
+def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
+    first = planned(Context(perception=perceived()))
+    other = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,)))
+    assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
+    assert [s.variant for s in other.steps] == ["right_onto_left", "far_onto_near"]
+    for side in Side:  # what was taken hold of on one side of the line is on the other, at the same distance
+        before, now = (s.line.signed_distance(s.grasps[side].point) for s in (first.steps[0], other.steps[0]))
+        assert before > 0.1 and now == pytest.approx(before)
+        away = first.steps[0].line.signed_distance(other.steps[0].grasps[side].point)
+        assert away == pytest.approx(-before)
+    assert other.vertices is not None and len(other.vertices) == len(first.vertices)  # type: ignore[arg-type]
+    again = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
+    assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
+
+
+def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> None:
+    first = planned(Context(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
+    believed = replace(first, index=1, adjustments=(), vertices=first.vertices + 0.001)  # type: ignore[operator]
+    same = planned(believed)
+    assert same.steps is believed.steps, "the plan stands"
+    other = planned(replace(believed, adjustments=(Adjustment.OTHER_VARIANT,)))
+    assert [s.variant for s in other.steps] == ["right_onto_left", "near_onto_far"]
+    assert other.steps[0] is first.steps[0] and other.vertices is believed.vertices and other.mesh is first.mesh
+    np.testing.assert_array_equal(other.steps[1].earlier[0].point, first.steps[0].line.point)
+    np.testing.assert_array_equal(other.steps[1].earlier[0].direction, first.steps[0].line.direction)
+    for side in Side:
+        away = first.steps[1].line.signed_distance(other.steps[1].grasps[side].point)
+        assert away < -0.05 < 0.05 < first.steps[1].line.signed_distance(first.steps[1].grasps[side].point)
+
+
+def test_a_kept_trajectory_is_of_the_way_in_which_the_fold_was_made() -> None:
+    turned = plan_folds(STATE, TOWEL, {"half": "right_onto_left"}).unwrap()[0]
+    controls = {s: two_parameter_controls(f.start, f.end, 0.6, 0.0) for s, f in frames_of(turned, 0.002).items()}
+    entry = entry_of(TOWEL, turned, GraspTrajectory(controls, 2.0, "optimised", 5.0, 0.004, 25), "default", 0.01)
+    assert entry.variant == "right_onto_left"

@@ -1,0 +1,199 @@
+"""Looking: refused where the picture would mislead, and what is remembered of it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.control.streaming import Tick
+from cell.executive.effects.gripping import _photographer
+from cell.executive.effects.seeing import await_garment, look, photograph_table, recognise
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context, Result
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.ports import CameraFrame
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+
+class CountingCamera:
+    """The fake camera, with a count of its pictures."""
+
+    def __init__(self, camera: Any) -> None:
+        self._camera = camera
+        self.shots = 0
+
+    def capture(self) -> CameraFrame:
+        self.shots += 1
+        return replace(self._camera.capture(), sequence=self.shots)
+
+    def glimpse(self) -> CameraFrame:
+        return self.capture()
+
+
+def seeing(pan_calibrated: float = 0.0, **changes: Any) -> tuple[Workcell, CountingCamera]:
+    """A cell whose head stands at 0 rad, with a camera calibrated at another angle."""
+    ports = FakeCell().ports()
+    camera = CountingCamera(ports.camera)
+    workcell = fake_workcell(FakeCell(), ports=replace(ports, camera=camera), **changes)
+    calibration = replace(workcell.calibration, head_pan=pan_calibrated)
+    return replace(workcell, calibration=calibration), camera
+
+
+@pytest.mark.parametrize("effect", [look, photograph_table])
+@pytest.mark.parametrize("pan", [0.05, -0.011, float("nan")])
+def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None:
+    workcell, camera = seeing(pan)
+    result = effect(workcell, Context())
+    assert result.event is Event.FAILED
+    assert result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "head" in result.context.failure.what and result.context.failure.hint
+    assert camera.shots == 0 and result.context.frame is None
+
+
+@pytest.mark.parametrize("effect", [look, photograph_table])
+def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> None:
+    workcell, camera = seeing()
+    old = replace(workcell.ports.arms.state(), stamp=workcell.ports.clock.now() - 0.5)
+    arms = SimpleNamespace(state=lambda: old)
+    result = effect(replace(workcell, ports=replace(workcell.ports, arms=arms)), Context())
+    assert result.event is Event.FAILED and camera.shots == 0
+    assert result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "500 ms old" in result.context.failure.what
+
+
+def test_the_noise_of_the_head_is_let_pass() -> None:
+    workcell, camera = seeing(0.008)
+    assert look(workcell, Context()).event is Event.DONE
+    assert camera.shots == 1
+
+
+def test_two_pictures_are_remembered() -> None:
+    """A frozen camera is known by comparing the last picture with the one before."""
+    workcell, _ = seeing()
+    workcell.ports.clock.sleep_until(20.0)
+    context = Context()
+    for _ in range(3):
+        context = look(workcell, context).context
+    assert (context.frame.sequence, context.previous.sequence) == (3, 2)
+
+
+def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> None:
+    """Contours and key points are stated from there: drawn into the picture from elsewhere they lie off."""
+    shown: list[Any] = []
+    recorder = SimpleNamespace(camera=lambda t, frame, calibration: shown.append(calibration))
+    workcell, _ = seeing(recorder=recorder)
+    refined = replace(workcell.calibration, T_table_camera=workcell.calibration.T_table_camera + 0.003)
+    look(workcell, Context())
+    look(workcell, Context(refined=refined))
+    watch = _photographer(workcell, Context(refined=refined), np.array([0.0]), [])
+    watch(Tick(0.0, workcell.ports.arms.state()))
+    assert shown == [workcell.calibration, refined, refined]
+
+
+def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
+    workcell, _ = seeing()
+    good = look(workcell, Context()).context
+    turned = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.4))
+    failed = look(turned, good)
+    assert failed.event is Event.FAILED
+    assert failed.context.attempts == {(0, "camera_fault"): 1}
+
+
+class Camera:
+    def __init__(self, frame: CameraFrame) -> None:
+        self.capture = lambda: frame
+
+
+@pytest.mark.parametrize("effect", [look, photograph_table])
+def test_a_camera_that_hangs_is_noticed(effect) -> None:
+    """It gives the picture that it had: of a table without arms, or with them in the way."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell)
+    workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.0))
+    old = workcell.ports.camera.capture()
+    workcell.ports.clock.sleep_until(2.0)
+    result = effect(replace(workcell, ports=replace(workcell.ports, camera=Camera(old))), Context())
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "2.0 s ago" in result.context.failure.what and result.context.frame is None
+
+
+def test_a_black_picture_is_no_reference() -> None:
+    workcell, _ = seeing()
+    frame = workcell.ports.camera.capture()
+    black = replace(frame, rgb=np.zeros_like(frame.rgb))
+    result = photograph_table(replace(workcell, ports=replace(workcell.ports, camera=Camera(black))), Context())
+    assert result.event is Event.FAILED and "black" in result.context.failure.what
+    assert result.context.reference is None
+
+
+def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a run with `auto`: a towel that was let go half folded looks like a smaller one that lies flat."""
+    expected: list[str | None] = []
+
+    def perceiving(*given: Any) -> Outcome[Any]:
+        expected.append(given[5])
+        return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, "it is smaller"))
+
+    monkeypatch.setattr("cell.executive.effects.seeing.perceive", perceiving)
+    with ThreadPoolExecutor(1) as workers:
+        workcell, _ = seeing(workers=workers)
+        first = look(workcell, Context()).context
+        recognise(workcell, first)
+        recognise(workcell, replace(first, garment=load_garment("medium_towel")))
+        told = replace(workcell, expected=load_garment("small_towel"))
+        recognise(told, replace(first, garment=load_garment("medium_towel")))
+    assert expected == [None, "medium_towel", "small_towel"], "what was named on the command line counts most"
+
+
+@pytest.mark.parametrize("index", [1, 2])
+def test_between_two_folds_nothing_is_recognised_but_the_folded_garment_found(
+    index: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Folded, it looks like another garment."""
+    found = Result(Event.DONE, Context())
+    monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda cell, context: found)
+    monkeypatch.setattr(
+        "cell.executive.effects.seeing.perceive", lambda *_: pytest.fail("it was taken for a flat one")
+    )
+    workcell, _ = seeing()
+    assert recognise(workcell, replace(look(workcell, Context()).context, index=index)) is found
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated: bool) -> None:
+    """In simulation it takes the time that is declared, which counts."""
+    workcell, _ = seeing()
+    ports = workcell.ports
+    ports.clock.sleep_until(20.0)
+    laying: Any = SimpleNamespace(lay_garment=lambda: ports.clock.sleep_until(27.0))
+    work = replace(workcell, ports=replace(ports, attendant=laying, simulated=simulated))
+    result = await_garment(work, Context(waited_s=2.0))
+    assert result.event is Event.DONE
+    assert result.context.waited_s == (2.0 if simulated else 9.0)
+
+
+def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
+    (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
+    workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))
+    result = photograph_table(workcell, Context())
+    assert (result.event, result.context.reference, camera.shots) == (Event.DONE, None, 0)
+
+
+def test_a_table_that_does_not_show_leaves_the_calibration_as_it_is() -> None:
+    with ThreadPoolExecutor(1) as workers:
+        workcell, _ = seeing(workers=workers)
+        result = photograph_table(workcell, Context())
+    assert result.event is Event.DONE and result.record["refined"] is False
+    assert result.context.refined is None and result.context.reference is not None
+    assert result.context.calibration(workcell.calibration) is workcell.calibration
+    assert np.isfinite(workcell.calibration.T_table_camera).all()

@@ -1,0 +1,268 @@
+"""Taking hold, wholly: both hands come down on cloth, press, close and feel what they hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cell.executive.effects.pushing as pushing
+from cell.executive.effects import gripping, hands
+from cell.executive.effects.pushing import Pushes
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context
+from cell.states.recovery_table import Adjustment
+from cell.states.transition_table import Event
+from robots.baxter.ros.electric_gripper import FULL_FORCE
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
+from skills.grasping.hand_reading import HandReading
+from skills.grasping.tare import Zero
+from skills.motion.kinematics.posture import Posture
+from skills.motion.moves.grasp import Descent
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+ABOVE, LAYER, LAYERS = 0.040, 0.002, 2
+"""How high both tools stand over the table, a layer's thickness [m], and how many lie there."""
+STACK = LAYER * LAYERS
+HOME = -0.1
+"""Where all joints stand above the grasp [rad]."""
+WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
+"""Each joint turns by 10 rad for a metre of the hand's way."""
+
+
+def height(cell: Any, side: Side, q: Array) -> float:
+    return ABOVE - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
+
+
+class Hand:
+    """Its tips feel the table through the stack, its pads close at 0.1 m/s on what lies between them."""
+
+    max_opening = 0.0416
+
+    def __init__(self, cell: FakeCell, side: Side, table: float = 0.0, between: float = STACK) -> None:
+        self._cell, self.side, self._table, self._between = cell, side, table, between
+        self._opening, self._told, self._since = 0.035, 0.035, 0.0
+        self.force = 0.0
+        self.jammed = False
+        self.lowest = np.inf
+        self.heard: list[tuple[float, float]] = []
+        """When it was told to open how far [s], [m]."""
+
+    def command(self, opening: float, force: float) -> None:
+        self._opening, self._since = self._now(), self._cell.now
+        self._told, self.force = opening, force
+        self.heard.append((self._cell.now, opening))
+
+    def _now(self) -> float:
+        goal, way = max(self._told, self._between), 0.1 * (self._cell.now - self._since)
+        if self.jammed:
+            return self._opening
+        return self._opening + float(np.clip(goal - self._opening, -way, way))
+
+    def state(self) -> GripperState:
+        return GripperState(self._cell.now, self.side, self._now(), self.force, False, True)
+
+    def reading(self) -> TactileReading:
+        now = height(None, self.side, self._cell.q)
+        self.lowest = min(self.lowest, now)
+        tip = 2500.0 * max(0.0, self._table - now) + 0.2  # it never reads nothing
+        pressed = self._told < self._between and self._now() <= self._between + 1e-9
+        pads = self.force * pressed * (self._between > 0.0)
+        return TactileReading(self._cell.now, self.side, np.full((2, 4, 3), pads / 12), np.array([tip, 0.5 * tip]))
+
+
+def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, Context, Any]:
+    """Both hands stand above two layers; `left`: what is otherwise under the left one."""
+    cell = FakeCell(q=np.full(14, HOME))
+    both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
+    for module in (hands, gripping):
+        monkeypatch.setattr(module, "tool_height", height)
+    work = fake_workcell(cell, ports=replace(cell.ports(), grippers=both, tactile=both))
+    garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
+    grasps = {side: SimpleNamespace(height=STACK, layers=LAYERS) for side in Side}
+    motion: Any = SimpleNamespace(
+        descend=dict.fromkeys(Side, WAY),
+        postures={Side.LEFT: Posture(Side.LEFT, pitch=0.1), Side.RIGHT: Posture(Side.RIGHT, pitch=-0.1)},
+    )
+    step: Any = SimpleNamespace(grasps=grasps)
+    return cell, work, Context(garment=garment, motion=motion, planned_step=step), both
+
+
+def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, work, context, both = over_cloth(monkeypatch)
+    result = gripping.grasp(work, context)
+    assert result.event is Event.DONE
+    assert {s: held.count.layers for s, held in result.context.held.items()} == dict.fromkeys(Side, LAYERS)
+    for side in Side:
+        assert result.context.zeros[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
+        assert result.context.held[side].grip == pytest.approx(work.grasp.grip_force)
+        touched = result.record["contact_height_m"][side]  # type: ignore[index]
+        assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
+        # pressed from the touch on, by a millimetre and as far as a leaning hand's other tip stands higher
+        lean = 0.5 * gripping.PREGRASP_OPENING * np.sin(0.1)
+        assert touched - both[side].lowest == pytest.approx(0.001 + lean, abs=0.001)
+        closing = [t for t, opening in both[side].heard if opening == 0.0]
+        assert closing and height(None, side, cell.q) == pytest.approx(both[side].lowest, abs=2e-4)
+        down = next(t for t, q in cell.commands if height(None, side, q) < both[side].lowest + 2e-4)
+        assert closing[0] > down, "closed where it had come to"
+    assert 1.0 < result.record["strongest_push_n"] < work.settings.grasp.press_force  # type: ignore[operator]
+    assert np.diff([t for t, _ in cell.commands]) == pytest.approx(0.01), "one set-point a tick"
+
+
+@pytest.mark.parametrize(
+    ("under", "kind"),
+    [({"table": -0.05}, K.NO_CONTACT), ({"between": 0.0}, K.MISSED_GRASP), ({"table": 0.036}, K.IN_COLLISION)],
+)
+def test_what_one_hand_does_not_find_ends_the_grasp(
+    under: dict[str, float], kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No table below it, nothing between its pads, or something that stands there."""
+    cell, work, context, both = over_cloth(monkeypatch, **under)
+    result = gripping.grasp(work, context)
+    failure = result.context.failure
+    assert result.event is Event.FAILED and failure is not None and failure.kind is kind and "left" in failure.what
+    assert not result.context.held
+    if kind is not K.MISSED_GRASP:
+        assert not any(hand.heard for hand in both.values()), "nothing is closed"
+    assert np.diff([t for t, _ in cell.commands]).max() < 0.2
+
+
+def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, work, context, _ = over_cloth(monkeypatch, between=LAYER)
+    result = gripping.grasp(work, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.MISSED_GRASP
+    assert "left hand holds 1 layers, not 2" in result.context.failure.what
+
+
+def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, work, context, both = over_cloth(monkeypatch)
+    both[Side.RIGHT].jammed = True
+    result = gripping.grasp(work, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
+    assert "right gripper" in result.context.failure.what
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda c: setattr(c, "stop_reason", "button"), K.STOPPED),
+        (lambda c: setattr(c, "frozen_since", c.now), K.STALE_STATE),
+        (lambda c: (setattr(c, "follows", False), setattr(c, "q", c.q + 0.2)), K.TRACKING_ERROR),
+    ],
+)
+def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
+    spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
+    to a stopped robot."""
+    cell, work, context, _ = over_cloth(monkeypatch)
+    assert gripping.grasp(work, context).event is Event.DONE
+    for moment in np.linspace(0.02, cell.now - 0.15, 15):
+        again, work, context, _ = over_cloth(monkeypatch)
+        again.at(float(moment), lambda again=again: spoil(again))
+        result = gripping.grasp(work, context)
+        assert result.event is Event.FAILED and result.context.failure.kind is kind, moment
+        assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
+
+
+def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> None:
+    """One that takes the upper layers only may not take more."""
+    for layers in (1, 2, 4):
+        whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
+        upper: Any = SimpleNamespace(height=(layers + 1) * LAYER, layers=layers)
+        assert gripping._expected(whole, LAYER).or_more and not gripping._expected(upper, LAYER).or_more
+        assert gripping._expected(upper, LAYER).layers == layers
+
+
+def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_can() -> None:
+    work = fake_workcell(FakeCell())
+    tries = [(Adjustment.STRONGER,) * n for n in range(3)]
+    forces = [gripping.grip_settings(work, Context(adjustments=a)).grip_force for a in tries]
+    assert forces[0] == work.grasp.grip_force and np.all(np.diff(forces) > 3.0) and forces[-1] <= FULL_FORCE
+
+
+@pytest.mark.parametrize("part", ["plan", "move"])
+def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, work, context, _ = over_cloth(monkeypatch)
+    held = gripping.grasp(work, context).context
+    why = Failure(K.TRACKING_ERROR, "the arm lags")
+    lift: Any = object()
+    monkeypatch.setattr(
+        gripping, "plan_lift", lambda *_, **__: Outcome(failure=why) if part == "plan" else Outcome(lift)
+    )
+    monkeypatch.setattr(gripping, "move", lambda *_, **__: why)
+    result = gripping.lift(work, held)
+    assert result.event is Event.FAILED and result.context.failure is why
+
+
+def test_what_is_still_held_after_the_lift_is_what_a_slip_is_told_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, work, context, both = over_cloth(monkeypatch)
+    context = gripping.grasp(work, context).context
+    monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))
+    monkeypatch.setattr(gripping, "move", lambda *_, **__: None)
+    both[Side.LEFT].force *= 0.8  # it settles
+    lifted = gripping.lift(work, context)
+    assert lifted.event is Event.DONE
+    before, after = context.held[Side.LEFT], lifted.context.held[Side.LEFT]
+    assert after.grip == pytest.approx(0.8 * before.grip) and after.stamp > before.stamp
+    assert lifted.context.held[Side.RIGHT].grip == pytest.approx(before.grip)
+    assert cell.now > after.stamp - 0.1
+
+
+def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It hangs a little below that: a set-point at its reading would be a jump."""
+    cell, work, context, _ = over_cloth(monkeypatch)
+    only = {Side.LEFT: WAY}
+    context.motion.descend = only  # type: ignore[union-attr]
+    context.motion.postures = {Side.LEFT: Posture(Side.LEFT)}  # type: ignore[union-attr]
+    cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
+    work.sent.q = np.full(14, HOME)
+    through, cell.follows = work.ports.arms.command, False
+
+    def sagging(q: Array, qd: Array) -> Any:
+        told = through(q, qd)
+        cell.q = q - 0.005 * (np.arange(14) > 6)
+        return told
+
+    monkeypatch.setattr(work.ports.arms, "command", sagging)
+    assert gripping.grasp(work, context).event is Event.DONE
+    right = np.array([q[arm_slice(Side.RIGHT)] for _, q in cell.commands])
+    assert np.abs(np.diff(right, axis=0)).max() < 5e-4 and np.abs(right[0] - HOME).max() < 1e-9
+
+
+def state_of(stamp: float) -> JointState:
+    return JointState(stamp, np.zeros(14), np.zeros(14), np.zeros(14), 0.0)
+
+
+def test_a_push_is_what_a_tip_feels_more_than_in_the_air(monkeypatch: pytest.MonkeyPatch) -> None:
+    felt = {Side.LEFT: [2.0, -1.0], Side.RIGHT: [0.5, 0.5]}
+
+    def read(cell: Any, side: Side, state: JointState) -> Any:
+        tactile = TactileReading(state.stamp, side, np.zeros((2, 4, 3)), np.array(felt[side]))
+        gripper = GripperState(state.stamp, side, 0.03, 0.0, False, True)
+        return HandReading(state.stamp, tactile, gripper, 0.05, np.zeros(7))
+
+    monkeypatch.setattr(pushing, "read_hand", read)
+    air = Zero(0.0, np.zeros((2, 4, 3)), np.array([2.0, -1.0]), 0.01)
+    right = Zero(0.0, np.zeros((2, 4, 3)), np.array([0.5, 0.5]), 0.01)
+    pushes = Pushes(fake_workcell(FakeCell()), {Side.LEFT: air, Side.RIGHT: right})
+    assert pushes.look(state_of(0.0)) is None
+    assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 0.0} and pushes.strongest == 0.0
+    felt[Side.LEFT] = [2.5, 5.0]
+    assert pushes.look(state_of(0.1)) is None
+    assert pushes.now == {Side.LEFT: 6.0, Side.RIGHT: 0.0} and pushes.strongest == 6.0
+    felt[Side.LEFT], felt[Side.RIGHT] = [2.0, -1.0], [1.5, 0.5]
+    assert pushes.look(state_of(0.2)) is None
+    assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 1.0} and pushes.strongest == 6.0, "the strongest so far"
+    felt[Side.RIGHT] = [float("nan"), 0.5]
+    bad = pushes.look(state_of(0.3))
+    assert bad is not None and bad.kind is K.HARDWARE_FAULT and "right" in bad.what

@@ -1,0 +1,130 @@
+"""Whatever goes wrong in whatever state: the run comes to a declared end, the cell safe, and says why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Any
+
+import pytest
+
+from cell.executive.effects.deciding import choose_next
+from cell.executive.machine import complete_table
+from cell.executive.runner import RunEnd, Runner
+from cell.hardware.workcell import Workcell
+from cell.states.context import Context, Result
+from cell.states.recovery_table import RECOVERIES
+from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
+from robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+SAFE = frozenset({Effect.MAKE_SAFE, Effect.HOLD})
+STILL = SAFE | {Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.ASK_OPERATOR, Effect.ASK_APPROVAL}
+"""Effects that leave no arm elsewhere than it was made safe."""
+USUAL = {
+    Effect.INSPECT: Event.ALL_FOLDED,
+    Effect.NEXT_STEP: Event.ALL_FOLDED,
+    Effect.REENTER: Event.LOOK_AGAIN,
+} | {question: Event.ABORT for question in (Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT)}
+"""What ends an effect that goes well; else DONE."""
+BUGS = (ZeroDivisionError("a bug"), AssertionError(), InternalError("a bug"), StorageError("a file is gone"))
+
+
+def ways() -> dict[tuple[State, Effect], tuple[Row, ...]]:
+    """The shortest way through the table to each state and what is done in it."""
+    found: dict[tuple[State, Effect], tuple[Row, ...]] = {}
+    ends: list[tuple[State, tuple[Row, ...]]] = [(State.IDLE, ())]
+    for state, way in ends:  # which grows
+        for row in (row for row in complete_table() if row.state is state and row.event is not Event.UNRECORDED):
+            if (row.target, row.effect) not in found:
+                found[row.target, row.effect] = (*way, row)
+                ends.append((row.target, (*way, row)))
+    return {place: way for place, way in found.items() if place[0] not in TERMINAL}
+
+
+WAYS = ways()
+
+
+class Ledger:
+    """Takes every line and keeps none."""
+
+    def __init__(self) -> None:
+        self._lines = count(1)
+
+    def event(self, *_: Any) -> int:
+        return next(self._lines)
+
+    intent = result = event
+
+
+def run_to(
+    place: tuple[State, Effect], misbehave: Callable[[Context], Result], cell: Workcell
+) -> tuple[RunEnd, list[Effect]]:
+    """A run along the way to a place, where the effect misbehaves each time; -> its end, the effects in order."""
+    way = list(WAYS[place])
+    ledger: Any = Ledger()
+    done: list[Effect] = []
+
+    def effect_of(effect: Effect) -> Callable[[Any, Context], Result]:
+        def perform(_: Any, context: Context) -> Result:
+            done.append(effect)
+            if not way and (runner.state, effect) == place:
+                return misbehave(context)
+            if way:
+                event = way.pop(0).event
+                return Result(event, context.with_failure(Failure(FailureKind.SLIPPED, "on the way")))
+            if effect is Effect.CHOOSE_RECOVERY:
+                return choose_next(cell, context)
+            return Result(USUAL.get(effect, Event.DONE), context)
+
+        return perform
+
+    runner = Watched(cell, {effect: effect_of(effect) for effect in Effect}, ledger, cell.commands)
+    end = runner.run(first=way.pop(0).event)
+    return end, done
+
+
+class Watched(Runner):
+    @property
+    def state(self) -> State:
+        return self._machine.state
+
+
+def failing(failure: Failure) -> Callable[[Context], Result]:
+    return lambda context: Result(Event.FAILED, context.with_failure(failure))
+
+
+def raising(error: Exception) -> Callable[[Context], Result]:
+    def misbehave(context: Context) -> Result:
+        raise error
+
+    return misbehave
+
+
+def misbehaviours() -> Iterator[tuple[str, Callable[[Context], Result], bool]]:
+    """What goes wrong, and whether the cell may try again by itself."""
+    for kind in FailureKind:
+        yield f"fails: {kind}", failing(Failure(kind, "it failed")), kind in RECOVERIES
+    for kind in (FailureKind.STOPPED, FailureKind.ABORTED, FailureKind.CAMERA_FAULT):
+        yield f"raises: {kind}", raising(DriverError(kind, "it is gone")), kind in RECOVERIES
+    for bug in BUGS:
+        yield repr(bug), raising(bug), False
+    yield "an event that nobody knows", lambda context: Result(Event.START, context), False
+
+
+def test_there_is_a_way_to_everything_that_is_done() -> None:
+    assert {(row.target, row.effect) for row in TRANSITIONS if row.target not in TERMINAL} <= set(WAYS)
+
+
+@pytest.mark.parametrize("place", WAYS, ids=lambda place: f"{place[0]}-{place[1]}")
+def test_whatever_goes_wrong_there_the_run_ends_safe_and_says_why(place: tuple[State, Effect]) -> None:
+    cell = fake_workcell(FakeCell())
+    for what, misbehave, mendable in misbehaviours():
+        end, done = run_to(place, misbehave, cell)
+        if mendable and end.state is State.FOLDED:
+            continue
+        moved = max((k for k, effect in enumerate(done) if effect not in STILL), default=-1)
+        assert end.state in TERMINAL - {State.FOLDED}, what
+        assert SAFE & set(done[moved + 1 :]), f"{what}: {done[-4:]}"
+        assert end.context.failure is not None, what

@@ -1,0 +1,703 @@
+"""The runner: the ledger around every effect, and what an operator, a stop or a crash does between two effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.executive.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.executive.effects.inspecting import next_step
+from cell.executive.machine import Step
+from cell.executive.runner import EffectFunction, RunEnd, Runner
+from cell.recording.journal import Journal, RunJournal
+from cell.states.context import Context, Result
+from cell.states.observers import Remarks
+from cell.states.transition_table import REENTRIES, Effect, Event, State
+from robots.errors import DriverError, Failure, FailureKind, StorageError
+from robots.ports import Side
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+K = FailureKind
+PATIENCE = 0.3
+STRAIGHT = [
+    Effect.PREPARE, Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK, Effect.RECOGNISE,
+    Effect.PLAN_FOLDS, Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP, Effect.LIFT,
+    Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.LOOK, Effect.INSPECT,
+]  # fmt: skip
+
+
+def photographed(cell: Any, context: Context) -> Result:
+    return Result(Event.DONE, replace(context, reference=cell.ports.camera.capture()))
+
+
+class Rig:
+    """A runner over effects that do nothing but take a second of cell time, except those that a test replaces."""
+
+    def __init__(self, run: RunJournal, journal: Journal) -> None:
+        self.cell = FakeCell()
+        self.journal, self.ledger = journal, run
+        self.performed: list[Effect] = []
+        self.after: dict[Effect, Callable[[], object]] = {}
+        self.answers: dict[Effect, list[Callable[[], object]]] = {}
+        self.special: dict[Effect, EffectFunction] = {
+            Effect.ASK_APPROVAL: ask_approval,
+            Effect.ASK_OPERATOR: ask_operator,
+            Effect.WAIT: pause,
+            Effect.CHOOSE_RECOVERY: choose_next,
+            Effect.PHOTOGRAPH_TABLE: photographed,
+            Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
+        }
+        self.observers: tuple[Any, ...] = ()
+        self.keep: Callable[[Context], None] = lambda context: None
+        self.workcell = fake_workcell(self.cell)
+
+    def attended(self, **changes: bool) -> None:
+        self.workcell = fake_workcell(self.cell, attended=True, commands=self.workcell.commands, **changes)
+
+    def say(self, command: Event) -> Callable[[], object]:
+        return lambda: self.workcell.commands.put(command)
+
+    def answer(self, question: Effect, *answers: Callable[[], object]) -> None:
+        """The operator thinks for PATIENCE before each answer; waiting takes as long on the wall."""
+        self.answers[question] = list(answers)
+
+    def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
+        effects = {effect: self._effect(effect) for effect in Effect}
+        commands = self.workcell.commands
+        runner = Runner(self.workcell, effects, self.ledger, commands, self.observers, self.keep)
+        return runner.run(context, first)
+
+    def _effect(self, effect: Effect) -> EffectFunction:
+        def perform(cell: Any, context: Context) -> Result:
+            self.performed.append(effect)
+            if effect not in {Effect.NOTHING, Effect.WAIT, Effect.ASK_APPROVAL, Effect.ASK_OPERATOR}:
+                self.cell.ports().clock.sleep_until(self.cell.now + 1.0)
+            if self.answers.get(effect):
+                self.cell.at(self.cell.now + PATIENCE, self.answers[effect].pop(0))
+            result = self.special.get(effect, lambda c, x: Result(Event.DONE, x))(cell, context)
+            self.after.pop(effect, lambda: None)()
+            return result
+
+        return perform
+
+    def entries(self, kind: str | None = None) -> list[Any]:
+        return self.journal.entries(self.ledger.id, kind)
+
+    def transitions(self) -> list[tuple[str, str]]:
+        return [(e.name, e.state) for e in self.entries("event")]
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with Journal.open(tmp_path / "ledger.db") as journal:
+        run = journal.begin_run(garment="medium_towel", seed=1, driver="fake")
+        yield Rig(run, journal)
+        run.abandon()
+
+
+def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
+    """An effect that fails so often, and then works."""
+    left = [times]
+
+    def effect(cell: Any, context: Context) -> Result:
+        left[0] -= 1
+        if left[0] < 0:
+            return Result(Event.DONE, context)
+        return Result(Event.FAILED, context.with_failure(Failure(kind, "it failed", "mend it", {"n": left[0]})))
+
+    return effect
+
+
+# the straight way, and the ledger
+
+
+def test_a_run_without_trouble(rig: Rig) -> None:
+    end = rig.run()
+    assert end.state is State.FOLDED
+    assert rig.performed == [*STRAIGHT, Effect.NOTHING]
+    assert end.ended - end.started == pytest.approx(len(STRAIGHT))
+    assert sum(end.stage_times.values()) == pytest.approx(len(STRAIGHT))
+
+
+def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) -> None:
+    seen = []
+
+    def look_at_the_ledger(cell: Any, context: Context) -> Result:
+        with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
+            intent = reader.last_intent(rig.ledger.id)
+        assert intent is not None
+        seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
+        return Result(Event.DONE, context, {"force_n": 3.5})
+
+    rig.special[Effect.GRASP] = look_at_the_ledger
+    rig.run()
+    started = STRAIGHT.index(Effect.GRASP)
+    assert seen == [("grasp", "grasping", float(started), None)]
+    begun = next(e for e in rig.entries("intent") if e.name == "grasp")
+    (ended,) = [e for e in rig.entries("result") if e.answers == begun.sequence]
+    assert ended.cell_time == pytest.approx(started + 1.0)
+    assert ended.payload["event"] == "done" and ended.payload["force_n"] == 3.5
+
+
+def test_the_ledger_tells_the_way_through_the_table(rig: Rig) -> None:
+    end = rig.run()
+    assert [e.name for e in rig.entries("intent")] == [e.value for e in STRAIGHT]
+    assert rig.transitions()[0] == ("start", "preparing")
+    assert rig.transitions()[-1] == ("all_folded", end.state.value)
+
+
+def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    assert rig.run().state is State.FOLDED
+    failed = next(e for e in rig.entries("result") if e.payload["event"] == "failed")
+    assert (failed.name, failed.payload["kind"]) == ("grasp", "missed_grasp")
+    assert (failed.payload["what"], failed.payload["hint"]) == ("it failed", "mend it")
+    assert failed.payload["values"] == {"n": 0}
+
+
+def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(rig: Rig) -> None:
+    """What the operator says, and a plan that waits for approval, would stand in the ledger as failed."""
+    approving(rig)
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.special[Effect.RETREAT] = failing(K.HARDWARE_FAULT)
+    approve = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, approve, approve, approve)
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
+    assert rig.run().state is State.FOLDED
+    results = [(e.name, e.payload["event"], e.payload.get("kind")) for e in rig.entries("result")]
+    assert {("plan_motion", "approval_needed", None), ("ask_operator", "retry", None)} <= set(results)
+    assert [told for told in results if told[2]] == [
+        ("grasp", "failed", "missed_grasp"),
+        ("retreat", "failed", "hardware_fault"),
+    ]
+
+
+def test_observers_are_told_of_every_step(rig: Rig) -> None:
+    class Listener:
+        def __init__(self) -> None:
+            self.states: list[State] = []
+            self.events: list[Event] = []
+
+        def entered(self, t: float, step: Step) -> None:
+            self.states.append(step.target)
+
+        def performed(self, t: float, step: Step, result: Result) -> None:
+            self.events.append(result.event)
+
+    listener = Listener()
+    rig.observers = (listener,)
+    rig.run()
+    assert [s.value for s in listener.states] == [state for _, state in rig.transitions()]
+    assert [e.value for e in listener.events] == [name for name, _ in rig.transitions()][1:]
+
+
+# failures
+
+
+def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> None:
+    rig.special[Effect.FOLD] = failing(K.SLIPPED)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.FOLD)
+    assert rig.performed[at : at + 4] == [Effect.FOLD, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+
+
+@pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
+@pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
+def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
+    held: Any = {Side.LEFT: object()}
+    rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, replace(x, held=held))
+    rig.special[effect] = failing(kind)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(effect)
+    assert rig.performed[at : at + 4] == [effect, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+
+
+def test_what_was_not_taken_yet_is_grasped_again_without_a_look(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.CHOOSE_RECOVERY)
+    assert rig.performed[at + 1] is Effect.PLAN_MOTION
+
+
+def frozen_state(cell: FakeCell) -> None:
+    cell.frozen_since = cell.now
+
+
+def pushed(cell: FakeCell) -> None:
+    cell.follows, cell.q = False, cell.q + 0.2
+
+
+@pytest.mark.parametrize("spoil", [frozen_state, pushed])
+def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
+    rig: Rig, spoil: Callable[[FakeCell], None]
+) -> None:
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # it waits for a second before it looks again
+    begun = STRAIGHT.index(Effect.LOOK) + 2
+    rig.cell.at(begun + 0.3, lambda: spoil(rig.cell))
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-3:] == [Effect.CHOOSE_RECOVERY, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.transitions()[-2:] == [("failed", "making_safe"), ("done", "fault")]
+
+
+def test_a_driver_that_fails_while_the_operator_is_asked_is_made_safe(rig: Rig) -> None:
+    def lost(cell: Any, context: Context) -> Result:
+        raise DriverError(K.HARDWARE_FAULT, "the clock stands still")
+
+    rig.attended()
+    rig.special[Effect.LOOK] = failing(K.HARDWARE_FAULT)
+    rig.special[Effect.ASK_OPERATOR] = lost
+    end = rig.run()
+    assert end.state is State.FAULT and rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.NOTHING]
+    assert end.context.failure is not None and end.context.failure.what == "the clock stands still"
+
+
+def test_an_event_that_the_state_does_not_know_is_a_crash_and_no_traceback(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = lambda c, x: Result(Event.NEXT_FOLD, x)
+    end = rig.run()
+    assert end.state is State.FAULT and Effect.MAKE_SAFE in rig.performed
+    assert end.context.failure is not None and end.context.failure.kind is K.SKILL_CRASHED
+    assert "next_fold" in end.context.failure.what
+
+
+# what the operator leaves out
+
+
+def plan_of(*names: str) -> Any:
+    return tuple(SimpleNamespace(name=name) for name in names)
+
+
+def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig: Rig) -> None:
+    rig.attended()
+    rig.special |= {Effect.RECOGNISE: failing(K.UNKNOWN_GARMENT, 9), Effect.NEXT_STEP: next_step}
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure is not None and end.context.failure.kind is K.UNKNOWN_GARMENT
+
+
+def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig) -> None:
+    rig.attended()
+    rig.special |= {
+        Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, replace(x, steps=plan_of("half", "quarter"))),
+        Effect.GRASP: failing(K.HARDWARE_FAULT, 9),
+        Effect.NEXT_STEP: next_step,
+    }
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP), rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure is not None and end.context.failure.what.endswith("half, quarter")
+
+
+def refused_fold(rig: Rig) -> None:
+    """One fold, which is made, looked at and refused; the operator is asked."""
+    rig.attended()
+    seen: Any = SimpleNamespace(
+        diagnosis=K.SAG, iou=0.9, iou_aligned=0.9, drift_m=0.0, height_m=0.01, contour=np.zeros((3, 2))
+    )
+    shape: Any = SimpleNamespace(vertices=np.zeros((3, 3)))
+    arc: Any = SimpleNamespace(source="library", duration=2.0)
+
+    def planned(cell: Any, context: Context) -> Result:
+        return Result(Event.DONE, replace(context, steps=plan_of("half"), predicted=shape, trajectory=arc))
+
+    def refused(cell: Any, context: Context) -> Result:
+        return failing(K.SAG, 9)(cell, replace(context, inspection=seen))
+
+    rig.special |= {
+        Effect.PLAN_FOLDS: planned,
+        Effect.RELEASE: lambda c, x: Result(Event.DONE, replace(x, carried=True)),
+        Effect.INSPECT: refused,
+        Effect.NEXT_STEP: next_step,
+    }
+
+
+def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
+    """Somebody has looked at it, and finds it good enough."""
+    refused_fold(rig)
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.FOLDED and [note.name for note in end.context.done] == ["half"]
+
+
+def test_a_fold_that_the_operator_undid_and_left_out_does_not(rig: Rig) -> None:
+    """Whoever says to try again has laid the garment as it was before the fold."""
+    refused_fold(rig)
+
+    def lost() -> None:
+        rig.special |= {Effect.PLAN_FOLDS: failing(K.HARDWARE_FAULT, 9)}
+        rig.workcell.commands.put(Event.RETRY)
+
+    rig.answer(Effect.ASK_OPERATOR, lost, rig.say(Event.SKIP))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and end.context.done == () and end.context.through
+
+
+@pytest.mark.parametrize("kind", [K.MISSED_GRASP, K.UNREACHABLE, K.STALE_STATE, K.HARDWARE_FAULT])
+def test_an_effect_that_always_fails_ends_the_run_safe(rig: Rig, kind: FailureKind) -> None:
+    rig.special[Effect.GRASP] = failing(kind, 1000)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.performed.count(Effect.GRASP) <= 5
+    assert end.context.failure.kind is kind
+
+
+def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
+    def silent(cell: Any, context: Context) -> Result:
+        raise DriverError(K.CAMERA_FAULT, "the camera does not answer", "look at its cable", waited_s=2.0)
+
+    rig.special[Effect.LOOK] = silent
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert rig.performed.count(Effect.LOOK) == 3, "it is tried again twice"
+    failed = [e.payload for e in rig.entries("result") if e.name == "look"]
+    assert all((f["kind"], f["values"]) == ("camera_fault", {"waited_s": 2.0}) for f in failed)
+
+
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
+def test_a_crash_makes_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
+    def crash(cell: Any, context: Context) -> Result:
+        raise ZeroDivisionError("of course")
+
+    rig.special[effect] = crash
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
+    crashed = next(e.payload for e in rig.entries("result") if e.name == effect.value)
+    assert crashed["kind"] == "skill_crashed" and "ZeroDivisionError: of course" in crashed["what"]
+    assert "Traceback" in crashed["values"]["traceback"]
+
+
+def test_a_crash_while_making_safe_holds_the_arms(rig: Rig) -> None:
+    def crash(cell: Any, context: Context) -> Result:
+        raise ValueError("twice")
+
+    rig.special[Effect.FOLD] = rig.special[Effect.MAKE_SAFE] = crash
+    assert rig.run().state is State.FAULT
+    assert rig.performed[-2:] == [Effect.MAKE_SAFE, Effect.HOLD]
+
+
+# stop
+
+
+@pytest.mark.parametrize("effect", STRAIGHT)
+def test_a_stop_ends_the_run_before_the_next_effect(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = lambda: rig.workcell.ports.stop.trigger("button")
+    end = rig.run()
+    if effect is Effect.INSPECT:  # the stop comes when all is done
+        assert end.state is State.FOLDED
+        return
+    assert end.state is State.STOPPED
+    assert rig.performed[-2:] == [effect, Effect.HOLD]
+    assert end.context.failure.kind is K.STOPPED and "button" in end.context.failure.what
+    assert rig.transitions()[-1] == ("stop", "stopped")
+
+
+def test_a_stop_seen_by_an_effect_is_not_recovered(rig: Rig) -> None:
+    rig.special[Effect.FOLD] = failing(K.STOPPED)
+    assert rig.run().state is State.STOPPED
+    assert rig.performed[-2:] == [Effect.FOLD, Effect.HOLD]
+
+
+def test_a_stop_while_making_safe_ends_stopped(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
+    rig.special[Effect.MAKE_SAFE] = failing(K.STOPPED)
+    assert rig.run().state is State.STOPPED
+
+
+# the operator
+
+
+def test_approval_leads_to_the_approach(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.APPROVE))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    at = rig.performed.index(Effect.ASK_APPROVAL)
+    assert rig.performed[at - 1 : at + 2] == [Effect.PLAN_MOTION, Effect.ASK_APPROVAL, Effect.APPROACH]
+    asked = [e for e in rig.entries() if e.name == "ask_approval"]
+    assert asked[1].payload["command"] == "approve"
+    assert asked[1].cell_time - asked[0].cell_time == pytest.approx(PATIENCE, abs=0.02)
+    assert end.context.waited_s == pytest.approx(PATIENCE, abs=0.02)
+
+
+def test_a_plan_that_is_not_approved_is_not_moved(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-3:] == [Effect.ASK_APPROVAL, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert Effect.APPROACH not in rig.performed
+
+
+def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.RETRY), rig.say(Event.APPROVE))
+    assert rig.run().state is State.FOLDED
+    at = rig.performed.index(Effect.ASK_APPROVAL)
+    assert rig.performed[at + 1] is Effect.LOOK
+    assert rig.performed.count(Effect.APPROACH) == 1
+
+
+def test_one_approval_is_for_one_plan(rig: Rig) -> None:
+    """Said twice at the first fold, it must not approve the second."""
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+    rig.special[Effect.INSPECT] = lambda c, x: Result(Event.NEXT_FOLD, x)
+    approve = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, lambda: [approve(), approve()], rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed.count(Effect.APPROACH) == 1
+
+
+def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    assert [e for e in rig.performed if e is not Effect.WAIT] == [*STRAIGHT, Effect.NOTHING]
+    at = rig.performed.index(Effect.WAIT)
+    assert rig.performed[at - 1 : at + 2] == [Effect.LOOK, Effect.WAIT, Effect.RECOGNISE]
+    assert ("pause", "paused") in rig.transitions() and ("resume", "recognising") in rig.transitions()
+    assert end.context.waited_s == pytest.approx(PATIENCE, abs=0.02)
+    assert rig.cell.commands == []
+
+
+def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_result(rig: Rig) -> None:
+    def fold(cell: Any, context: Context) -> Result:
+        cell.note("paused", {"path_s": 1.25})
+        return Result(Event.DONE, context)
+
+    rig.special[Effect.FOLD] = fold
+    remarks = Remarks()
+    rig.observers = (remarks,)
+    rig.run()
+    assert [(r.kind, r.title, r.text) for r in remarks.list] == [
+        ("command", "paused", "on the way, while folding")
+    ], "those who look on are told, too"
+    entries = list(rig.journal.entries(rig.ledger.id))
+    k = next(k for k, e in enumerate(entries) if e.name == "paused")
+    assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25
+    assert (entries[k - 1].kind, entries[k + 1].kind) == ("intent", "result")
+    assert entries[k + 1].answers == entries[k - 1].sequence
+
+
+def test_the_motion_that_a_pause_put_off_is_begun_anew(rig: Rig) -> None:
+    rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME))
+    assert rig.run().state is State.FOLDED
+    assert rig.performed.count(Effect.LIFT) == 1
+    at = rig.performed.index(Effect.WAIT)
+    assert rig.performed[at + 1] is Effect.LIFT
+
+
+def test_pause_twice_in_one_run(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.after[Effect.FOLD] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.RESUME), rig.say(Event.RESUME))
+    assert rig.run().state is State.FOLDED
+    assert rig.performed.count(Effect.WAIT) == 2
+
+
+def test_abort_while_paused(rig: Rig) -> None:
+    rig.after[Effect.LIFT] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-4:] == [Effect.LIFT, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
+def test_stop_while_paused(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, lambda: rig.workcell.ports.stop.trigger("button"))
+    assert rig.run().state is State.STOPPED
+
+
+def test_an_end_tells_of_its_own_cause_not_of_a_mended_one(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.after[Effect.RETREAT] = rig.say(Event.ABORT)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED
+    assert end.context.failure.kind is K.ABORTED and end.context.failure.hint
+
+
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.LIFT])
+def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = rig.say(Event.ABORT)
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
+def test_whoever_ends_a_motion_on_its_way_is_not_asked_what_to_do(rig: Rig) -> None:
+    rig.attended()
+    rig.special[Effect.FOLD] = failing(K.ABORTED)
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and end.context.failure.kind is K.ABORTED
+    assert rig.performed[-3:] == [Effect.FOLD, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.transitions()[-2][0] == "abort"
+
+
+def test_pause_cannot_keep_the_cell_from_being_made_safe(rig: Rig) -> None:
+    rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
+    rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)
+    assert rig.run().state is State.NOT_FOLDED
+    assert Effect.WAIT not in rig.performed
+
+
+def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
+    rig.attended()
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 3)
+    rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
+    end = rig.run()
+    assert end.state is State.FOLDED
+    asked = rig.performed.index(Effect.ASK_OPERATOR)
+    assert rig.performed[:asked].count(Effect.LOOK) == 3
+    assert rig.performed[asked + 1] is Effect.LOOK
+    assert end.context.waited_s > 0
+
+
+# a ledger that takes no more lines
+
+
+def lose(rig: Rig) -> None:
+    rig.journal._connection.execute("PRAGMA query_only = ON")
+
+
+@pytest.mark.parametrize("effect", STRAIGHT)
+def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
+    rig.after[effect] = lambda: lose(rig)
+    end = rig.run()
+    assert end.state is State.FAULT
+    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves that the ledger does not know of"
+    failure = end.context.failure
+    assert failure.kind is K.UNRECORDED and "ledger.db" in failure.what
+    assert "held where they are" in failure.hint and "read-only" in failure.hint
+    last = rig.journal.last_intent(rig.ledger.id)
+    assert last.begun.name == effect.value and last.result is None
+
+
+def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
+    class AtTheEntry:
+        def entered(self, t: float, step: Step) -> None:
+            seen.append(step.target)
+            if step.target is State.FOLDING:
+                lose(rig)
+
+        def performed(self, t: float, step: Step, result: Result) -> None:
+            failures.append(result.context.failure)
+
+    seen: list[State] = []
+    failures: list[Failure | None] = []
+    rig.observers = (AtTheEntry(),)
+    assert rig.run().state is State.FAULT
+    assert rig.performed[-2:] == [Effect.LIFT, Effect.HOLD]
+    assert seen[-2:] == [State.FOLDING, State.FAULT] and failures[-1].kind is K.UNRECORDED
+
+
+def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(rig: Rig) -> None:
+    def silent(cell: Any, context: Context) -> Result:
+        raise DriverError(K.HARDWARE_FAULT, "the robot is silent")
+
+    rig.special[Effect.HOLD] = silent
+    rig.after[Effect.FOLD] = lambda: lose(rig)
+    end = rig.run()
+    assert end.state is State.FAULT and "emergency stop" in end.context.failure.hint
+
+
+def approving(rig: Rig) -> None:
+    rig.attended(approve=True)
+    rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
+
+
+def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
+    """A key pressed twice at one fold must not approve the next one unseen."""
+    approving(rig)
+    rig.after[Effect.PLAN_MOTION] = rig.say(Event.APPROVE)
+    rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
+    end = rig.run()
+    assert end.state is State.NOT_FOLDED and Effect.APPROACH not in rig.performed
+
+
+def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None:
+    """Whoever watches may answer at once: what was noted must not get lost."""
+
+    class Hasty:
+        def entered(self, t: float, step: Step) -> None:
+            if step.target is State.AWAITING_APPROVAL:
+                rig.workcell.commands.put(Event.APPROVE)
+
+        def performed(self, t: float, step: Step, result: Result) -> None: ...
+
+    approving(rig)
+    rig.observers = (Hasty(),)
+    assert rig.run().state is State.FOLDED
+
+
+def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) -> None:
+    def refused(cell: Any, context: Context) -> Result:
+        cell.ports.stop.trigger("the button")
+        raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")
+
+    rig.special[Effect.FOLD] = refused
+    end = rig.run()
+    assert end.state is State.STOPPED and end.context.failure is not None
+    assert end.context.failure.what == "the stop was triggered: the button"
+    assert "reset the stop before" in end.context.failure.hint
+
+
+def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:
+    """Killed between the two, a run knows at least as much as its ledger."""
+    kept: list[tuple[str, bool]] = []
+
+    def keep(context: Context) -> None:
+        last = rig.journal.last_intent(rig.ledger.id)
+        kept.append((last.begun.name, last.result is None))
+
+    rig.keep = keep
+    rig.run()
+    assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], "the last fold is judged again"
+
+
+def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
+    """A fold that the operator lets pass moves the plan on."""
+    indices: list[int] = []
+    rig.attended()
+    drift = Failure(K.STUCK_ON_FINGER, "it clings")
+    rig.special[Effect.INSPECT] = lambda c, x: Result(Event.FAILED, x.with_failure(drift))
+    rig.special[Effect.CHOOSE_RECOVERY] = lambda c, x: Result(Event.CARRY_ON, x)
+    rig.special[Effect.NEXT_STEP] = lambda c, x: Result(Event.NEXT_FOLD, replace(x, index=x.index + 1))
+    rig.special[Effect.CHOOSE_TRAJECTORY] = lambda c, x: Result(Event.ABORT if x.index else Event.DONE, x)
+    rig.keep = lambda context: indices.append(context.index)
+    rig.run()
+    assert indices.count(0) == len(STRAIGHT) + 1 and 1 in indices
+
+
+@pytest.mark.parametrize("error", [StorageError("the disk is full"), TypeError("cannot pickle")])
+def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
+    def keep(context: Context) -> None:
+        if rig.performed[-1] is Effect.LIFT:
+            raise error
+
+    rig.keep = keep
+    end = rig.run()
+    assert end.state is State.FAULT and rig.performed[-2:] == [Effect.LIFT, Effect.HOLD]
+    assert end.context.failure.kind is K.UNRECORDED
+
+
+@pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
+def test_a_run_is_entered_again_where_it_is_told(rig: Rig, event: Event) -> None:
+    rig.special[Effect.REENTER] = lambda c, x: Result(event, x)
+    rig.run(Context(), Event.REENTER)
+    first = {Event.START_OVER: Effect.PHOTOGRAPH_TABLE, Event.LAY: Effect.AWAIT_GARMENT}.get(event, Effect.LOOK)
+    assert rig.performed[:2] == [Effect.REENTER, first] and Effect.PREPARE not in rig.performed
+    states = [state for _, state in rig.transitions()][:2]
+    assert (states == ["resuming", "looking_after"]) == (event is Event.LOOK_AFTER)

@@ -1,0 +1,71 @@
+"""A cell is put together as its settings say: what motions are held to, and who is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.hardware.assembly import assemble
+from cell.hardware.workcell import Workcell
+from cell.recording.rerun import Recorder
+from cell.states.commands import CommandQueue
+from robots.baxter.model import load_model
+from robots.ports import Side, arm_slice
+from skills.motion.kinematics import ik
+from skills.vocabulary import tool_rotation
+from tests.fakes import FakeCell
+from tests.runs import fold_request
+
+BAXTER = load_model()
+
+
+def put_together(tmp_path: Path, motion: Mapping[str, float] = MappingProxyType({}), **changes: Any) -> Workcell:
+    request = fold_request(tmp_path, {"motion": motion}, **changes)
+    return assemble(
+        request, BAXTER, FakeCell().ports(), Recorder.silent(), CommandQueue(), None,  # type: ignore[arg-type]
+        lambda text: None, lambda done, total, remark: None,
+    )  # fmt: skip
+
+
+def test_motions_are_held_to_what_the_settings_say(tmp_path: Path) -> None:
+    motion = {"start_tolerance_deg": 0.5, "tracking_tolerance": 0.2, "state_age": 0.07, "velocity_scale": 0.5}
+    cell = put_together(tmp_path, motion)
+    limits = cell.execution
+    assert limits.start == pytest.approx(np.deg2rad(0.5))
+    assert (limits.tracking, limits.stale_s) == (0.2, 0.07)
+    full = put_together(tmp_path, {"velocity_scale": 1.0}).limits
+    assert cell.limits.velocity == pytest.approx(0.5 * full.velocity)
+
+
+@pytest.mark.parametrize("approve", [False, True])
+def test_who_approves_each_motion_is_also_asked_when_nothing_helps(tmp_path: Path, approve: bool) -> None:
+    cell = put_together(tmp_path, approve=approve)
+    assert cell.approve is cell.attended is approve
+
+
+def fingers_at(cell: Workcell, height: float) -> np.ndarray:
+    """The left hand points down, its finger tips so high above the table [m]; they end 5.15 mm beyond the tool."""
+    T = np.eye(4)
+    T[:3, :3] = tool_rotation(np.zeros(1), np.zeros(1), np.zeros(1))[0]
+    T[:3, 3] = [0.65, 0.25, cell.table.height + height + 0.00515]
+    seeds = np.random.default_rng(5).uniform(-1, 1, (30, 7)) + BAXTER.park(Side.LEFT)
+    cut = arm_slice(Side.LEFT)
+    seeds = np.clip(seeds, BAXTER.planning.lower[cut], BAXTER.planning.upper[cut])
+    q = np.array(BAXTER.q_park)
+    q[cut] = ik.solve_seeds(BAXTER, Side.LEFT, T, seeds)[0]
+    return q
+
+
+def test_what_is_executed_may_come_two_millimetres_nearer_than_what_is_planned(tmp_path: Path) -> None:
+    """The arms stand a little off: else a way that was planned would be refused when it is begun."""
+    cell = put_together(tmp_path)
+    verdicts = [
+        (cell.checker.in_collision(q), cell.guard.in_collision(q))
+        for q in (fingers_at(cell, h) for h in (0.0205, 0.0195, 0.0185, 0.0175))
+    ]
+    assert verdicts == [(False, False), (True, False), (True, False), (True, True)]

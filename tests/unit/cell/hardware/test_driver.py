@@ -1,0 +1,43 @@
+"""Which drivers there are, and what is told before one is opened."""
+
+from __future__ import annotations
+
+import pytest
+
+from cell.hardware import driver
+from cell.hardware.driver import check_cell, is_simulated
+from cell.simulation import SimulationSettings
+from robots.baxter.ros import installation, messages
+from robots.errors import ConfigurationError
+
+TOWEL = SimulationSettings(garment="small_towel")
+
+
+def test_what_is_no_driver_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="no driver 'rso'") as e:
+        check_cell("rso", TOWEL)
+    assert all(name in e.value.hint for name in driver.DRIVERS)
+
+
+@pytest.mark.parametrize("name", ["ros", "emulator"])
+def test_without_ros_its_drivers_say_what_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(module: str = "rospy") -> None:
+        raise ConfigurationError(f"no {module}", "install it")
+
+    messages.load_messages.cache_clear()
+    monkeypatch.setattr(messages, "import_ros", missing)
+    with pytest.raises(ConfigurationError, match="no sensor_msgs"):
+        check_cell(name, TOWEL)
+    check_cell("sim", TOWEL)
+
+
+def test_only_the_robot_is_no_simulation() -> None:
+    assert [name for name in driver.DRIVERS if not is_simulated(name)] == ["ros"]
+
+
+def test_a_garment_that_no_world_has_is_refused_for_what_is_simulated() -> None:
+    wrong = SimulationSettings(garment="no_such_thing")
+    with pytest.raises(ConfigurationError):
+        check_cell("sim", wrong)
+    if installation.find_ros() is not None:
+        check_cell("ros", wrong)  # what lies on a real table is nobody's setting

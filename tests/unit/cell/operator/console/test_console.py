@@ -1,0 +1,274 @@
+"""The operator's page over a real socket: what it is told, what it may say, and who may not speak at all."""
+
+from __future__ import annotations
+
+import json
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from cell.executive.machine import Step
+from cell.operator.console.board import Board
+from cell.operator.console.server import open_listener, operators_page
+from cell.states.commands import CommandQueue
+from cell.states.context import Context, Result
+from cell.states.transition_table import Effect, Event, State
+from robots.errors import Failure, FailureKind, StorageError
+from tests.fakes import FakeCell
+
+ALL = frozenset(Event)
+
+
+def enter(board: Board, state: State, t: float = 1.0) -> None:
+    board.entered(t, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
+
+
+@pytest.fixture
+def cell() -> FakeCell:
+    return FakeCell()
+
+
+@pytest.fixture
+def board() -> Board:
+    return Board("run-1", "small_towel", 3, simulated=True)
+
+
+@pytest.fixture
+def commands(board: Board) -> CommandQueue:
+    return CommandQueue(board.heard)
+
+
+@pytest.fixture
+def address(cell: FakeCell, board: Board, commands: CommandQueue) -> Iterator[str]:
+    viewer = "http://127.0.0.1:1/?url=x'\"</script>"
+    with operators_page(board, commands, cell.ports().stop, viewer, open_listener()) as address:
+        yield address
+
+
+def origin_of(address: str) -> str:
+    return "/".join(address.split("/")[:3])
+
+
+def linked(address: str, origin: str | None = None) -> ClientConnection:
+    return connect(address.replace("http", "ws") + "link", origin=origin or origin_of(address))  # type: ignore[arg-type]
+
+
+def heard(link: ClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The next message that is wanted; signs of life do not put off the end of waiting."""
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        message = dict(json.loads(link.recv(timeout=5.0)))
+        if wanted(message):
+            return message
+    raise AssertionError("nothing of the kind was told")
+
+
+def told(link: ClientConnection, key: str) -> Any:
+    """What the next message with `key` says of it."""
+    return heard(link, lambda message: key in message)[key]
+
+
+def say(link: ClientConnection, **message: Any) -> dict[str, Any]:
+    link.send(json.dumps(message))
+    return heard(link, lambda answer: "noted" in answer or "refused" in answer)
+
+
+def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
+    with urllib.request.urlopen(address) as answer:
+        text = answer.read().decode()
+    assert 'const VIEWER = "http://127.0.0.1:1/?url=x' in text and "{{" not in text
+    assert text.count("</script>") == 1, "the address cannot end the script"
+    assert answer.headers["X-Frame-Options"] == "DENY" and answer.headers["Referrer-Policy"] == "no-referrer"
+
+
+@pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
+def test_without_the_secret_there_is_nothing(address: str, path: str) -> None:
+    with pytest.raises(urllib.error.HTTPError) as error:
+        urllib.request.urlopen(f"{origin_of(address)}/{path}")
+    assert error.value.code == 404
+    with pytest.raises(InvalidStatus), linked(f"{origin_of(address)}/{path}", origin_of(address)):
+        pass
+
+
+def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) -> None:
+    link = address.replace("http", "ws") + "link"
+    for origin in ("http://evil.example", origin_of(address).replace("http", "https"), None):
+        with pytest.raises(InvalidStatus), connect(link, origin=origin):  # type: ignore[arg-type]
+            pass
+    with (
+        pytest.raises(InvalidStatus),
+        connect(link, origin=origin_of(address), additional_headers={"Host": "evil.example"}),  # type: ignore[arg-type]
+    ):
+        pass
+    request = urllib.request.Request(address, headers={"Host": "evil.example"})
+    with pytest.raises(urllib.error.HTTPError) as error:
+        urllib.request.urlopen(request)
+    assert error.value.code == 400 and commands.take(ALL) is None
+
+
+def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
+    with linked(address) as link:
+        assert told(link, "board")["state"] == "idle"
+        enter(board, State.OPTIMISING)
+        board.computing(3, 25, "simulations at most")
+        shown = heard(link, lambda message: message.get("board", {}).get("progress") is not None)["board"]
+        assert shown["progress"] == {"done": 3, "total": 25, "remark": "simulations at most"}
+        assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
+        failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
+        step = Step(State.PLANNING, Event.DONE, State.OPTIMISING, Effect.CHOOSE_TRAJECTORY)
+        board.performed(2.0, step, Result(Event.FAILED, Context().with_failure(failure)))
+        (remark,) = told(link, "board")["remarks"]
+        assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
+
+
+def test_a_garments_file_is_shown_by_its_name() -> None:
+    """Underscores are shown as blanks: of a path, that would be another one."""
+    shown = Board("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
+    assert shown["garment"] == "my_own_towel"
+
+
+def test_commands_go_into_the_queue_when_they_may_be_said(
+    address: str, board: Board, commands: CommandQueue
+) -> None:
+    enter(board, State.FOLDING)
+    with linked(address) as link:
+        assert "refused" in say(link, say="approve") and "refused" in say(link, say="resume")
+        assert say(link, say="pause") == {"noted": "pause"}
+        assert commands.take(ALL) is Event.PAUSE
+        assert board.allowed() == {Event.RESUME, Event.ABORT}, "what pauses can be resumed"
+        assert say(link, say="resume") == {"noted": "resume"} and commands.take(ALL) is Event.RESUME
+        assert Event.RESUME not in board.allowed()
+
+
+def test_an_answer_belongs_to_its_question(address: str, board: Board, commands: CommandQueue) -> None:
+    """A click that arrives when the next fold is shown approves nothing."""
+    enter(board, State.AWAITING_APPROVAL)
+    with linked(address) as link:
+        first = told(link, "board")["question"]["number"]
+        enter(board, State.APPROACHING)
+        enter(board, State.AWAITING_APPROVAL)
+        assert say(link, say="approve", question=first) == {"refused": "this question is no longer asked"}
+        assert "refused" in say(link, say="approve") and "refused" in say(link, say="pause")
+        assert commands.take(ALL) is None
+        assert say(link, say="approve", question=first + 1) == {"noted": "approve"}
+        assert commands.take(ALL) is Event.APPROVE
+
+
+def test_pressing_is_asked_about_and_answered(address: str, board: Board, commands: CommandQueue) -> None:
+    enter(board, State.AWAITING_PRESSING)
+    with linked(address) as link:
+        question = told(link, "board")["question"]
+        assert "press it flat" in question["text"]
+        assert "refused" in say(link, say="pause"), "it stands still"
+        assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
+        assert commands.take(ALL) is Event.SKIP
+
+
+def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Board) -> None:
+    """It is no mere look: the fold is made again, of a garment that was laid back."""
+    planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
+    for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
+        context = replace(Context(), steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
+        step = Step(State.CLEARING, Event.DONE, State.RECOVERING, Effect.CHOOSE_RECOVERY)
+        board.performed(2.0, step, Result(Event.ASK, context))
+        enter(board, State.ASKING)
+        shown = board.snapshot()
+        assert shown["question"]["text"] == f"it slipped. Look.{told}"
+        assert shown["labels"] == {"retry": "Try again"}
+    enter(board, State.AWAITING_APPROVAL)
+    assert board.snapshot()["labels"] == {}, "where a look is all that it is"
+
+
+@pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
+def test_stop_works_in_every_state_and_not_by_the_queue(
+    state: State, address: str, board: Board, commands: CommandQueue, cell: FakeCell
+) -> None:
+    enter(board, state)
+    with linked(address) as link:
+        assert say(link, stop=True) == {"noted": "stop"}
+        assert cell.stop_reason and commands.take(ALL) is None
+        heard(link, lambda message: bool(message.get("stopped")))
+
+
+NONSENSE = (
+    b"\x00\xff", '{"say": "\\ud800"}', "[" * 4000, "", "{", "[]", "3", "null", '{"say": 7}', '{"say": "stop"}',
+    '{"say": ["pause"]}',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("message", NONSENSE)
+def test_whatever_is_said_is_answered(message: str | bytes, address: str, board: Board, cell: FakeCell) -> None:
+    enter(board, State.FOLDING)
+    with linked(address) as link:
+        link.send(message)
+        assert told(link, "refused")
+        assert say(link, say="pause") == {"noted": "pause"}, "and the link lives on"
+    assert not cell.stop_reason
+
+
+def test_the_end_is_told_before_the_page_goes(
+    cell: FakeCell, board: Board, commands: CommandQueue, tmp_path: Path
+) -> None:
+    page = operators_page(board, commands, cell.ports().stop, None, open_listener())
+    address = page.__enter__()
+    with linked(address) as link:
+        told(link, "board")
+        failure = Failure(FailureKind.ABORTED, "the operator ended the run", "start a new one")
+        board.finish(State.NOT_FOLDED, failure, tmp_path)
+        page.__exit__(None, None, None)
+        shown = told(link, "board")
+    assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
+    assert shown["end"]["go_on"] == "", "there is nothing to go on with"
+    assert shown["allowed"] == []
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(address, timeout=2.0)
+
+
+def test_after_a_stop_the_page_says_how_to_go_on(board: Board, tmp_path: Path) -> None:
+    failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
+    board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
+    assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
+    (tmp_path / "run-1" / "belief").mkdir(parents=True)
+    (tmp_path / "run-1" / "belief" / "context").write_bytes(b"believed")
+    board.finish(State.STOPPED, failure, tmp_path / "run-1")
+    assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", "where the run is"
+    step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
+    board.performed(2.0, step, Result(Event.GIVE_UP, Context(through=True)))
+    board.finish(State.FAULT, failure, tmp_path / "run-1")
+    assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
+
+
+def test_a_port_that_is_taken_is_told(address: str) -> None:
+    port = int(origin_of(address).rpartition(":")[2])
+    with pytest.raises(StorageError, match=str(port)):
+        open_listener(port)
+
+
+def test_a_link_that_can_tell_nothing_is_closed(
+    address: str, board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that hears nothing must know, so that it looks for another link."""
+    with linked(address) as link:
+        told(link, "board")
+        monkeypatch.setattr(board, "snapshot", lambda: 1 / 0)
+        enter(board, State.FOLDING)
+        with pytest.raises(ConnectionClosed):
+            heard(link, lambda message: False)
+
+
+def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: Board) -> None:
+    enter(board, State.FOLDING)
+    board.heard(Event.PAUSE)
+    board.note("paused on the way: resume or abort")
+    board.heard(Event.RESUME)
+    board.note("going on")
+    assert board.snapshot()["note"] == "going on" and board.snapshot()["allowed"] == ["pause", "abort"]

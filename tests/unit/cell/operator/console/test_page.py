@@ -1,0 +1,148 @@
+"""The operator's page in a browser, where there is one: what can be pressed when nothing is heard any more."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+
+import pytest
+
+from cell.executive.machine import Step
+from cell.operator.console.board import Board
+from cell.operator.console.server import PAGE
+from cell.states.transition_table import Effect, Event, State
+from robots.errors import Failure, FailureKind
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="there is no browser")
+ACCEPT = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+PRESS_STOP_WHEN_LOST = """
+<script>setInterval(() => { if (!at("lost").hidden && !at("stop").disabled) at("stop").click(); }, 100);</script>
+"""
+TELL_PLACES = """
+<script>
+let told = null;
+const middle = (r) => [r.x + r.width / 2, r.y + r.height / 2];
+setInterval(() => {
+  if (board === null || board.state === told) return;
+  told = board.state;
+  const all = [...Object.keys(WORDS), "stop"];
+  say(Object.fromEntries(all.map((id) => [id, middle(at(id).getBoundingClientRect())])));
+}, 50);
+</script>
+"""
+
+
+class Silent(BaseHTTPRequestHandler):
+    """Serves the page, tells what boards there are over its first link, each once something was said of the one
+    before, and then neither says nor answers anything: a program that hangs. What is said on that link is put into
+    `said`. script: of the test, in the page."""
+
+    boards: Sequence[Board]
+    script: str
+    said: Queue[str]
+    links: list[object]
+
+    def do_GET(self) -> None:
+        if not self.path.endswith("link"):
+            page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", "null") + self.script
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(page.encode())
+            return
+        self.links.append(self)
+        key = self.headers["Sec-WebSocket-Key"].encode()
+        if len(self.links) == 1:
+            accepted = base64.b64encode(hashlib.sha1(key + ACCEPT).digest())
+            self.wfile.write(
+                b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                b"Sec-WebSocket-Accept: " + accepted + b"\r\n\r\n"
+            )
+            for board in self.boards:
+                told = json.dumps({"board": board.snapshot(), "stopped": False}).encode()
+                self.wfile.write(b"\x81\x7e" + len(told).to_bytes(2, "big") + told)
+                self.said.put(self._frame())
+        while frame := self._frame():
+            if self is self.links[0]:
+                self.said.put(frame)
+
+    def _frame(self) -> str:
+        """The next frame of a browser, unmasked; empty at the link's end."""
+        head = self.rfile.read(2)
+        if len(head) < 2:
+            return ""
+        length = head[1] & 0x7F
+        length = length if length < 126 else int.from_bytes(self.rfile.read(2), "big")
+        mask, body = self.rfile.read(4), self.rfile.read(length)
+        text = bytes(byte ^ mask[k % 4] for k, byte in enumerate(body))
+        return text.decode() if head[0] & 0x0F == 1 else f"<frame {head[0] & 0x0F}>"
+
+    def log_message(self, *_: object) -> None: ...
+
+
+Page = Callable[[Sequence[Board], str], "Queue[str]"]
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    """Opens the page in a browser: what it says to a program that tells these boards, and then hangs."""
+    with ExitStack() as closing:
+
+        def opened(boards: Sequence[Board], script: str) -> Queue[str]:
+            said: Queue[str] = Queue()
+            handler = type("Handler", (Silent,), {"boards": boards, "script": script, "said": said, "links": []})
+            server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+            server.daemon_threads = True
+            closing.callback(server.server_close)
+            Thread(target=server.serve_forever, daemon=True).start()
+            closing.callback(server.shutdown)
+            assert BROWSER is not None
+            command = [
+                BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run",
+                "--remote-debugging-port=0", f"--user-data-dir={tmp_path / 'profile'}",
+                f"http://127.0.0.1:{server.server_port}/secret/",
+            ]  # fmt: skip
+            browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            closing.callback(browser.wait)
+            closing.callback(browser.terminate)
+            return said
+
+        yield opened
+
+
+def entered(board: Board, state: State) -> Board:
+    board.entered(1.0, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
+    return board
+
+
+def a_board() -> Board:
+    return Board("run-1", "small_towel", 3, simulated=True)
+
+
+def test_stop_can_be_pressed_when_nothing_is_heard_and_goes_by_the_link_that_may_carry_it(page: Page) -> None:
+    """A program that hangs for a moment hears of it as soon as it goes on."""
+    said = page([a_board()], PRESS_STOP_WHEN_LOST)
+    assert json.loads(said.get(timeout=60.0)) == {"stop": True}
+
+
+def test_no_button_moves_whatever_the_page_tells(page: Page) -> None:
+    """A hand on its way to STOP would meet the button of a question that comes up just then, and approve."""
+    computing, asking, ended = entered(a_board(), State.OPTIMISING), a_board(), entered(a_board(), State.FAULT)
+    computing.computing(3, 25, "simulations at most, best D 2.1 mm")
+    computing.note("coming to rest on the way")
+    asking.ask("lay the garment flat on the table and step back")
+    entered(asking, State.AWAITING_APPROVAL)
+    failure = Failure(FailureKind.GRIPPER_FAULT, "the left gripper does not open", "free the garment by hand")
+    ended.finish(State.FAULT, failure, Path("/logs/run-1"))
+    said = page([a_board(), computing, asking, ended], TELL_PLACES)
+    places = [json.loads(said.get(timeout=60.0)) for _ in range(4)]
+    assert places[0]["stop"][1] > 0 and places[1:] == places[:1] * 3

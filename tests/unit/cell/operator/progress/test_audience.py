@@ -1,0 +1,52 @@
+"""Who follows a run hears of it, at the terminal and at the page."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from cell.operator.console.board import Board
+from cell.operator.progress.audience import Audience
+from cell.operator.progress.lines import ProgressLines
+
+
+def board() -> Board:
+    return Board("run-1", "vest", 1, simulated=True)
+
+
+def audience(page: Board | None = None, quiet: bool = False, typed: bool = True) -> tuple[Audience, io.StringIO]:
+    stream = io.StringIO()
+    return Audience(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
+
+
+def test_lines_and_page_hear_the_same() -> None:
+    page = board()
+    told, stream = audience(page)
+    told.note("the library is read")
+    told.computing(3, 20, "simulations")
+    shown = page.snapshot()
+    assert "the library is read" in stream.getvalue()
+    assert shown["note"] == "the library is read" and shown["progress"]["done"] == 3
+
+
+@pytest.mark.parametrize(("typed", "keys"), [(True, " (a, Enter)"), (False, "")])
+def test_who_can_type_is_told_which_key(typed: bool, keys: str) -> None:
+    told, stream = audience(typed=typed)
+    told.ask("lay the garment")
+    assert stream.getvalue().strip().endswith(f"lay the garment, then approve{keys}")
+    before = stream.getvalue()
+    told.ask(None)
+    assert stream.getvalue() == before, "there is nothing to say"
+
+
+def test_a_quiet_run_asks_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    """Standard output is kept for the result."""
+    page = board()
+    told, stream = audience(page, quiet=True)
+    told.ask("lay the garment")
+    out, err = capsys.readouterr()
+    assert (out, stream.getvalue()) == ("", "") and err == "lay the garment, then approve (a, Enter)\n"
+    assert "lay the garment" in page.snapshot()["question"]["text"]
+    told.ask(None)
+    assert page.snapshot()["question"] is None

@@ -1,0 +1,56 @@
+"""A cold compile cache is told of, once a part; a warm one is not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+
+from cell.operator.progress.compiling import PARTS, compiling_told
+
+USE = """
+import numpy as np
+from cell.operator.terminal.progress.compiling import compiling_told
+from skills.motion.kinematics.ik import _pose_error
+with compiling_told(print):
+    _pose_error(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+"""
+
+
+def compiled(module: str) -> None:
+    """A new function, as if it stood in `module`, used for the first time."""
+
+    def add(x):
+        return x + 1
+
+    add.__module__ = module
+    numba.njit(add)(1)
+
+
+def test_each_part_is_told_of_once_and_nothing_else_is() -> None:
+    told: list[str] = []
+    with compiling_told(told.append):
+        for module in (
+            "numpy.linalg",
+            "skills.motion.kinematics.ik",
+            "skills.cloth.kernel",
+            "skills.cloth.broad_phase.patches",
+        ):
+            compiled(module)
+    assert told == [PARTS["skills.motion"], PARTS["skills.cloth"]]
+    compiled("skills.cloth.kernel")
+    assert len(told) == 2, "outside nothing is told"
+
+
+def test_what_comes_from_the_cache_is_not_told_of(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    cold, warm = (
+        subprocess.run(
+            [sys.executable, "-c", USE], capture_output=True, text=True, check=True, env=environment
+        ).stdout
+        for _ in range(2)
+    )
+    assert cold == PARTS["skills.motion"] + "\n" and warm == ""

@@ -1,0 +1,91 @@
+"""The bar: over itself on a terminal, plain lines now and then elsewhere, harmless when nobody reads."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import pytest
+
+from cell.operator.progress.bar import EVERY_S, ProgressBar
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_on_a_terminal_one_line_is_written_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    out, clock = Terminal(), Clock()
+    bar = ProgressBar(out, clock)
+    for done in range(1, 11):
+        clock.now += 10.0
+        bar.update(done, 40, "simulations  half: best D 2.5 mm")
+    text = out.getvalue()
+    assert "\n" not in text and text.count("\r[") == 10
+    last = text.split("\r")[-1]
+    assert "10/40" in last and "best D 2.5 mm" in last and "5 min 0 s left" in last
+    assert re.search(r"\[(#{6})(\.{18})\]", last), "a quarter is full"
+    bar.line("half: done")
+    assert out.getvalue().endswith("\r\x1b[Khalf: done\n")
+    bar.clear()
+    assert out.getvalue().endswith("half: done\n"), "what is not shown is not taken away"
+
+
+def test_it_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+    out = Terminal()
+    ProgressBar(out).update(3, 9, "a remark that is much too long for this")
+    assert len(out.getvalue().removeprefix("\r").removesuffix("\x1b[K")) <= 30
+
+
+def test_elsewhere_lines_are_plain_and_few() -> None:
+    out, clock = io.StringIO(), Clock()
+    bar = ProgressBar(out, clock)
+    for done in range(1, 101):
+        clock.now += EVERY_S / 10
+        bar.update(done, 100, "simulations")
+    lines = out.getvalue().splitlines()
+    assert 9 <= len(lines) <= 10
+    assert all(re.fullmatch(r"\d+/100  simulations(  (\d+ min )?\d+ s left)?", line) for line in lines)
+
+
+def test_time_left_follows_the_mean_pace_and_a_total_that_shrinks() -> None:
+    out, clock = Terminal(), Clock()
+    bar = ProgressBar(out, clock)
+    clock.now += 2.0
+    bar.update(2, 10)
+    assert "left" not in out.getvalue(), "two say nothing yet"
+    clock.now += 2.0
+    bar.update(4, 10)
+    assert "  6 s left" in out.getvalue()
+    bar.update(4, 4)
+    assert out.getvalue().split("\r")[-1].count("left") == 0
+
+
+def test_other_work_is_timed_from_its_own_begin() -> None:
+    out, clock = Terminal(), Clock()
+    bar = ProgressBar(out, clock)
+    clock.now += 1000.0
+    bar.restart()
+    clock.now += 4.0
+    bar.update(4, 10)
+    assert "  6 s left" in out.getvalue()
+
+
+def test_a_stream_that_is_gone_does_no_harm() -> None:
+    out = Terminal()
+    bar = ProgressBar(out)
+    out.close()
+    bar.update(1, 2)
+    bar.line("still here")
+    bar.clear()

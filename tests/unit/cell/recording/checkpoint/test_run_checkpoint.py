@@ -1,0 +1,153 @@
+"""What a run believes comes back as it was; what is damaged, foreign or of another version does not."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.recording.checkpoint import run_checkpoint
+from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
+from cell.recording.frame_store import FrameStore
+from cell.states.context import Context
+from cell.states.recovery_table import Adjustment
+from cell.states.transition_table import Event
+from robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
+from robots.ports import CameraFrame, Intrinsics, Side
+from skills.cloth.mesh import mesh_from_contour
+from skills.grasping.tare import Zero
+
+SQUARE = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3], [0.0, 0.3]])
+
+
+def picture(n: int) -> CameraFrame:
+    rng = np.random.default_rng(n)
+    rgb = rng.integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    return CameraFrame(
+        0.5 * n, n, rgb, rng.random((240, 320), np.float32), Intrinsics(320, 240, 9.0, 9.0, 1.0, 2.0)
+    )
+
+
+def context() -> Context:
+    mesh = mesh_from_contour(SQUARE, 0.02, layers=2)
+    return Context(
+        reference=picture(1),
+        frame=picture(2),
+        previous=picture(1),
+        overlay=picture(3).rgb,
+        mesh=mesh,
+        vertices=mesh.lay_flat(0.002),
+        index=1,
+        adjustments=(Adjustment.LOWER,),
+        attempts={(0, "drift"): 2},
+        zeros={Side.LEFT: Zero(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
+        failure=Failure(FailureKind.DRIFT, "it moved", "look", {"drift_m": 0.03}),
+        reentry=Event.LOOK_AGAIN,
+    )
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal in type and value, arrays and pictures bit for bit."""
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if isinstance(a, float):
+        return struct.pack("d", a) == struct.pack("d", b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if hasattr(a, "__dict__") and not isinstance(a, Event | FailureKind | Adjustment):
+        return same(a.__dict__, b.__dict__)
+    return bool(a == b)
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Path:
+    write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))
+    return tmp_path / "belief"
+
+
+def read(folder: Path) -> Context:
+    return read_belief(folder, FrameStore(folder.parent / "frames"))
+
+
+def test_it_comes_back_as_it_was(kept: Path) -> None:
+    assert same(read(kept), context())
+    assert not same(read(kept), replace(context(), index=0))
+
+
+def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As 3.11.2, Debian's, does: a member of an Enum is put down as getattr(kind, name)."""
+    for kind in (Event, FailureKind, Adjustment, Side):
+        monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
+    assert pickle.dumps(Event.START).find(b"getattr") > 0
+    write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))
+    assert same(read(tmp_path / "belief"), context())
+
+
+def test_what_stays_the_same_is_written_once(kept: Path) -> None:
+    """A picture and a large array of the last effect are not written again by the next one."""
+    before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
+    write_belief(kept, replace(read(kept), index=0), FrameStore(kept.parent / "frames"))
+    after = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
+    assert before.keys() == after.keys() and len(after) > 3
+    assert {name for name in after if after[name] != before[name]} == {"context"}
+    assert read(kept).index == 0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])
+def test_a_file_that_is_cut_off_is_told(kept: Path, share: float) -> None:
+    content = (kept / "context").read_bytes()
+    (kept / "context").write_bytes(content[: int(share * len(content))])
+    with pytest.raises(StorageError, match="missing or damaged"):
+        read(kept)
+
+
+@pytest.mark.parametrize("pattern", ["belief/*.npy", "frames/*.npz"])
+@pytest.mark.parametrize("damage", ["gone", "cut", "altered"])
+def test_so_is_an_array_or_a_picture(kept: Path, pattern: str, damage: str) -> None:
+    path = max(kept.parent.glob(pattern), key=lambda p: p.stat().st_size)
+    content = bytearray(path.read_bytes())
+    path.unlink()
+    if damage == "cut":
+        path.write_bytes(content[:200])
+    elif damage == "altered":
+        content[len(content) // 2] ^= 0xFF
+        path.write_bytes(content)
+    with pytest.raises(StorageError, match="missing or damaged"):
+        read(kept)
+
+
+def test_another_version_is_refused(kept: Path) -> None:
+    head, _, body = (kept / "context").read_bytes().partition(b"\n")
+    older = json.loads(head) | {"foldcell": "0.0.1"}
+    (kept / "context").write_bytes(json.dumps(older).encode() + b"\n" + body)
+    with pytest.raises(ConfigurationError, match=r"written by another foldcell \(that was 0\.0\.1"):
+        read(kept)
+
+
+class Harm:
+    def __reduce__(self) -> Any:
+        return os.system, ("touch harmed",)
+
+
+@pytest.mark.parametrize("content", [Harm(), ["a list"], np.zeros(3)])
+def test_nothing_but_a_context_comes_back(
+    kept: Path, content: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    body = pickle.dumps(content)
+    head = json.loads((kept / "context").read_bytes().partition(b"\n")[0]) | {"sha256": run_checkpoint._hash(body)}
+    (kept / "context").write_bytes(json.dumps(head).encode() + b"\n" + body)
+    with pytest.raises(CellError, match="missing or damaged"):
+        read(kept)
+    assert not (tmp_path / "harmed").exists()

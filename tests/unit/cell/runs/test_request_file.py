@@ -1,0 +1,71 @@
+"""What a run was asked for is kept in its folder and read back as it was."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from cell.config.calibration_file import table_text
+from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.runs.request_file import keep_request, load_request
+from cell.states.fold_request import FoldRequest
+from robots.errors import ConfigurationError
+from tests.runs import fold_request
+
+
+def kept(tmp_path: Path, request: FoldRequest) -> Path:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    keep_request(folder, request)
+    return folder
+
+
+def test_a_request_comes_back_with_the_exact_settings(tmp_path: Path) -> None:
+    request = fold_request(tmp_path, seed=7, realtime=True)
+    back = load_request(kept(tmp_path, request), request.logs, quiet=True)
+    assert back.settings.fingerprint() == request.settings.fingerprint()
+    same = {f.name for f in fields(FoldRequest)} - {"settings", "settings_path"}
+    assert {n: getattr(back, n) for n in same} == {n: getattr(request, n) for n in same}
+
+
+def test_a_garment_of_ones_own_is_kept_with_the_run(tmp_path: Path) -> None:
+    """Under a name that would else be that of the settings; the file it came from may change or go."""
+    source = tmp_path / "mine" / "cell.yaml"
+    source.parent.mkdir()
+    source.write_bytes(shipped_garment_path("small_towel").read_bytes())
+    request = fold_request(tmp_path, garment=str(source))
+    folder = kept(tmp_path, request)
+    source.unlink()
+    back = load_request(folder, request.logs)
+    assert load_garment(back.garment).name == "cell"
+    assert back.settings.fingerprint() == request.settings.fingerprint()
+
+
+@pytest.mark.parametrize("damage", [None, "", "[]", '{"schema": 99}', '{"schema": 1, "garment": "x"}'])
+def test_a_folder_that_does_not_tell_is_refused(tmp_path: Path, damage: str | None) -> None:
+    request = fold_request(tmp_path)
+    folder = kept(tmp_path, request)
+    path = folder / "request.json"
+    path.unlink() if damage is None else path.write_text(damage, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="does not say what it was asked for"):
+        load_request(folder, request.logs)
+
+
+def test_a_calibration_that_has_changed_since_is_refused(tmp_path: Path) -> None:
+    """What was seen and planned with the old one is void."""
+    table = tmp_path / "table.yaml"
+    table.write_text(table_text(-0.11), encoding="utf-8")
+    request = fold_request(tmp_path, {"table": {"calibration": str(table)}})
+    folder = kept(tmp_path, request)
+    assert load_request(folder, request.logs).settings.table.height == request.settings.table.height
+    table.write_text(table_text(-0.10), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"the calibration has changed since .*table\.yaml"):
+        load_request(folder, request.logs)
+
+
+def test_what_is_kept_can_be_read_by_a_person(tmp_path: Path) -> None:
+    told = json.loads((kept(tmp_path, fold_request(tmp_path, seed=3)) / "request.json").read_text("utf-8"))
+    assert (told["garment"], told["seed"], told["driver"], told["world"]) == ("small_towel", 3, "sim", "xpbd")

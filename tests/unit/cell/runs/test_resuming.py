@@ -1,0 +1,245 @@
+"""Where an interrupted run is entered again, and which runs cannot be gone on with."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.recording.journal import Journal, RunJournal
+from cell.runs.checkpoint_writer import Keeper, interrupted_run, reentry
+from cell.runs.request_file import keep_request
+from cell.runs.resumable import RESUMED_FROM, check_resumable
+from cell.states.context import Context
+from cell.states.transition_table import Event, State
+from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
+from robots.ports import Side
+from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.tare import Zero
+from skills.vocabulary import PredictedShape
+from tests.runs import fold_request
+
+S, E = State, Event
+SEEN = [S.PREPARING, S.PHOTOGRAPHING, S.AWAITING_GARMENT, S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING,
+        S.PLANNING_MOTION]  # fmt: skip
+FOLD = [S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING]
+SHAPE = PredictedShape(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 2)))
+PLANNED = Context(predicted=SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("way", "context", "event"),
+    [
+        ([], Context(), E.START_OVER),
+        (SEEN[:2], Context(), E.START_OVER),
+        (SEEN[:3], Context(), E.LAY),
+        (SEEN[:4], Context(), E.LOOK_AGAIN),
+        (SEEN, Context(), E.LOOK_AGAIN),
+        ([*SEEN, S.AWAITING_APPROVAL], PLANNED, E.LOOK_AGAIN),
+        (SEEN + FOLD[:1], PLANNED, E.LOOK_AGAIN),
+        (SEEN + FOLD[:4], PLANNED, E.LOOK_AGAIN),  # it was in the hands: let go, look where it is
+        (SEEN + FOLD[:5], PLANNED, E.LOOK_AFTER),  # it was carried to its place
+        (SEEN + FOLD, PLANNED, E.LOOK_AFTER),
+        (SEEN + FOLD, Context(index=1), E.LOOK_AGAIN),  # judged, and the plan is one fold on
+        ([*SEEN, *FOLD[:4], S.CLEARING, S.RECOVERING, S.GIVING_UP, S.NOT_FOLDED], PLANNED, E.LOOK_AGAIN),
+        ([*SEEN, *FOLD[:6], S.CLEARING, S.MAKING_SAFE, S.FAULT], PLANNED, E.LOOK_AFTER),
+        ([*SEEN, *FOLD[:4], S.PAUSED], PLANNED, E.LOOK_AGAIN),
+        ([*SEEN, *FOLD[:4], S.STOPPED], PLANNED, E.LOOK_AGAIN),
+        ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # cut off once more
+        ([S.IDLE, S.RESUMING], Context(reentry=E.LAY), E.LAY),
+        ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
+    ],
+)
+def test_where_a_run_is_entered_again(way: list[State], context: Context, event: Event) -> None:
+    assert reentry(way, context) is event
+
+
+class Logs:
+    """A logs folder with runs that got somewhere."""
+
+    def __init__(self, folder: Path) -> None:
+        self.request = fold_request(folder, seed=4)
+        self.journal = Journal.open(self.request.logs / "ledger.db")
+        self.clock = 1000.0
+
+    def begin(self, driver: str = "sim") -> RunJournal:
+        self.clock += 10.0
+        request = replace(self.request, driver=driver)
+        run = self.journal.begin_run(
+            garment="small_towel", seed=4, driver=driver, settings_hash=request.settings.fingerprint(),
+            wall_clock=lambda: self.clock,
+        )  # fmt: skip
+        keep_request(run.directory, request)
+        return run
+
+    def cut_off(self, context: Context = PLANNED, driver: str = "sim", through: int = 4) -> str:
+        run = self.begin(driver)
+        run.result(run.intent(0.0, S.PREPARING, "prepare"), 1.0)
+        for state in SEEN + FOLD[:through]:
+            run.event(1.0, state, "done")
+        Keeper(run.directory, (lambda: b"the world") if driver != "ros" else None).keep(context)
+        run.abandon()
+        return run.id
+
+    def resume(self, name: str, **changes: Any) -> Any:
+        return interrupted_run(self.journal, name, self.request.logs, **changes)
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Iterator[Logs]:
+    made = Logs(tmp_path)
+    yield made
+    made.journal.close()
+
+
+def test_what_is_gone_on_with(logs: Logs) -> None:
+    failed = PLANNED.with_failure(Failure(FailureKind.SLIPPED, "lost")).with_failure(
+        Failure(FailureKind.SLIPPED, "lost")
+    )
+    grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
+    unloaded = Zero(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+    in_hand = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
+    name = logs.cut_off(replace(failed, index=1, waited_s=7.0, **in_hand))
+    found = logs.resume("last", quiet=True)
+    assert (found.run, found.world) == (name, b"the world")
+    assert (found.request.seed, found.request.garment, found.request.quiet) == (4, "small_towel", True)
+    assert found.context.index == 1 and found.context.attempts == failed.attempts
+    assert found.context.reentry is E.LOOK_AGAIN
+    assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
+    assert not found.context.held and not found.context.zeros, "the hands are opened before anything else"
+
+
+@pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
+def test_a_fold_whose_release_was_begun_is_what_is_looked_at(logs: Logs, through: int, carried: bool) -> None:
+    """Also where the camera fails at the first look: what was believed is from before the release."""
+    logs.cut_off(through=through)
+    assert logs.resume("last").context.carried is carried
+
+
+def test_hardware_has_no_world(logs: Logs) -> None:
+    logs.cut_off(driver="ros")
+    assert logs.resume("last").world is None
+
+
+def test_a_run_that_has_folded_is_over(logs: Logs) -> None:
+    run = logs.begin()
+    run.end("folded")
+    with pytest.raises(ConfigurationError, match="has folded"):
+        logs.resume(run.id)
+
+
+def test_a_run_that_left_folds_out_is_over(logs: Logs) -> None:
+    """Its last fold was made: to go on would be to make it twice."""
+    logs.cut_off(replace(PLANNED, through=True))
+    with pytest.raises(ConfigurationError, match="through its plan"):
+        logs.resume("last")
+
+
+def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
+    run = logs.begin()
+    with pytest.raises(ConfigurationError, match="still going"):
+        logs.resume(run.id)
+    run.abandon()
+
+
+def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
+    run = logs.begin()
+    run.abandon()
+    with pytest.raises(ConfigurationError, match="kept nothing to go on with") as e:
+        logs.resume(run.id)
+    assert "foldcell fold" in e.value.hint
+
+
+def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
+    run = logs.begin()
+    (run.directory / "belief").mkdir()
+    run.abandon()
+    with pytest.raises(ConfigurationError, match="kept nothing to go on with"):
+        logs.resume(run.id)
+
+
+def test_a_calibration_is_begun_again(logs: Logs) -> None:
+    run = logs.journal.begin_run(garment="calibrate-table", seed=1, driver="sim")
+    run.abandon()
+    with pytest.raises(ConfigurationError, match="is a calibration"):
+        logs.resume(run.id)
+
+
+def test_a_folder_that_is_gone_is_told(logs: Logs) -> None:
+    name = logs.cut_off()
+    shutil.rmtree(logs.request.logs / name)
+    with pytest.raises(ConfigurationError, match="is gone"):
+        logs.resume(name)
+
+
+@pytest.mark.parametrize("file", ["cell.yaml", "request.json"])
+def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> None:
+    name = logs.cut_off()
+    path = logs.request.logs / name / file
+    text = path.read_text(encoding="utf-8")
+    changed = text.replace('"seed": 4', '"seed": 5') if file == "request.json" else text.replace("15.0", "55.0")
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="are not those that the ledger knows"):
+        logs.resume(name)
+
+
+def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
+    """Its garment lies where the later run left it, whatever the clock on the wall said then."""
+    first = logs.cut_off()
+    logs.clock -= 3600.0
+    later = logs.begin()
+    later.event(0.0, S.IDLE, RESUMED_FROM, {"run": first})
+    Keeper(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
+    later.abandon()
+    with pytest.raises(ConfigurationError, match=f"gone on with as {later.id}") as e:
+        logs.resume(first)
+    assert e.value.hint == f"foldcell resume {later.id}"
+    assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "it can be gone on with in turn"
+
+
+@pytest.mark.parametrize(("driver", "refused"), [("sim", False), ("emulator", False), ("ros", True)])
+def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str, refused: bool) -> None:
+    """Each simulated run has a world of its own; there is one real table."""
+    first = logs.cut_off(driver=driver)
+    logs.clock -= 3600.0  # no order of clocks counts
+    elsewhere = logs.begin("sim" if driver == "ros" else "ros")
+    elsewhere.abandon()
+    check_resumable(logs.journal, first)
+    failed = logs.begin(driver)  # the robot was off: it did nothing
+    failed.abandon()
+    assert logs.resume(first).run == logs.resume("last").run == first
+    rehearsed = logs.begin("sim" if driver == "ros" else "ros")  # at another table
+    rehearsed.intent(0.0, S.PREPARING, "prepare")
+    rehearsed.abandon()
+    assert logs.resume(first).run == first
+    other = logs.begin(driver)
+    other.intent(0.0, S.PREPARING, "prepare")
+    other.abandon()
+    if refused:
+        with pytest.raises(ConfigurationError, match="has done other runs since"):
+            logs.resume(first)
+    else:
+        assert logs.resume(first).run == first
+
+
+def test_a_world_that_is_gone_is_told(logs: Logs) -> None:
+    name = logs.cut_off()
+    (logs.request.logs / name / "world.npz").unlink()
+    with pytest.raises(StorageError, match="the simulated world"):
+        logs.resume(name)
+
+
+def test_what_has_folded_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
+    keeper = Keeper(tmp_path, lambda: b"the world")
+    keeper.keep(PLANNED)
+    keeper.forget()
+    keeper.forget()
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "world.npz").mkdir()  # what cannot be removed stays, and ends nothing
+    keeper.forget()

@@ -1,0 +1,135 @@
+"""Freeing the disk of old runs: what goes, and what must stay."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cell.cli import main
+from cell.recording.journal import Journal, RunJournal
+from cell.runs.tidying import HEAVY, heavy_runs, lighten
+from robots.errors import StorageError
+
+LIGHT = ("report.html", "result.json", "cell.yaml")
+
+
+class Logs:
+    """Runs in a logs folder and in a campaign's, each a second after the last."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.clock = folder, 1000.0
+        self.journals: dict[Path, Journal] = {}
+
+    def run(self, result: str | None, campaign: str = "") -> RunJournal:
+        self.clock += 1.0
+        place = self.folder / campaign
+        place.mkdir(parents=True, exist_ok=True)
+        journal = self.journals.setdefault(place, Journal.open(place / "ledger.db"))
+        run = journal.begin_run(garment="towel", seed=1, driver="sim", wall_clock=lambda: self.clock)
+        for name in ("run.rrd", "run.transcript", "world.npz", *LIGHT):
+            (run.directory / name).write_bytes(b"x" * 1000)
+        for name in ("frames", "belief", "began_with"):
+            (run.directory / name).mkdir()
+            (run.directory / name / ("context" if name == "belief" else "0.png")).write_bytes(b"x" * 500)
+        if result == "cut off":
+            run.abandon()
+        elif result:
+            run.end(result)
+        return run
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Iterator[Logs]:
+    made = Logs(tmp_path)
+    yield made
+    for journal in made.journals.values():
+        journal.close()
+
+
+def chosen(logs: Logs, keep: int, unfinished: bool = False) -> list[str]:
+    return [heavy.run.id for heavy in heavy_runs(logs.folder, keep, unfinished)]
+
+
+def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
+    first = logs.run("folded")
+    second = logs.run("folded", "trials-1/worker-7")
+    logs.run("folded")
+    assert chosen(logs, 1) == [first.id, second.id]
+    assert chosen(logs, 2) == [first.id]
+    assert chosen(logs, 3) == chosen(logs, 99) == []
+
+
+def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
+    """Within a ledger its order is the truth; times are for runs of different ones."""
+    logs.clock = 5000.0
+    first, second = logs.run("folded"), logs.run("folded")
+    logs.clock = 1000.0
+    logs.run("folded")
+    assert chosen(logs, 1) == [first.id, second.id]
+
+
+def test_what_goes_on_or_can_be_gone_on_with_stays(logs: Logs) -> None:
+    going, cut_off, refused, folded = map(logs.run, (None, "cut off", "not_folded", "folded"))
+    assert chosen(logs, 0) == [folded.id]
+    assert chosen(logs, 0, unfinished=True) == [cut_off.id, refused.id, folded.id]
+    going.abandon()
+
+
+def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
+    run = logs.run("folded")
+    (heavy,) = heavy_runs(logs.folder, 0)
+    assert heavy.bytes == 4500
+    lighten(heavy)
+    assert sorted(p.name for p in run.directory.iterdir()) == sorted(LIGHT)
+    assert not any((run.directory / name).exists() for name in HEAVY)
+    assert chosen(logs, 0) == []
+
+
+def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
+    logs: Logs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the whole ledger each time: hundreds of runs that are done would take minutes."""
+    asked: list[str] = []
+    monkeypatch.setattr("cell.runs.tidying.resumable", lambda journal, name: bool(asked.append(name)))
+    cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")
+    shutil.rmtree(folded.directory / "belief")
+    for name in HEAVY:
+        path = tidied.directory / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert chosen(logs, 0) == [cut_off.id, folded.id] and asked == [cut_off.id]
+
+
+def test_what_cannot_be_removed_is_told(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
+    logs.run("folded")
+    (heavy,) = heavy_runs(logs.folder, 0)
+
+    def refuse(self: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(StorageError, match=r"run\.rrd"):
+        lighten(heavy)
+
+
+def test_nothing_goes_unless_it_is_said(logs: Logs, capsys: pytest.CaptureFixture[str]) -> None:
+    run = logs.run("folded")
+    command = ["tidy", "--logs", str(logs.folder), "--keep", "1"]
+    assert main(command) == 0 and "nothing to remove" in capsys.readouterr().out
+    logs.run("folded")
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert run.id in told and "--yes" in told and (run.directory / "run.rrd").is_file()
+    assert main([*command, "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["bytes"] == 4500 and not figures["removed"] and (run.directory / "run.rrd").is_file()
+    assert main([*command, "--yes"]) == 0
+    assert "freed" in capsys.readouterr().out and not (run.directory / "run.rrd").is_file()
+
+
+def test_an_empty_folder_has_nothing_to_remove(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tidy", "--logs", str(tmp_path)]) == 0
+    assert "nothing to remove" in capsys.readouterr().out

@@ -1,0 +1,38 @@
+"""What is told of a run on its page and in its report: failures, recoveries, and what the operator said."""
+
+from __future__ import annotations
+
+from cell.executive.machine import Step
+from cell.states.context import Context, Result
+from cell.states.observers import Remark, Remarks
+from cell.states.transition_table import Effect, Event, State
+from robots.errors import Failure, FailureKind
+
+FOLDING = Step(State.LIFTING, Event.DONE, State.FOLDING, Effect.FOLD)
+PAUSED = Step(State.FOLDING, Event.PAUSE, State.PAUSED, Effect.WAIT)
+
+
+def told(step: Step, result: Result) -> list[Remark]:
+    remarks = Remarks()
+    remarks.performed(9.0, step, result)
+    return remarks.list
+
+
+def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_motion() -> None:
+    slipped = Context().with_failure(Failure(FailureKind.SLIPPED, "the left hand lost it", "grip harder"))
+    said = told(FOLDING, Result(Event.FAILED, slipped, {}, ((5.0, "paused"), (7.5, "resumed"))))
+    assert [(r.t, r.kind, r.title) for r in said] == [
+        (5.0, "command", "paused"),
+        (7.5, "command", "resumed"),
+        (9.0, "failure", "slipped while folding"),
+    ]
+    assert said[0].text == "on the way, while folding"
+
+
+def test_a_pause_between_two_effects_is_told_and_so_is_its_end() -> None:
+    assert told(FOLDING, Result(Event.PAUSE, Context(), {"interrupted": True})) == [
+        Remark(9.0, "command", "pause", "before folding")
+    ]
+    assert told(PAUSED, Result(Event.RESUME, Context(), {"command": "resume"})) == [
+        Remark(9.0, "command", "resume", "while paused")
+    ]

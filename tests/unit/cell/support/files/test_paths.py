@@ -1,0 +1,82 @@
+"""Where logs go, and that a folder which cannot take them is found out before anything moves."""
+
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.support.files import paths
+from cell.support.files.paths import logs_directory, prepare_logs, repository_root
+from robots.errors import StorageError
+
+
+def test_the_option_wins_over_the_environment(tmp_path: Path) -> None:
+    environment = {"FOLDCELL_LOGS": str(tmp_path / "environment")}
+    assert logs_directory(tmp_path / "option", environment) == tmp_path / "option"
+    assert logs_directory(None, environment) == tmp_path / "environment"
+
+
+def test_a_checkout_keeps_its_logs_in_itself() -> None:
+    root = repository_root()
+    assert root is not None and (root / "cell" / "files" / "paths.py").is_file()
+    assert logs_directory(None, {}) == root / "logs"
+
+
+def test_an_installed_package_uses_the_users_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paths, "__file__", str(tmp_path / "site-packages" / "cell" / "files" / "paths.py"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert repository_root() is None
+    assert logs_directory(None, {}) == tmp_path / "data" / "foldcell" / "logs"
+
+
+def test_an_empty_variable_names_nothing() -> None:
+    assert logs_directory(None, {"FOLDCELL_LOGS": ""}) == logs_directory(None, {})
+
+
+def test_a_relative_option_is_relative_to_where_the_command_was_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert logs_directory(Path("mine"), {}) == tmp_path / "mine"
+
+
+def test_prepare_makes_the_folder_and_leaves_it_empty(tmp_path: Path) -> None:
+    logs = prepare_logs(tmp_path / "a" / "b", least_free=0)
+    assert logs.is_dir() and list(logs.iterdir()) == []
+
+
+def test_a_file_in_the_way_is_a_storage_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for logs in (tmp_path / "file", tmp_path / "file" / "logs"):
+        with pytest.raises(StorageError, match="cannot be written"):
+            prepare_logs(logs)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_read_only_folder_is_a_storage_error(lockable: Any) -> None:
+    with lockable.read_only():
+        for logs in (lockable.folder, lockable.folder / "new"):
+            with pytest.raises(StorageError, match="--logs DIR"):
+                prepare_logs(logs)
+    assert list(lockable.folder.iterdir()) == []
+
+
+def test_a_full_folder_is_left_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a full or read-only file system does."""
+    for number in (errno.EROFS, errno.ENOSPC):
+
+        def refuse(*_: object, _number: int = number, **__: object) -> None:
+            raise OSError(_number, os.strerror(_number))
+
+        monkeypatch.setattr(paths.tempfile, "NamedTemporaryFile", refuse)
+        with pytest.raises(StorageError, match=os.strerror(number)):
+            prepare_logs(tmp_path / "a" / "b")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_too_little_space_is_found_out_at_once(tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="MiB left"):
+        prepare_logs(tmp_path / "new", least_free=2**60)
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,31 @@
+"""Files that are written whole or not at all, and what is said where they are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.support.files import whole_file
+from cell.support.files.whole_file import write_whole
+from robots.errors import StorageError
+
+
+def test_what_fails_once_the_file_has_its_name_is_told_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder that cannot be synced, as on some network drives; somebody who interrupts just then."""
+
+    def fails(error: BaseException) -> None:
+        def sync(_: Path) -> None:
+            raise error
+
+        monkeypatch.setattr(whole_file, "_sync", sync)
+
+    fails(OSError(22, "Invalid argument"))
+    with pytest.raises(StorageError, match="Invalid argument"):
+        write_whole(tmp_path / "file", "text")
+    fails(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "file", "text")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]

@@ -1,0 +1,65 @@
+"""Signals while a cell is open, while it is being closed, and after."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+from cell.support.process.interrupts import taking_signals
+from tests.fakes import FakeCell
+
+ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCONT)
+
+
+@pytest.fixture(autouse=True)
+def before() -> Iterator[None]:
+    """Started under nohup the tests would find SIGHUP ignored, which is heeded."""
+    found = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    kept = {n: signal.getsignal(n) for n in ALL}
+    yield
+    after = {n: signal.getsignal(n) for n in ALL}
+    signal.signal(signal.SIGHUP, found)
+    assert after == kept, "signals do again what they did before"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_cell_and_ends_nothing_by_force(number: signal.Signals) -> None:
+    cell = FakeCell()
+    with taking_signals() as interrupts:
+        with interrupts.stop(cell.ports(), asked=False):
+            signal.raise_signal(number)
+            assert cell.stop_reason == number.name
+        signal.raise_signal(number)  # while the result is being written
+        assert interrupts.received == [number, number]
+
+
+@pytest.mark.parametrize(("asked", "reason"), [(False, "SIGHUP"), (True, "")])
+def test_a_terminal_that_hangs_up_stops_what_nobody_attends(asked: bool, reason: str) -> None:
+    """Who was asked there is missed by the one who asks: that run ends by itself, or goes on by the page."""
+    cell = FakeCell()
+    with taking_signals() as interrupts, interrupts.stop(cell.ports(), asked=asked):
+        signal.raise_signal(signal.SIGHUP)
+        assert cell.stop_reason == reason
+
+
+def test_nohup_is_heeded() -> None:
+    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    cell = FakeCell()
+    try:
+        with taking_signals() as interrupts, interrupts.stop(cell.ports(), asked=False):
+            signal.raise_signal(signal.SIGHUP)
+        assert cell.stop_reason == "" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, handler)
+
+
+@pytest.mark.parametrize(("driver", "stopped"), [("sim", False), ("emulator", True), ("ros", True)])
+def test_a_program_that_was_suspended_moves_no_robot(driver: str, stopped: bool) -> None:
+    """A simulated cell waits for its executive: it may be looked at between Ctrl-Z and fg."""
+    cell = FakeCell()
+    with taking_signals() as interrupts, interrupts.stop(replace(cell.ports(), driver=driver), asked=False):
+        signal.raise_signal(signal.SIGCONT)
+        assert bool(cell.stop_reason) is stopped

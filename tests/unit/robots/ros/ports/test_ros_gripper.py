@@ -1,0 +1,345 @@
+"""Baxter's gripper: one command at a time, each until the robot says that it has handled it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+
+import pytest
+from puppet import Connect, Hand, HandClock, Puppet, wait
+
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.gripper import RosGripper
+from robots.errors import DriverError, FailureKind
+from robots.ports import Ports, Side
+
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+FULL = 0.0416
+
+
+class Bench:
+    """A driver of the left gripper on a clock that is turned by hand, and the gripper."""
+
+    def __init__(self, puppet: Puppet, node: Node) -> None:
+        self.puppet, self.clock = puppet, HandClock()
+        self.hand: Hand = puppet.hands[Side.LEFT]
+        self.port = RosGripper(node, self.clock, Side.LEFT)
+        wait(lambda: puppet.hears(self.hand.topic), "it is heard")
+        wait(lambda: self.port.hearing.newest, "it hears")
+
+    def done(self) -> None:
+        wait(lambda: not self.port.state().moving, "everything is done")
+
+    def calibrate(self) -> None:
+        self.port.calibrate()
+        self.done()
+
+    def handled(self) -> list[tuple]:
+        """What the gripper did, with the figures."""
+        figures = {"go": ("position",), "configure": ("moving_force", "holding_force")}
+        told = [(m.command, json.loads(m.args or "{}")) for m in self.hand.handled]
+        return [(what, *(values[name] for name in figures.get(what, ()))) for what, values in told]
+
+    def pass_time(self, seconds: float, step: float = 0.06) -> None:
+        """A little at a time, and the gripper speaks in between."""
+        until = self.clock.time + seconds
+        while self.clock.time < until:
+            self.clock.time += step
+            wait(lambda: self.port.state().stamp == self.clock.time, "its state")
+
+
+@pytest.fixture
+def bench(puppet: Puppet, node: Node) -> Iterator[Bench]:
+    yield Bench(puppet, node)
+
+
+def fault(port: RosGripper, opening: float = 0.02, force: float = 6.0) -> str:
+    with pytest.raises(DriverError) as caught:
+        port.command(opening, force)
+    assert caught.value.kind is FailureKind.GRIPPER_FAULT
+    return caught.value.what
+
+
+def test_it_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> None:
+    bench.port.calibrate()
+    bench.port.command(FULL / 2, 12.0)
+    bench.done()
+    assert bench.handled() == [
+        ("calibrate",), ("configure", pytest.approx(40.0), pytest.approx(40.0)), ("go", pytest.approx(50.0)),
+    ]  # fmt: skip
+    assert {m.id for m in bench.hand.handled} == {65538}
+    assert bench.port.state().opening == pytest.approx(FULL / 2)
+
+
+def test_what_follows_a_calibration_waits_until_it_has_ended(bench: Bench) -> None:
+    bench.hand.calibration_ticks = 10**9
+    bench.port.calibrate()
+    bench.port.command(0.02, 6.0)
+    wait(lambda: bench.hand.calibrating, "it is being calibrated")
+    bench.pass_time(3.0, step=0.5)
+    assert bench.port.state().moving
+    assert [m.command for m in bench.hand.heard] == ["calibrate"] * len(bench.hand.heard)
+    bench.port.command(0.03, 6.0)  # no fault: it takes its time
+    bench.hand.calibrating = 1
+    bench.done()
+    assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"]
+    assert bench.port.state().opening == pytest.approx(0.03)
+
+
+def test_a_calibration_that_never_ends_is_a_fault(bench: Bench) -> None:
+    bench.hand.calibration_ticks = 10**9
+    bench.port.calibrate()
+    wait(lambda: bench.hand.calibrating, "it is being calibrated")
+    bench.pass_time(10.5, step=0.5)
+    assert "calibrate" in fault(bench.port)
+
+
+def test_a_command_is_repeated_until_it_is_echoed_and_never_after(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    bench.hand.deaf = True
+    bench.port.command(0.02, 6.0)
+    bench.pass_time(0.5)
+    wait(lambda: len(bench.hand.heard) >= 6, "it is told again and again")
+    told = bench.hand.heard[-5:]
+    assert {(m.command, m.sender, m.sequence, m.args) for m in told} == {
+        (told[0].command, told[0].sender, told[0].sequence, told[0].args)
+    }
+    bench.hand.deaf = False
+    while bench.port.state().moving:
+        bench.pass_time(0.06)
+    puppet.let(10)
+    count = len(bench.hand.heard)
+    bench.pass_time(2.0)
+    puppet.stays(lambda: len(bench.hand.heard))
+    assert len(bench.hand.heard) == count
+
+
+def test_it_is_not_told_again_before_it_had_time_to_answer(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    bench.hand.deaf = True
+    before = len(bench.hand.heard)
+    bench.port.command(0.02, 6.0)
+    puppet.let(20)
+    assert len(bench.hand.heard) == before + 1
+
+
+def test_the_newest_of_several_quick_commands_wins(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    bench.port.command(0.01, 6.0)
+    bench.done()
+    before = len(bench.hand.handled)
+    bench.hand.deaf = True
+    for opening, force in ((0.0104, 6.0), (0.02, 6.0), (0.03, 9.0), (0.015, 3.0), (FULL / 4 * 3, 12.0)):
+        bench.port.command(opening, force)
+    puppet.let(10)
+    bench.hand.deaf = False
+    while bench.port.state().moving:
+        bench.pass_time(0.06)
+    assert bench.handled()[before:] == [
+        ("go", pytest.approx(25.0)),
+        ("configure", pytest.approx(40.0), pytest.approx(40.0)),
+        ("go", pytest.approx(75.0)),
+    ]
+    heard = [m.sequence for m in bench.hand.heard]
+    assert heard == sorted(heard)
+
+
+def test_a_change_of_mind_while_the_force_is_configured(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    bench.hand.deaf = True
+    bench.port.command(0.01, 6.0)
+    bench.port.command(0.02, 6.0)
+    bench.hand.deaf = False
+    while bench.port.state().moving:
+        bench.pass_time(0.06)
+    assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"]
+    assert bench.port.state().opening == pytest.approx(0.02)
+
+
+def test_the_force_is_configured_only_when_it_changes(bench: Bench) -> None:
+    bench.calibrate()
+    for opening, force in ((0.01, 6.0), (0.02, 6.0), (0.01, 3.0), (0.03, 3.0), (0.02, 6.0)):
+        bench.port.command(opening, force)
+        bench.done()
+    assert [h[0] for h in bench.handled()] == [
+        "calibrate", "configure", "go", "go", "configure", "go", "go", "configure", "go",
+    ]  # fmt: skip
+
+
+at_once_or_not = pytest.mark.parametrize("at_once", [True, False], ids=["at once", "when it is done"])
+"""Whether the next command waits for the end of a calibration: the executive's does not."""
+
+
+@at_once_or_not
+def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(
+    bench: Bench, puppet: Puppet, at_once: bool
+) -> None:
+    bench.calibrate()
+    for _ in range(5):
+        bench.port.command(0.02, 6.0)
+    bench.done()
+    bench.port.command(0.02, 6.0)
+    puppet.let(10)
+    assert len(bench.handled()) == 3
+    bench.port.calibrate() if at_once else bench.calibrate()
+    bench.port.command(0.02, 6.0)
+    bench.done()
+    done = [h[0] for h in bench.handled()]
+    assert done == ["calibrate", "configure", "go", "clear_calibration", "calibrate", "configure", "go"]
+    assert bench.port.state().calibrated
+
+
+def test_more_than_it_can_is_as_much_as_it_can(bench: Bench) -> None:
+    bench.calibrate()
+    bench.port.command(1.0, 1000.0)
+    bench.done()
+    bench.port.command(-1.0, -1.0)
+    bench.done()
+    assert [h[1] for h in bench.handled()[1:]] == [100.0, 100.0, 0.0, 0.0]
+
+
+def test_a_deaf_gripper_is_a_fault_after_a_while(bench: Bench) -> None:
+    bench.calibrate()
+    bench.hand.deaf = True
+    bench.port.command(0.02, 6.0)
+    bench.pass_time(1.9)
+    bench.port.command(0.03, 6.0)
+    bench.pass_time(0.2)
+    assert "left" in fault(bench.port)
+    bench.port.command(0.03, 6.0)  # it may hear again
+    bench.pass_time(2.1)
+    assert "left" in fault(bench.port, 0.01)
+    bench.hand.deaf = False
+    bench.calibrate()
+    bench.port.command(0.02, 6.0)
+
+
+def test_a_silent_gripper_is_a_fault_after_a_while(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    puppet.hush("/robot/end_effector/left_gripper/state")
+    bench.port.command(0.02, 6.0)
+    bench.clock.time += 2.1
+    stamp = bench.port.state().stamp
+    assert fault(bench.port)
+    assert bench.port.state().stamp == stamp < bench.clock.now()
+
+
+def test_without_calibration_it_is_refused(bench: Bench, puppet: Puppet) -> None:
+    assert "calibrated" in fault(bench.port)
+    puppet.let(10)
+    assert bench.hand.heard == []
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_no_number_is_no_command(bench: Bench, wrong: float) -> None:
+    bench.calibrate()
+    fault(bench.port, wrong, 6.0)
+    fault(bench.port, 0.02, wrong)
+    assert not bench.port.state().moving
+
+
+def test_its_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> None:
+    bench.hand.position, bench.hand.force, bench.hand.moving, bench.hand.calibrated = 25.0, 40.0, 1, 1
+    wait(lambda: bench.port.state().calibrated, "heard")
+    state = bench.port.state()
+    assert (state.opening, state.force) == (pytest.approx(FULL / 4), pytest.approx(12.0))
+    assert state.moving and state.side is Side.LEFT and state.stamp == bench.clock.now()
+    bench.hand.moving, bench.hand.calibrated = 0, 2
+    bench.done()
+    assert not bench.port.state().calibrated
+
+
+def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: Node) -> None:
+    puppet.hush("/robot/end_effector/right_gripper/state")
+    state = RosGripper(node, HandClock(), Side.RIGHT).state()
+    assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated
+
+
+def test_it_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
+    bench.calibrate()
+    bench.hand.deaf = True
+    assert not bench.port.state().moving
+    bench.port.command(0.02, 6.0)
+    assert bench.port.state().moving
+    bench.pass_time(0.3)
+    assert bench.port.state().moving
+    bench.hand.deaf = False
+    while bench.port.state().moving:
+        bench.pass_time(0.06)
+    assert bench.port.state().opening == pytest.approx(0.02)
+
+
+def test_what_was_handled_for_another_is_not_taken_for_ones_own(puppet: Puppet, connect: Connect) -> None:
+    """Both begin to count at the same number."""
+    hand = puppet.hands[Side.LEFT]
+    for n in (1, 2):
+        with connect() as ports:
+            hand.deaf = n == 2
+            ports.grippers[Side.LEFT].calibrate()
+            puppet.let(10)
+            assert ports.grippers[Side.LEFT].state().moving == hand.deaf
+            hand.deaf = False
+            wait(lambda n=n: len(hand.handled) == 2 * n - 1, "it is calibrated")
+            wait(lambda ports=ports: not ports.grippers[Side.LEFT].state().moving, "it is done")
+    assert [m.command for m in hand.handled] == ["calibrate", "clear_calibration", "calibrate"]
+
+
+def test_each_side_is_its_own(puppet: Puppet, connect: Connect) -> None:
+    with connect() as ports:
+        left, right = (ports.grippers[side] for side in (Side.LEFT, Side.RIGHT))
+        right.calibrate()
+        right.command(FULL, 6.0)
+        wait(lambda: not right.state().moving, "done")
+        assert right.state().calibrated and not left.state().calibrated
+        assert puppet.hands[Side.LEFT].heard == []
+        assert right.state().opening == pytest.approx(FULL) == right.max_opening
+
+
+def test_what_was_not_done_before_a_stop_is_not_done_after_it(puppet: Puppet, ports: Ports) -> None:
+    hand, port = puppet.hands[Side.LEFT], ports.grippers[Side.LEFT]
+    port.calibrate()
+    wait(lambda: not port.state().moving, "calibrated")
+    hand.deaf = True
+    port.command(0.03, 6.0)
+    assert port.state().moving
+    ports.stop.trigger("a test")
+    wait(lambda: not port.state().moving, "nothing waits any more")
+    for order in (port.calibrate, lambda: port.command(0.01, 6.0)):
+        with pytest.raises(DriverError) as caught:
+            order()
+        assert caught.value.kind is FailureKind.STOPPED
+    before = list(hand.handled)
+    hand.deaf = False
+    puppet.let(20)
+    assert hand.handled == before and hand.position == 37.0
+
+
+@at_once_or_not
+@pytest.mark.parametrize("calibrated", [False, True], ids=["new", "calibrated"])
+def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
+    bench: Bench, puppet: Puppet, calibrated: bool, at_once: bool
+) -> None:
+    bench.hand.error, bench.hand.calibrated = 1, int(calibrated)
+    puppet.let(10)
+    assert bench.port.state().in_error
+    bench.port.calibrate() if at_once else bench.calibrate()
+    assert not bench.port.state().in_error, "that is what the calibration ends"
+    bench.port.command(0.02, 6.0)
+    bench.done()
+    cleared = ["clear_calibration"] * calibrated
+    assert [h[0] for h in bench.handled()] == ["reset", *cleared, "calibrate", "configure", "go"]
+    assert bench.port.state().calibrated and bench.port.state().opening == pytest.approx(0.02)
+
+
+def test_while_it_is_calibrated_it_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:
+    bench.calibrate()
+    assert bench.port.state().calibrated
+    bench.hand.deaf = True
+    bench.port.calibrate()
+    puppet.let(5)
+    assert not bench.port.state().calibrated and bench.port.state().moving
+    bench.hand.deaf = False
+    bench.pass_time(0.5)
+    bench.done()
+    assert bench.port.state().calibrated

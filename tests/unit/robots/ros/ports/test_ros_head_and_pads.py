@@ -1,0 +1,154 @@
+"""The head turns until it is there; the pads' cells are read as they come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from puppet import HEAD, PADS, HandClock, Puppet, pads, wait
+
+from robots.baxter.ros.node import Node
+from robots.baxter.ros.ports.head import RosHead
+from robots.baxter.ros.ports.tactile import RosTactile
+from robots.errors import DriverError
+from robots.ports import JointState, Ports, Side
+
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+LEFT = Side.LEFT
+
+
+# the head ----------------------------------------------------------------------------------------------
+
+
+def test_the_head_is_told_until_it_is_there_and_no_longer(puppet: Puppet, ports: Ports) -> None:
+    puppet.deaf.add(HEAD)
+    ports.head.command_pan(0.4)
+    wait(lambda: len(puppet.heard[HEAD]) >= 4, "it is told again and again")
+    puppet.deaf.clear()
+    wait(lambda: abs(ports.arms.state().head_pan - 0.4) < 1e-6, "it is there")
+    puppet.stays(lambda: len(puppet.heard[HEAD]))
+    message = puppet.heard[HEAD][-1]
+    assert message.target == pytest.approx(0.4) and 0.0 < message.speed_ratio <= 1.0
+    assert message.enable_pan_request == 1
+
+
+def standing(pan: float) -> JointState:
+    zero = np.zeros(14)
+    return JointState(0.0, zero, zero, zero, pan)
+
+
+def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
+    clock = HandClock()
+    head = RosHead(node, clock)
+    wait(lambda: puppet.hears(HEAD), "it is heard")
+    head.watch(standing(0.0))
+    head.command_pan(0.4)
+    wait(lambda: len(puppet.heard[HEAD]) == 1, "it is told")  # a newer order would replace it
+    for n in range(1, 40):
+        clock.time += 0.125
+        head.watch(standing(0.0))
+        head.watch(standing(0.0))
+        wait(lambda n=n: len(puppet.heard[HEAD]) == n + 1, "once more")
+    for _ in range(5):
+        clock.time += 0.125
+        head.watch(standing(0.0))
+    puppet.let(10)
+    assert len(puppet.heard[HEAD]) == 40
+
+
+def test_it_turns_no_further_than_it_can(puppet: Puppet, ports: Ports) -> None:
+    ports.head.command_pan(3.0)
+    wait(lambda: ports.arms.state().head_pan > 1.0, "it turns")
+    assert 1.3 < ports.arms.state().head_pan < 1.396
+    ports.head.command_pan(-3.0)
+    wait(lambda: ports.arms.state().head_pan < -1.3, "it turns back")
+    puppet.stays(lambda: len(puppet.heard[HEAD]))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_what_is_no_angle_is_not_said(puppet: Puppet, ports: Ports, wrong: float) -> None:
+    with pytest.raises(DriverError):
+        ports.head.command_pan(wrong)
+    puppet.let(10)
+    assert puppet.heard[HEAD] == []
+
+
+# the pads ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tactile(puppet: Puppet, node: Node) -> tuple[RosTactile, HandClock]:
+    clock = HandClock()
+    port = RosTactile(node, clock, LEFT, 4)
+    wait(lambda: port.hearing.newest, "a reading")
+    return port, clock
+
+
+def test_the_cells_stand_as_they_do_on_the_pads(tactile: tuple[RosTactile, HandClock]) -> None:
+    reading = tactile[0].reading()
+    assert reading.side is LEFT and reading.stamp == 100.0
+    np.testing.assert_array_equal(reading.cells, np.arange(24.0).reshape(2, 4, 3))
+    np.testing.assert_array_equal(reading.tip, [0.5, 1.5])
+    assert reading.grip == np.arange(12.0).sum()
+    assert not reading.cells.flags.writeable and not reading.tip.flags.writeable
+
+
+MALFORMED = {
+    "a pad is missing": {"pad_1": None},
+    "the tips are missing": {"tips": None},
+    "the pads differ": {"pad_0": [1.0] * 8},
+    "no whole rows": {"pad_0": [1.0] * 10, "pad_1": [1.0] * 10},
+    "three tips": {"tips": [1.0] * 3},
+    "no cells": {"pad_0": [], "pad_1": []},
+    "a cell is no number": {"pad_0": [*[1.0] * 11, np.nan]},
+    "a cell is infinite": {"pad_1": [np.inf, *[1.0] * 11]},
+    "a tip is no number": {"tips": [1.0, np.nan]},
+    "a column fewer": {"pad_0": [1.0] * 8, "pad_1": [1.0] * 8},
+    "one column of three": {"pad_0": [1.0] * 4, "pad_1": [1.0] * 4},
+}
+
+
+@pytest.mark.parametrize("channels", MALFORMED.values(), ids=MALFORMED)
+def test_a_malformed_message_is_none(
+    puppet: Puppet, tactile: tuple[RosTactile, HandClock], channels: dict
+) -> None:
+    port, clock = tactile
+    puppet.pads[LEFT] = pads(**channels)
+    puppet.let(10)
+    clock.time += 5.0
+    puppet.let(10)
+    assert port.reading().stamp == 100.0
+    np.testing.assert_array_equal(port.reading().cells, np.arange(24.0).reshape(2, 4, 3))
+    puppet.pads[LEFT] = pads()
+    wait(lambda: port.reading().stamp == 105.0, "a whole message")
+
+
+def test_other_channels_and_other_sizes_are_understood(puppet: Puppet, node: Node) -> None:
+    puppet.pads[LEFT] = pads(temperature=[30.0], pad_0=[1.0] * 10, pad_1=[2.0] * 10)
+    port = RosTactile(node, HandClock(), LEFT, 5)
+    wait(lambda: port.hearing.newest, "a reading")
+    assert port.reading().cells.shape == (2, 5, 2) and port.reading().grip == 10.0
+
+
+def test_silent_pads_grow_old(puppet: Puppet, tactile: tuple[RosTactile, HandClock]) -> None:
+    port, clock = tactile
+    puppet.hush(PADS[LEFT])
+    clock.time += 5.0
+    puppet.let(10)
+    assert port.reading().stamp == 100.0
+
+
+def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node: Node) -> None:
+    puppet.hush(PADS[LEFT])
+    reading = RosTactile(node, HandClock(), LEFT, 4).reading()
+    assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
+
+
+def test_a_head_that_was_stopped_on_its_way_is_not_told_again(puppet: Puppet, ports: Ports) -> None:
+    puppet.deaf.add(HEAD)
+    ports.head.command_pan(0.4)
+    wait(lambda: len(puppet.heard[HEAD]) >= 2, "it is told again")
+    ports.stop.trigger("a test")
+    puppet.let(10)
+    puppet.stays(lambda: len(puppet.heard[HEAD]))

@@ -1,0 +1,110 @@
+"""When the head is told where to turn, and when no longer: without a network or a clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from wire import Wire
+
+from robots.baxter.ros.installation import find_ros
+from robots.baxter.ros.ports.head import RosHead
+from robots.errors import DriverError, FailureKind
+from robots.ports import JointState
+
+pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+LIMIT = 1.39
+
+
+class Bench:
+    """A head that stands still wherever it is put, its driver, and a stop."""
+
+    def __init__(self) -> None:
+        self.wire, self.stopped, self.pan = Wire(), False, 0.0
+        self.port = RosHead(self.wire, self.wire, lambda: self.stopped)  # type: ignore[arg-type]
+
+    def states(self, seconds: float) -> int:
+        """Joint states at 100 Hz; how often it was told meanwhile."""
+        told, zero = self.wire.count, np.zeros(14)
+        for _ in range(round(100 * seconds)):
+            self.wire.time += 0.01
+            self.port.watch(JointState(self.wire.time, zero, zero, zero, self.pan))
+        return self.wire.count - told
+
+
+def test_a_head_that_was_never_told_anything_is_left_where_it_stands() -> None:
+    bench = Bench()
+    bench.pan = 0.7
+    assert bench.states(10.0) == 0
+
+
+@given(st.floats(-10.0, 10.0))
+def test_it_is_told_the_angle_or_the_nearest_that_it_can_turn_to(angle: float) -> None:
+    bench = Bench()
+    bench.port.command_pan(angle)
+    (message,) = bench.wire.told
+    assert message.target == max(-LIMIT, min(LIMIT, angle))
+    assert message.speed_ratio == 0.5 and message.enable_pan_request == 1
+
+
+@pytest.mark.parametrize("goal", [-0.5, 0.5])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_it_is_told_twenty_times_a_second_until_it_is_there(goal: float, side: float) -> None:
+    """From whichever side it comes; 5 mrad before its goal it is there; it is told again if it is pushed away."""
+    bench = Bench()
+    bench.port.command_pan(goal)
+    bench.pan = goal + side * 0.0055
+    assert 16 <= bench.states(1.0) <= 20
+    bench.pan = goal + side * 0.0045
+    assert bench.states(1.0) == 0
+    bench.pan = goal + side * 0.3
+    assert 16 <= bench.states(1.0) <= 20
+
+
+def test_it_is_told_for_five_seconds_from_the_last_command_on() -> None:
+    bench = Bench()
+    bench.port.command_pan(0.4)
+    bench.states(4.8)
+    assert bench.states(0.15) > 0 and bench.states(10.0) <= 1
+    bench.port.command_pan(0.4)
+    bench.states(3.0)
+    bench.port.command_pan(-0.4)
+    assert bench.wire.told[-1].target == -0.4
+    bench.states(4.8)
+    assert bench.states(0.15) > 0 and bench.states(10.0) <= 1
+    assert bench.wire.told[-1].target == -0.4
+
+
+def test_a_stop_on_its_way_ends_it_also_after_the_reset() -> None:
+    bench = Bench()
+    bench.port.command_pan(0.4)
+    assert bench.states(0.3) > 0
+    bench.stopped = True
+    assert bench.states(0.5) == 0
+    bench.stopped = False
+    assert bench.states(3.0) == 0
+    bench.port.command_pan(0.4)
+    assert bench.states(0.3) > 0
+
+
+def test_a_stopped_head_is_told_nothing() -> None:
+    bench = Bench()
+    bench.stopped = True
+    with pytest.raises(DriverError) as caught:
+        bench.port.command_pan(0.4)
+    assert caught.value.kind is FailureKind.STOPPED and bench.wire.count == 0
+    bench.stopped = False
+    assert bench.states(6.0) == 0
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_what_is_no_angle_does_not_take_the_place_of_one(wrong: float) -> None:
+    bench = Bench()
+    bench.port.command_pan(0.4)
+    with pytest.raises(DriverError) as caught:
+        bench.port.command_pan(wrong)
+    assert caught.value.kind is FailureKind.HARDWARE_FAULT
+    assert bench.states(1.0) > 0 and bench.wire.told[-1].target == 0.4

@@ -1,0 +1,309 @@
+"""The search for pairs against every pair."""
+
+import numpy as np
+import pytest
+
+from skills.cloth.broad_phase.patch_bounds import fit_patches, fit_ridges
+from skills.cloth.broad_phase.patch_search import search_pairs
+from skills.cloth.broad_phase.patches import build_patches
+from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
+from skills.cloth.contact.pairs import HORIZON as PHASES_FORESEEN
+from skills.cloth.contact.pairs import _expire
+from skills.cloth.contact.ridges import EVERY_EDGE
+from skills.cloth.elasticity import turns
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.settings import SolverSettings
+from skills.cloth.simd.f32x16 import LANES
+from skills.cloth.solver import ClothSimulation
+from skills.cloth.state import EE, SUBSTEP, VT, new_pairs
+from skills.vocabulary import Material
+
+THICK, SLACK, HORIZON = 0.003, 0.001, 0.02
+MATERIAL = Material(
+    areal_mass=0.3, stretch_fraction=0.03, bending_length=0.02, thickness=THICK, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+
+
+def two_sheets():
+    """Two waved sheets that pass through each other."""
+    square = np.array([[-0.09, -0.08], [0.09, -0.08], [0.09, 0.08], [-0.09, 0.08]])
+    sheets = [mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(2)]
+    n = len(sheets[0].rest)
+    of_vertex = np.repeat([0, 1], [n, len(sheets[1].rest)]).astype(np.int32)
+    triangles = np.vstack([sheets[0].triangles, sheets[1].triangles + n]).astype(np.int32)
+    of_triangle = np.repeat([0, 1], [len(s.triangles) for s in sheets]).astype(np.int32)
+    rest = np.vstack([s.rest for s in sheets])
+    mesh = ClothMesh(rest, of_vertex, triangles, of_triangle, np.zeros((0, 2), np.int32))
+    height = np.where(of_vertex == 0, 0.01 * np.sin(20 * rest[:, 0]), 0.01 * np.cos(25 * rest[:, 1]))
+    return mesh, np.column_stack([rest, height])
+
+
+def nearest(a, b):
+    """Least distance of two convex hulls of points (k, 3), (m, 3), after Frank and Wolfe (not less)."""
+    box = max((a.min(axis=0) - b.max(axis=0)).max(), (b.min(axis=0) - a.max(axis=0)).max())
+    if box > RELEASE * THICK:
+        return box
+    u, v = np.full(len(a), 1 / len(a)), np.full(len(b), 1 / len(b))
+    for _ in range(20):
+        d = u @ a - v @ b
+        i, j = np.argmin(a @ d), np.argmax(b @ d)
+        e = a[i] - b[j]
+        s = np.clip(d @ (d - e) / max((d - e) @ (d - e), 1e-30), 0.0, 1.0)
+        u, v = (1 - s) * u, (1 - s) * v
+        u[i] += s
+        v[j] += s
+    return np.linalg.norm(u @ a - v @ b)
+
+
+def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
+    """Pairs of different layers that are near in one of `places` but not found; asked(vertices): whether a pair is
+    to be found. -> vertex-triangle, edge-edge pairs, and how many near ones there are."""
+    layer, x, near = mesh.layer, places[0], 0
+    vt, ee = [], []
+    for t, tri in enumerate(mesh.triangles):
+        for i in np.flatnonzero((np.abs(x - x[tri].mean(axis=0)) < 0.03).all(axis=1) & (layer != layer[tri[0]])):
+            if asked([i, *tri]) and min(nearest(y[[i]], y[tri]) for y in places) <= RELEASE * THICK:
+                near += 1
+                vt += [] if (i, t) in found_vt else [(i, t)]
+    middle = x[edges].mean(axis=1)
+    of = layer[edges[:, 0]]
+    for e in np.flatnonzero(of == 0):
+        for f in np.flatnonzero((np.abs(middle - middle[e]) < 0.03).all(axis=1) & (of == 1)):
+            apart = min(nearest(y[edges[e]], y[edges[f]]) for y in places)
+            if asked([*edges[e], *edges[f]]) and apart <= RELEASE * edge_distance(THICK):
+                near += 1
+                ee += [] if (min(e, f), max(e, f)) in found_ee else [(e, f)]
+    return vt, ee, near
+
+
+def bits_of(patches, chosen):
+    """A bit for each of the edges that are chosen (e,), as patches keep them."""
+    bits = np.zeros(patches.edge.shape, np.int32)
+    bits.ravel()[patches.at_edge[chosen]] = 1
+    return (bits << np.arange(bits.shape[1])).sum(axis=1).astype(np.int32)
+
+
+@pytest.mark.parametrize(("stale_share", "ridge_share"), [(1.0, 1.0), (0.4, 1.0), (1.0, 0.5), (0.4, 0.2)])
+def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share):
+    """And of edges those that are ridges, no others."""
+    mesh, x = two_sheets()
+    rng = np.random.default_rng(2)
+    edges = mesh.edges.astype(np.int32)
+    patches = build_patches(mesh, edges)
+    m, corner = len(patches.tri), patches.corner
+    patches.stale[:] = rng.random(m) < stale_share
+    patches.stale[0] = True
+    speed = np.where(mesh.layer[:, None] == 0, 0.1, 0.0) * np.array([1.0, 0.0, 1.0])
+    base, course = (np.ascontiguousarray(a[corner].T, np.float32) for a in (x, speed))
+    vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
+    moving, slack = (speed[:, 0] > 0)[corner[patches.corner_start[:-1]]], np.full(m, SLACK, np.float32)
+    fit_patches(
+        patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
+    )
+    ridge = rng.random(len(edges)) < ridge_share
+    patches.ridge[:] = bits_of(
+        patches, np.ones(len(edges), bool)
+    )  # first all, then fewer: nothing is left of them
+    fit_ridges(patches, course, slack)
+    np.testing.assert_array_equal(patches.ridge, patches.bent)
+    patches.fitted[:] = False
+    patches.ridge[:] = bits_of(patches, ridge)
+    fit_ridges(patches, course, slack)
+    n_vt, n_ee = search_pairs(patches, THICK, 0.5 * HORIZON, vt, ee)
+    found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
+    assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
+    stale = np.ones(len(x), bool)  # vertices of stale patches only
+    stale[corner[np.repeat(~patches.stale, np.diff(patches.corner_start))]] = False
+    places = [x, x + 0.5 * HORIZON * speed, x + HORIZON * speed]
+    lost_vt, lost_ee, near = missing_pairs(
+        mesh, edges, places, found_vt, found_ee, lambda vertices: stale[vertices].any()
+    )
+    assert near > 20 and not lost_vt
+    assert all(ridge[e] and ridge[f] for e, f in found_ee) and len(found_ee) > 20 * ridge_share**2
+    assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
+    for room in (LANES, 2 * LANES, 100):  # lists that are too short tell so, and nothing is written behind them
+        short = [np.full((room + 2 * LANES, 2), -7, np.int32) for _ in range(2)]
+        told = search_pairs(patches, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
+        for a, n, wanted, all_of_them in zip(short, told, (n_vt, n_ee), (vt, ee), strict=True):
+            assert (a[:LANES] == -7).all() and (a[LANES + room :] == -7).all()
+            assert n == wanted if wanted <= room - LANES else n > room - LANES
+            kept = min(n, room - LANES)
+            np.testing.assert_array_equal(a[LANES : LANES + kept], all_of_them[:kept])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("half", "overlap"), [((0.01, 0.01), -5e-4), ((0.01, 0.01), 0.04), ((0.0, 0.05), 0.04)])
+def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, half, overlap):
+    """The legs of pants on a table, drawn together until their seams all but touch, edge to edge, or one lies on
+    the other. half: of the notch's width, at its end and where it opens [m]."""
+    out, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    seam = [(0.0, half[0]), (0.2, half[1])]
+    leg = [(-0.1, 0.12), (0.2, 0.12), *seam[::-1]]
+    outline = [*leg, *((x, -y) for x, y in reversed(leg) if y > 0.0)]
+    mesh = mesh_from_contour(np.array(outline)[::-1] @ np.array([out, across]), 0.02)
+    along, side = mesh.rest @ out, np.sign(mesh.rest @ across) * (mesh.rest @ out > 0.01)
+    closed = np.clip((along - 0.05) / 0.05, 0.0, 1.0)
+    way = closed * (half[0] + (half[1] - half[0]) * along / 0.2 + 0.5 * overlap)
+    x = np.column_stack(
+        [mesh.rest - (side * way)[:, None] * across, closed * (side > 0.0) * (overlap > 0.0) * THICK]
+    )
+    edges = mesh.edges.astype(np.int32)
+    patches = build_patches(mesh, edges)
+    m, corner = len(patches.tri), patches.corner
+    patches.stale[:] = True
+    base, still = np.ascontiguousarray(x[corner].T, np.float32), np.zeros((3, len(corner)), np.float32)
+    born, moving, slack = np.zeros(m, np.int32), np.zeros(m, bool), np.full(m, SLACK, np.float32)
+    fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
+    fit_ridges(patches, still, slack)
+    vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
+    n_vt, n_ee = search_pairs(patches, THICK, 0.0, vt, ee)
+    found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
+
+    def near(a, b, limit):
+        return side[a].all() and (side[b] == -side[a[0]]).all() and nearest(x[a], x[b]) <= limit
+
+    touching = [
+        (i, t) for t, tri in enumerate(mesh.triangles) for i in range(len(x))
+        if near(np.array([i]), tri, RELEASE * THICK)
+    ]  # fmt: skip
+    seams = np.flatnonzero(
+        mesh.on_rim & (side[edges] != 0.0).all(axis=1) & (side[edges[:, 0]] == side[edges[:, 1]])
+    )
+    meeting = [
+        (e, f) for k, e in enumerate(seams) for f in seams[k + 1 :]
+        if near(edges[e], edges[f], RELEASE * edge_distance(THICK))
+    ]  # fmt: skip
+    assert len(touching) > 2 and len(meeting) > (0 if overlap > 0.0 else 2)
+    assert not [p for p in touching if p not in found_vt] and not [p for p in meeting if p not in found_ee]
+
+
+def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
+    """Which layer of a sheet can touch itself is told by the normals of stale patches and of those beside them."""
+    mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
+    x = mesh.lay_flat(THICK)
+    patches = build_patches(mesh, mesh.edges.astype(np.int32))
+    m, corner = len(patches.tri), patches.corner
+    still, slack = np.zeros((3, len(corner)), np.float32), np.full(m, SLACK, np.float32)
+
+    def normals(x, stale, everything):
+        patches.stale[:] = stale
+        base = np.ascontiguousarray(x[corner].T, np.float32)
+        born, moving = np.zeros(m, np.int32), np.ones(m, bool)
+        fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
+        return patches.normal.copy()
+
+    normals(x, True, True)
+    bent = x + np.column_stack([0.0 * x[:, :2], 0.03 * np.sin(40.0 * x[:, 0])])
+    stale = np.isin(np.arange(m), [0, m // 3, m // 3 + 1])
+    some, every = normals(bent, stale, False), normals(bent, True, True)
+    start, beside = patches.beside_start, patches.beside
+    asked = np.unique(np.concatenate([beside[start[k] : start[k + 1]] for k in np.flatnonzero(stale)]))
+    assert stale.sum() < len(asked) < m / 2 and np.isin(np.flatnonzero(stale), asked).all()
+    np.testing.assert_array_equal(some[asked], every[asked])
+    assert not np.array_equal(some, every)  # the others were not fitted
+
+
+@pytest.mark.parametrize(("gravity", "shake", "sleep_frames"), [(9.81, 0.05, 0), (9.81, 0.05, 10), (0.0, 0.0, 0)])
+def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames):
+    """Fallen onto each other, where patches leave their courses, and flown straight, where courses run out."""
+    mesh, x = two_sheets()
+    x[:, 2] += np.where(mesh.layer == 1, 0.035, 0.012)
+    rng = np.random.default_rng(3)
+    settings = SolverSettings(
+        frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
+    )
+    sim = ClothSimulation(mesh, MATERIAL, x, settings)
+    sim._rules = sim._rules._replace(flat=float(EVERY_EDGE))
+    upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
+    sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
+    edges, seen, searched = sim._body.edge, 0, []
+    for _ in range(60):
+        before = sim.positions
+        sim.advance(1)
+        counts, pairs = sim._state.counts, sim._pairs
+        found_vt = {tuple(p) for p in pairs.vt[: counts[VT]].tolist()}
+        found_ee = {tuple(p) for p in pairs.ee[: counts[EE]].tolist()}
+        awake = ~sim.asleep
+        lost_vt, lost_ee, near = missing_pairs(
+            mesh, edges, [before], found_vt, found_ee, lambda vertices, awake=awake: awake[vertices].any()
+        )
+        assert not lost_vt and not lost_ee
+        seen += near
+        searched.append(int(sim._body.patches.stale.sum()))
+    assert seen > 1000
+    assert min(searched) < len(sim._body.patches.tri)  # not everything every time
+
+
+def bent_edges(sim, x):
+    """Which edges are bent by so much that pairs of them may touch, or have not two triangles."""
+    hinge, edges = sim._body.hinge, np.sort(sim._body.edge, axis=1)
+    number = {tuple(e): k for k, e in enumerate(edges.tolist())}
+    bent = np.ones(len(edges), bool)
+    at = [number[tuple(e)] for e in np.sort(hinge[:, :2], axis=1).tolist()]
+    bent[at] = np.abs(turns(hinge, x)) > 2.0 * THICK / sim.mesh.edge_length.mean()
+    return bent
+
+
+def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
+    """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
+    near = missing = 0
+    for seed in range(3, 7):
+        mesh, x = two_sheets()
+        x[:, 2] = 3.0 * x[:, 2] + np.where(mesh.layer == 1, 0.035, 0.012)
+        sim = ClothSimulation(mesh, MATERIAL, x, SolverSettings(frame_rate=240, substeps=PHASE, drag=0.0))
+        upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
+        shaken = 0.05 * np.random.default_rng(seed).standard_normal(x.shape)
+        sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shaken)
+        sim.advance(1)  # they begin in each other
+        edges = sim._body.edge
+        for _ in range(40):
+            before = sim.positions
+            sim.advance(1)
+            found = {tuple(p) for p in sim._pairs.ee[: sim._state.counts[EE]].tolist()}
+            bent, awake = bent_edges(sim, before), ~sim.asleep
+            every, lost = (
+                missing_pairs(mesh, edges, [before], set(), listed, lambda v, awake=awake: awake[v].any())[1]
+                for listed in (set(), found)
+            )
+            near += sum(bent[e] and bent[f] for e, f in every)
+            missing += sum(bent[e] and bent[f] for e, f in lost)
+    assert near > 300 and missing <= 0.02 * near
+
+
+@pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
+def test_no_contacts_serve_longer_than_their_pairs_were_foreseen(phase, pace):
+    """A patch of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
+    x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
+    base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
+    one, none = np.zeros(1, np.int32), np.zeros(1, bool)
+    foreseen = PHASES_FORESEEN * phase
+    for age in range(2 * foreseen):
+        x[0, :3] = age * h * speed
+        searched = _expire(
+            age, pace, phase, h, 1, one, one, np.array([0, 1], np.int32), x, base, course,
+            np.full(1, 1e-4, np.float32), one, ~none, none.copy()
+        )  # fmt: skip
+        assert searched == (age + pace > foreseen)
+
+
+@pytest.mark.parametrize("substeps", [16, 20])
+def test_lists_that_have_to_grow_change_nothing(substeps, monkeypatch):
+    """Sheets that begin in each other, and swing: lists grow when a frame begins, and within it."""
+    mesh, x = two_sheets()
+    x[:, 2] += 0.03
+    large, small = (ClothSimulation(mesh, MATERIAL, x, SolverSettings(substeps=substeps)) for _ in range(2))
+    small._pairs = new_pairs(60, 60)
+    grown_at, grow = set(), small._grow_pairs
+
+    def grow_and_tell():
+        grown_at.add(int(small._state.counts[SUBSTEP]))
+        grow()
+
+    monkeypatch.setattr(small, "_grow_pairs", grow_and_tell)
+    for _ in range(40):
+        large.advance(1)
+        small.advance(1)
+        assert small.positions.tobytes() == large.positions.tobytes()
+        assert np.array_equal(small._state.quiet, large._state.quiet)
+    assert 0 in grown_at and max(grown_at) > 0

@@ -1,0 +1,189 @@
+"""A vertex over the border of triangles of about one plane is one contact."""
+
+import numpy as np
+import pytest
+
+from skills.cloth.contact.contacts import RELEASE
+from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
+from skills.cloth.simd.vec3 import rows
+from skills.cloth.state import new_pairs
+
+THICK = 0.003
+
+
+def fan(lift: float = 0.0):
+    """Six triangles about the origin, corners raised by `lift`, and a vertex over them: positions, triangles."""
+    a = np.arange(6) * np.pi / 3.0
+    ring = np.column_stack([0.02 * np.cos(a), 0.02 * np.sin(a), np.full(6, lift)])
+    x = np.vstack([np.zeros(3), ring, [0.0, 0.0, THICK]])
+    tri = np.array([[0, 1 + k, 1 + (k + 1) % 6] for k in range(6)], np.int32)
+    return x, tri
+
+
+def contacts(x, tri, order, borne=None, speed=0.0):
+    """Contacts of the last vertex with all triangles, in this order: triangles, barycentres, what they bear."""
+    pairs, kept = narrow(x, tri, order, borne, speed)
+    return [int(pairs.vt[c, 1]) for c in pairs.act_c[:kept]], pairs.act_b[:kept], pairs.act_m[:kept, :3]
+
+
+def pushes(x, tri):
+    """By how much contacts of the last vertex want it farther off than it is [m]."""
+    pairs, kept = narrow(x, tri, np.arange(len(tri)))
+    ends = x[pairs.act_i[:kept]]
+    gap = np.einsum("ck,ckd,cd->c", pairs.act_b[:kept], ends, pairs.act_n[:kept, :3])
+    return pairs.act_d[:kept] - gap
+
+
+def narrow(x, tri, order, borne=None, speed=0.0):
+    """speed: of the last vertex, upwards [m/s]."""
+    m, n = len(order), len(x)
+    pairs = new_pairs(m, 0)
+    pairs.vt[:, 0], pairs.vt[:, 1] = n - 1, order
+    pairs.vt_j[:, :3] = 0.0 if borne is None else borne[order]
+    place, v, last = rows(n), rows(n), np.full(n, -1, np.int32)
+    place[:, :3], v[-1, 2] = x, speed
+    kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
+    assert (last == -1).all()  # ready for the next time
+    assert not pairs.act_n[:, 3].any()
+    return pairs, kept
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_vertex_over_a_corner_is_one_contact_that_bears_what_all_bore(seed):
+    x, tri = fan()
+    borne = np.random.default_rng(seed).normal(size=(6, 3))
+    order = np.random.default_rng(seed).permutation(6)
+    for t in range(6):
+        assert contacts(x, tri, [t])[0] == [t]  # each by itself
+    kept, weight, push = contacts(x, tri, order, borne)
+    assert len(kept) == 1
+    np.testing.assert_allclose(weight[0], [1.0, -1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(push[0], borne.sum(axis=0))
+
+
+def test_which_triangle_stays_hangs_on_positions_and_not_on_the_order_of_the_pairs():
+    x, tri = fan()
+    for toward in range(6):
+        a = (toward + 0.5) * np.pi / 3.0
+        x[-1, :2] = 2e-4 * np.cos(a), 2e-4 * np.sin(a)
+        for seed in range(4):
+            kept, _, _ = contacts(x, tri, np.random.default_rng(seed).permutation(6))
+            assert kept == [toward]
+
+
+def test_weights_go_over_a_border_without_a_jump():
+    x, tri = fan()
+    at = []
+    for turn in (-1e-6, 1e-6):  # from one side of the edge 0-1 to the other
+        x[-1, :2] = 0.01 * np.cos(turn), 0.01 * np.sin(turn)
+        kept, weight, _ = contacts(x, tri, np.arange(6))
+        share = np.zeros(len(x))
+        share[tri[kept[0]]] = weight[0, 1:]
+        at.append((kept, share))
+    assert at[0][0] != at[1][0]
+    np.testing.assert_allclose(at[0][1], at[1][1], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_who_bears_what_hangs_on_positions_and_not_on_the_order_of_the_pairs(seed):
+    rng = np.random.default_rng(seed)
+    x, tri = fan()
+    x[1:7, 2] = 0.008 * rng.standard_normal(6)
+    x[-1] = *(3e-4 * rng.standard_normal(2)), 0.5 * THICK
+    borne = rng.standard_normal((6, 3))
+    shares = []
+    for _ in range(4):
+        kept, _, push = contacts(x, tri, rng.permutation(6), borne)
+        shares.append(dict(zip(kept, push.tolist(), strict=True)))
+    for other in shares[1:]:
+        assert other.keys() == shares[0].keys()
+        for t, push in other.items():
+            np.testing.assert_allclose(push, shares[0][t])
+
+
+def test_what_comes_fast_beside_a_triangle_keeps_its_side():
+    """Further off than a side is remembered, but there by the next narrow phase: it must be known where it came
+    from."""
+    x, tri = fan()
+    pairs, place, speed, last = new_pairs(1, 0), rows(len(x)), rows(len(x)), np.full(len(x), -1, np.int32)
+    pairs.vt[0] = len(x) - 1, 0
+    place[:, :3] = x
+    place[-1, :3] = -0.0025, 0.0, 0.0035  # beside the corner 0 of the triangle, and above
+    speed[-1, 2] = -1.0
+    kept, _ = narrow_vertex_triangle(1, 0, 4, 0.001, THICK, tri[:1], place, speed, np.ones(len(x)), pairs, last)
+    assert np.linalg.norm(place[-1]) > RELEASE * THICK
+    assert kept == 1 and pairs.side[0] == 1
+
+
+def test_the_walls_of_a_valley_are_met_one_by_one():
+    """45 degrees steep: a vertex at the bottom touches what is left and what is right of it."""
+    x, tri = fan(lift=0.02)
+    x[-1] = [0.0, 0.0, 0.5 * THICK]
+    kept, _, _ = contacts(x, tri, np.arange(6))
+    assert len(kept) > 1
+
+
+def test_over_a_peak_that_is_over_no_triangle_it_is_met_all_the_same():
+    """The vertex leans a little over the steep flank of a peak: no triangle's prism has it."""
+    x, tri = fan(lift=-0.02)
+    x[-1] = 1e-4, 2e-5, 0.8 * THICK
+    kept, weight, _ = contacts(x, tri, np.arange(6))
+    assert len(kept) >= 1
+    np.testing.assert_allclose(weight[:, 1:].sum(axis=1), -1.0)
+    share = np.zeros((len(kept), len(x)))
+    for k, t in enumerate(kept):
+        share[k, tri[t]] = -weight[k, 1:]
+    assert (share[:, 0] > 0.95).all()  # the peak itself bears it
+
+
+def test_a_sheet_beside_a_sheet_is_on_no_side_of_it():
+    x, tri = fan()
+    x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, hardly above
+    kept, _, _ = contacts(x, tri, np.arange(6))
+    assert kept == []
+
+
+@pytest.mark.parametrize("bend", [30.0, 50.0, 80.0])
+@pytest.mark.parametrize("seed", range(20))
+def test_over_a_ridge_no_plane_pushes_what_does_not_touch_it(bend, seed):
+    """The planes of both sides pass nearer there than the cloth is thick."""
+    rng = np.random.default_rng(seed)
+    half = np.deg2rad(bend) / 2.0
+    down = np.array([np.cos(half), -np.sin(half)])
+    x = np.array([
+        [0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, *(0.02 * down)], [0.01, *(0.02 * down * [-1.0, 1.0])],
+        [0.0, 0.0, 0.0],
+    ])  # fmt: skip
+    tri = np.array([[0, 1, 2], [1, 0, 3]], np.int32)
+    lean = rng.uniform(-half, half)
+    x[-1, 0] = rng.uniform(0.002, 0.018)
+    x[-1, 1:] = rng.uniform(1.0, 1.08) * THICK * np.array([np.sin(lean), np.cos(lean)])
+    push = pushes(x, tri)
+    assert len(push) > 0
+    assert (push < 1e-7).all()
+
+
+@pytest.mark.parametrize(("beside", "borne"), [(1e-4, True), (4e-4, True), (7e-4, True), (1.5e-3, False)])
+def test_a_hem_is_borne_by_the_hem_below(beside, borne):
+    """As high as what lies further in, though its vertices lie up to a millimetre beside."""
+    hem = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.03, 0.02, 0.0]]
+    vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther off than thick, but lower
+    push = pushes(np.array([*hem, vertex]), np.array([[0, 1, 2], [1, 3, 4]], np.int32))
+    assert len(push) == 1
+    np.testing.assert_allclose(push, THICK - vertex[2] if borne else 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+@pytest.mark.parametrize("inside", [0.0002, -0.0002])
+def test_under_two_layers_that_are_joined_at_a_hem_a_vertex_meets_the_nearer_one(order, inside):
+    """At its border too, although it is farther inside of the other one, which is about parallel and could be
+    reached until the next look."""
+    x = np.array([
+        [0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0],
+        [0.02, -0.004, THICK], [0.01, 0.02, THICK], [0.012, inside, -THICK],
+    ])  # fmt: skip
+    tri = np.array([[0, 1, 2], [0, 3, 4]], np.int32)
+    borne = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])
+    kept, _, push = contacts(x, tri, order, borne, speed=1.0)
+    assert 0 in kept
+    np.testing.assert_allclose(push[kept.index(0)], borne[0])

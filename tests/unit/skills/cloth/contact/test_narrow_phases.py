@@ -1,0 +1,69 @@
+"""When pairs are looked at: as often as anything could come through, and none too late, whatever the others do."""
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given
+
+from skills.cloth.contact.contacts import (
+    HASTE_WAY,
+    LEISURE_WAY,
+    PHASES,
+    STRAY,
+    is_due,
+    later,
+    next_narrow_phase,
+    phase_length,
+)
+
+FRAMES = st.sampled_from([16, 20, 28, 64])
+LIMITS = [share * way for way in (HASTE_WAY, LEISURE_WAY, 0.5 * LEISURE_WAY) for share in (0.99, 1.01)]
+WAYS = st.one_of(st.floats(0.0, 12.0), st.sampled_from(LIMITS))  # in a phase
+
+
+@given(st.data(), FRAMES, st.booleans(), WAYS)
+def test_nothing_comes_nearer_than_is_allowed_before_it_is_looked_at_again(data, substeps, leisure, way):
+    phase = phase_length(1.0 / (60 * substeps), substeps)
+    pace = 2 * phase if leisure else phase
+    s = data.draw(st.integers(0, substeps - 1))
+    then, next_pace = next_narrow_phase(s, substeps, phase, pace, way / phase)
+    assert s < then <= min(s + pace, substeps), "contacts serve no longer than they were made for"
+    steps = then - s
+    if steps > phase // 2:
+        assert steps * way / phase <= (HASTE_WAY if steps <= phase else LEISURE_WAY)
+    assert next_pace == phase or 2.0 * way <= LEISURE_WAY
+    assert then % phase == 0 or steps == phase // 2, "haste apart, they come when the cloth is damped"
+
+
+@pytest.mark.parametrize("substeps", [16, 20, 28, 64])
+def test_what_is_calm_is_looked_at_half_as_often(substeps):
+    phase = phase_length(1.0 / (60 * substeps), substeps)
+    looks, s, pace = 0, 0, 2 * phase
+    while s < substeps:
+        s, pace = next_narrow_phase(s, substeps, phase, pace, 0.01 / phase)
+        looks += 1
+    assert looks == PHASES / 60 / 2
+
+
+@pytest.mark.parametrize(
+    ("rate", "substeps", "phase"), [(60, 16, 4), (60, 28, 7), (60, 8, 4), (240, 4, 4), (90, 20, 5)]
+)
+def test_a_phase_is_as_long_as_fits_and_no_shorter_than_four_substeps(rate, substeps, phase):
+    assert phase_length(1.0 / (rate * substeps), substeps) == phase
+
+
+@given(st.floats(0.001, 0.1), st.floats(0.01, 3.0), st.randoms(use_true_random=False), FRAMES)
+def test_a_pair_that_comes_nearer_is_looked_at_before_it_meets(gap, speed, random, substeps):
+    """Others of the same cloth set the pace as they like, and it comes 1.5 times as fast as it seemed."""
+    h = 1.0 / (60 * substeps)
+    phase = phase_length(h, substeps)
+    now, s, pace, due = 0, 0, phase, 0
+    for _ in range(100_000):
+        if is_due(due, now, pace):
+            reach, free = STRAY + pace * h * speed, gap - now * h * speed
+            if free <= reach:
+                break
+            due = later(now, pace, free, reach)
+        then, pace = next_narrow_phase(s, substeps, phase, pace, random.choice([0.01, 0.3, 1.0]))
+        now += then - s
+        s = then % substeps
+    assert now * h * speed <= gap

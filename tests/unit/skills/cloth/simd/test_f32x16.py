@@ -1,0 +1,176 @@
+"""Sixteen numbers in a register against numpy, and corners against sets."""
+
+import numpy as np
+import pytest
+from numba import njit
+from numba.core.errors import TypingError
+
+from skills.cloth.contact.corners import common_corner
+from skills.cloth.simd.f32x16 import (
+    LANES,
+    all_lanes,
+    expect_columns,
+    expect_rows,
+    least,
+    load_lanes,
+    most,
+    not_above,
+    picked,
+    root,
+    set_lanes,
+    size,
+    where,
+)
+from skills.cloth.simd.i32x16 import (
+    above,
+    all_whole,
+    differ,
+    greater,
+    how_many,
+    lesser,
+    load_whole,
+    packed,
+    places,
+    put_pairs,
+    put_whole,
+)
+from skills.cloth.simd.vec3 import load, rows, store_singles
+
+
+@njit
+def bits_of(given, k):
+    a, b, limit = load_lanes(given, 0, 0), load_lanes(given, 0, 1), load_lanes(given, 1, 0)
+    if k == 0:
+        made = a + b
+    elif k == 1:
+        made = a - b
+    elif k == 2:
+        made = a * b
+    elif k == 3:
+        made = a / b
+    elif k == 4:
+        made = size(a)
+    elif k == 5:
+        made = least(a, b)
+    elif k == 6:
+        made = most(a, b)
+    elif k == 7:
+        made = root(size(a))
+    else:
+        made = all_lanes(given[0, 0, 3])
+    return not_above(made, limit)
+
+
+OPERATIONS = [
+    lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: a / b, lambda a, b: np.abs(a),
+    np.minimum, np.maximum, lambda a, b: np.sqrt(np.abs(a)), lambda a, b: np.full(LANES, a[3]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("k", range(len(OPERATIONS)))
+def test_they_compute_as_numpy_does(k):
+    """Told by limits just above and below what is expected in each place, and by equal ones."""
+    given = np.zeros((2, 2, LANES), np.float32)
+    given[0] = np.random.default_rng(k).normal(size=(2, LANES))
+    expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
+    above = np.random.default_rng(10 + k).random(LANES) < 0.5
+    given[1, 0] = expected + np.where(above, 1e-5, -1e-5) * (1.0 + np.abs(expected))
+    assert bits_of(given, k) == (above << np.arange(LANES)).sum()
+
+
+def test_equal_is_not_above():
+    given = np.ones((2, 2, LANES), np.float32)
+    assert bits_of(given, 5) == 2**LANES - 1
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.float32)])
+def test_other_arrays_are_refused(wrong):
+    with pytest.raises(TypingError, match="C-ordered"):
+        njit(lambda a: not_above(load_lanes(a, 0, 0), load_lanes(a, 0, 0)))(wrong)
+
+
+@njit
+def choose(given, which, bits, out):
+    a, b = load_lanes(given, 0, 0), load_lanes(given, 0, 1)
+    set_lanes(out, 1, 0, picked(a, load_whole(which, 0, 0)))
+    set_lanes(out, 1, 2, where(bits, a, b))
+
+
+@pytest.mark.parametrize("bits", [0, 1, 0b1010011100101, 2**LANES - 1])
+def test_numbers_are_picked_and_chosen_as_numpy_does(bits):
+    rng = np.random.default_rng(bits)
+    given, out = rng.normal(size=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
+    which = rng.integers(0, 3 * LANES, (1, 1, LANES)).astype(np.int32)
+    choose(given, which, np.int32(bits), out)
+    np.testing.assert_array_equal(out[1, 0], given[0, 0, which[0, 0] % LANES])
+    np.testing.assert_array_equal(out[1, 2], np.where(bits >> np.arange(LANES) & 1, *given[0]))
+    assert not out[0].any() and not out[1, 1].any()
+
+
+@njit
+def put_whole_numbers(given, bits, flat, pairs):
+    a, b = load_whole(given, 0, 0), load_whole(given, 0, 1)
+    put_whole(flat, 2, packed(a, bits))
+    put_pairs(pairs, 3, lesser(a, b), greater(places(np.int32(5)), all_whole(given[0, 0, 1])))
+    return above(a, b), differ(a, b), how_many(bits)
+
+
+@pytest.mark.parametrize("bits", [0, 1, 2 ** (LANES - 1), 0b1010011100101, 2**LANES - 1])
+def test_whole_numbers_are_compared_and_put_down_as_numpy_does(bits):
+    given = np.random.default_rng(bits).integers(-3, 20, (1, 2, LANES)).astype(np.int32)
+    a, b = given[0]
+    flat, pairs = np.full(LANES + 4, -9, np.int32), np.full((LANES + 4, 2), -9, np.int32)
+    larger, other, n = put_whole_numbers(given, np.int32(bits), flat, pairs)
+    place = np.arange(LANES)
+    chosen = a[(bits >> place) % 2 == 1]
+    assert larger == ((a > b) << place).sum() and other == ((a != b) << place).sum() and n == len(chosen)
+    np.testing.assert_array_equal(flat[2 : 2 + n], chosen)
+    np.testing.assert_array_equal(pairs[3:-1], np.column_stack([np.minimum(a, b), np.maximum(5 + place, a[1])]))
+    assert (flat[[0, 1, -2, -1]] == -9).all() and (pairs[[0, 1, 2, -1]] == -9).all()
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.int32)])
+def test_other_arrays_of_whole_numbers_are_refused(wrong):
+    with pytest.raises(TypingError, match="C-ordered"):
+        njit(lambda a: differ(load_whole(a, 0, 0), load_whole(a, 0, 0)))(wrong)
+
+
+def test_arrays_of_other_shapes_are_refused():
+    expect_rows(np.zeros((5, 3, LANES)), 3)
+    expect_columns(np.zeros((5, 3)), 3)
+    for wrong in ((5, 4, LANES), (5, 3, LANES - 1)):
+        with pytest.raises(ValueError, match="rows of lanes"):
+            expect_rows(np.zeros(wrong), 3)
+    with pytest.raises(ValueError, match="columns"):
+        expect_columns(np.zeros((5, 4)), 3)
+
+
+@njit
+def shared(rows, i, j):
+    return common_corner(rows, i, j)
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_triangles_have_a_corner_in_common_or_not(seed):
+    """Their first number is no corner."""
+    rng = np.random.default_rng(seed)
+    given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
+    common = bool(set(given[0, 1:]) & set(given[1, 1:]))
+    assert shared(given, 0, 1) == common
+    wide = np.zeros((2, 16), np.uint32)  # what stands behind them is none either
+    wide[:, :4] = given
+    assert shared(wide, 0, 1) == common
+
+
+@njit
+def put_down(given, out, at, step):
+    store_singles(out, at, step, load(given, 0))
+
+
+def test_a_vector_is_put_down_in_single_precision():
+    given, out = rows(1), np.zeros(12, np.float32)
+    given[0, :3] = 1.1, -2.2, 3.3
+    put_down(given, out, 2, 4)
+    expected = np.zeros(12, np.float32)
+    expected[[2, 6, 10]] = given[0, :3]
+    np.testing.assert_array_equal(out, expected)

@@ -1,0 +1,97 @@
+"""The pads' zero and the checks that every reading goes through."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from skills.grasping.hand_reading import fault
+from skills.grasping.settings import GraspSettings
+from skills.grasping.tare import Zero, start_zero, zero
+from skills.vocabulary import Outcome
+from tests.hands import CELL_NOISE, TIP_NOISE, SensedHand
+
+SETTINGS = GraspSettings()
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_it_takes_the_drift_away_and_says_how_noisy_the_cells_are(scale: float) -> None:
+    for seed in range(50):
+        hand = SensedHand(seed, scale)
+        state = start_zero(SETTINGS)
+        while not isinstance(state, Outcome):
+            state = zero(hand.read(), state)
+        found = state.unwrap()
+        assert found.cell_noise == pytest.approx(scale * CELL_NOISE, rel=0.3)
+        np.testing.assert_allclose(found.cells, hand.drift, atol=6 * scale * CELL_NOISE / np.sqrt(12))
+        hand.pads = np.array([3.0, 5.0])
+        pads = np.mean([found.pads(hand.read()) for _ in range(50)], axis=0)
+        np.testing.assert_allclose(pads, hand.pads, rtol=0.02 * scale, atol=0.1 * scale)
+        assert found.stamp < hand.now
+
+
+def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> Zero:
+    """leaps: number of the reading -> (cell, by how much [N]). tip: by how much tip 0 leaps with it."""
+    state = start_zero(SETTINGS)
+    for k in range(10 * SETTINGS.zero_readings):
+        reading = hand.read()
+        if k in leaps:
+            cells, tips = reading.tactile.cells.copy(), reading.tactile.tip.copy()
+            cells[leaps[k][0]] += leaps[k][1]
+            tips[0] += tip
+            reading = replace(reading, tactile=replace(reading.tactile, cells=cells, tip=tips))
+        state = zero(reading, state)
+        if isinstance(state, Outcome):
+            return state.unwrap()
+    raise AssertionError("no zero")
+
+
+@pytest.mark.parametrize("by", [-3.0, 1.0, 8.0])
+@pytest.mark.parametrize("when", [(0,), (5,), (11,), (3, 4, 5), (1, 13, 15)])
+def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> None:
+    for seed in range(10):
+        hand = SensedHand(seed)
+        found = zero_with(hand, dict.fromkeys(when, ((1, 2, 0), by)), tip=by)
+        assert found.cell_noise == pytest.approx(CELL_NOISE, rel=0.3)
+        np.testing.assert_allclose(found.cells, hand.drift, atol=6 * CELL_NOISE / np.sqrt(12))
+        assert np.abs(found.tip).max() < 6 * TIP_NOISE / np.sqrt(12)
+
+
+def test_cells_that_never_rest_are_taken_as_they_are() -> None:
+    """One cell that raves: the zero is told to be that noisy, and comes to its end."""
+    leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
+    assert zero_with(SensedHand(0), leaps).cell_noise > 0.3
+
+
+def test_calm_cells_have_the_zero_of_their_first_readings() -> None:
+    hand, again = SensedHand(1, 2.0), SensedHand(1, 2.0)
+    readings = [again.read() for _ in range(SETTINGS.zero_readings)]
+    np.testing.assert_array_equal(zero_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
+
+
+def test_the_same_reading_twice_counts_once() -> None:
+    state, reading = start_zero(SETTINGS), SensedHand(0).read()
+    for _ in range(SETTINGS.zero_readings + 1):
+        state = zero(reading, state)
+    assert not isinstance(state, Outcome) and len(state.cells) == 1
+
+
+def test_faults_are_named() -> None:
+    reading = SensedHand(0).read()
+    assert fault(reading, SETTINGS) is None
+    late = replace(reading, stamp=reading.stamp + 0.15)
+    failure = fault(late, SETTINGS)
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    assert failure.values["age_s"] == pytest.approx(0.15)
+    slow = replace(reading, gripper=replace(reading.gripper, stamp=reading.stamp - 0.6))
+    assert fault(slow, SETTINGS) is not None
+    for bad in (np.nan, np.inf):
+        assert fault(replace(reading, height=bad), SETTINGS) is not None
+        broken = replace(reading, gripper=replace(reading.gripper, opening=bad))
+        failure = fault(broken, SETTINGS)
+        assert failure is not None and failure.kind is FailureKind.HARDWARE_FAULT
+    timeless = replace(reading, tactile=replace(reading.tactile, stamp=np.nan))
+    assert fault(timeless, SETTINGS) is not None

@@ -1,0 +1,174 @@
+"""The verdict on a fold, from its figures alone: each limit, which defect is named, and how sure that is."""
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import Side
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose, told_by_height
+from skills.perception.inspection.moved_edge import MovedEdge
+from skills.perception.inspection.result import InspectionSettings
+from skills.vocabulary import FoldLine, FoldStep
+from tests.inspections import inspection
+
+S, K = InspectionSettings(), FailureKind
+LEFT, RIGHT = np.array([0.6, 0.2]), np.array([0.6, -0.2])
+STEP = FoldStep(
+    "half", 0, FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0])), (), {},
+    {Side.LEFT: np.r_[LEFT, 0.006], Side.RIGHT: np.r_[RIGHT, 0.006]},
+)  # fmt: skip
+
+
+def edge(corner=0.0, sag=0.0, unseen=slice(0, 0)):
+    """Nine strips: one corner lies behind, or the middle by half a sine."""
+    t = (np.arange(9) + 0.5) / 9
+    lag = sag * np.sin(np.pi * t)
+    lag[:2] += corner
+    lag[unseen] = np.nan
+    return MovedEdge(lag, 0.002)
+
+
+def behind(left=0.0, right=0.0, middle=0.0):
+    return {"left": left, "right": right, "middle": middle}
+
+
+def verdict(step=STEP, **figures):
+    return diagnose(inspection(**figures), step, S)
+
+
+LIMITS = [
+    (lambda x: {"edge_deviation_m": x * S.deviation}, K.OFF_TARGET),
+    (lambda x: {"edge_deviation_m": -x * S.deviation}, K.OFF_TARGET),
+    (lambda x: {"iou_aligned": 1.0 - x * (1.0 - S.iou)}, K.OFF_TARGET),
+    (lambda x: {"piled_area_m2": x * S.piled_area}, K.PILING),
+    (lambda x: {"drift_m": x * S.drift}, K.DRIFT),
+    (lambda x: {"drift_rad": x * S.drift_angle}, K.DRIFT),
+    (lambda x: {"drift_rad": -x * S.drift_angle}, K.DRIFT),
+    (lambda x: {"edge": edge(corner=x * S.edge_corner)}, K.DROPPED_CORNER),
+    (lambda x: {"edge": edge(sag=x * S.edge_sag)}, K.SAG),
+]  # fmt: skip
+"""A figure at a multiple of its limit, and what it is called beyond that."""
+
+
+@pytest.mark.parametrize(("figure", "kind"), LIMITS)
+def test_each_figure_by_itself_is_refused_beyond_its_limit_and_only_there(figure, kind):
+    """Half sure at the limit, wholly at twice of it and from there on; what is good is at least half sure."""
+    within, sure = verdict(**figure(0.98))
+    assert within is None and 0.5 <= sure <= 1.0
+    sureness = [verdict(**figure(x)) for x in (1.02, 1.3, 1.6, 1.9, 2.5)]
+    assert {named for named, _ in sureness} == {kind}
+    told = [sure for _, sure in sureness]
+    assert told[:4] == pytest.approx([0.51, 0.65, 0.80, 0.95], abs=0.02) and told[4] == 1.0
+
+
+@pytest.mark.parametrize(("figure", "kind"), [*LIMITS[:3], LIMITS[4]])
+def test_a_good_fold_is_the_less_sure_the_nearer_it_comes_to_a_limit(figure, kind):
+    assert [verdict(**figure(x))[1] for x in (0.4, 0.7, 0.98)] == pytest.approx([0.80, 0.65, 0.51], abs=0.01)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+@pytest.mark.parametrize(
+    ("seen", "whole"),
+    [(None, False), (edge(unseen=slice(0, 3)), False), (edge(unseen=slice(6, 9)), False), (edge(), True)],
+)
+def test_a_layer_that_is_not_there_counts_where_the_edge_is_not_wholly_seen(share, seen, whole):
+    """And even then heights are doubtful: they make nobody very sure."""
+    named, _ = verdict(missing_layer=share * S.missing_share, edge=seen)
+    assert named is (K.DROPPED_CORNER if share > 1.0 and not whole else None)
+    sureness = [verdict(missing_layer=x * S.missing_share, edge=None)[1] for x in (1.02, 1.6, 2.2)]
+    assert 0.4 < sureness[0] < sureness[1] < sureness[2] < 0.75
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.98, K.OFF_TARGET), (1.02, None)])
+def test_cloth_left_behind_names_what_is_wrong_with_a_bad_outline(share, refused):
+    left = share * S.left_behind
+    bad = {"iou_aligned": 0.8, "edge_place": np.array([0.9, 0.0])}
+    assert verdict(**bad, left_behind=behind(left, left, left))[0] is (refused or K.MISSED_LAYER)
+    for one in (behind(left=left), behind(right=left)):
+        assert verdict(**bad, left_behind={**one, "middle": 0.5 * left})[0] is (refused or K.DROPPED_CORNER)
+        assert verdict(left_behind=one)[0] is None, "an outline that is good is good"
+    assert verdict(**bad, left_behind={"left": left})[0] is (refused or K.MISSED_LAYER), "a fold with one arm"
+
+
+@pytest.mark.parametrize(("share", "kind"), [(0.98, K.OFF_TARGET), (1.02, K.SAG)])
+def test_a_middle_that_lies_behind_both_ends_sagged(share, kind):
+    ends = {"left": 0.010, "right": 0.004}
+    left = {**ends, "middle": 0.010 + share * S.sag}
+    assert verdict(iou_aligned=0.8, edge_place=np.array([0.9, 0.0]), left_behind=left)[0] is kind
+
+
+@pytest.mark.parametrize(
+    ("place", "kind"),
+    [
+        (LEFT + np.array([0.0, 0.06]), K.DROPPED_CORNER),
+        (RIGHT - (0.06, 0.0), K.DROPPED_CORNER),
+        (0.5 * (LEFT + RIGHT), K.SAG),
+        (0.5 * (LEFT + RIGHT) + (0.13, 0.0), K.SAG),
+        (0.5 * (LEFT + RIGHT) + (0.15, 0.0), K.OFF_TARGET),
+        (LEFT + np.array([0.0, 0.08]), K.OFF_TARGET),
+        (RIGHT - (0.08, 0.0), K.OFF_TARGET),
+    ],
+)
+def test_a_bad_edge_is_named_by_its_place(place, kind):
+    """Beside a target it is a dropped corner, between the two it sagged, elsewhere it is off target."""
+    figures = {"edge_deviation_m": 0.03, "edge_place": place}
+    assert verdict(**figures)[0] is kind
+    assert verdict(None, **figures)[0] is K.OFF_TARGET
+    assert verdict(FoldStep("half", 0, STEP.line, (), {}, {}), **figures)[0] is K.OFF_TARGET
+
+
+def test_of_two_defects_of_the_moved_edge_the_larger_is_named():
+    assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
+    assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
+
+
+def test_a_pile_is_told_by_height_and_a_bad_outline_is_not():
+    """What height alone speaks against is pressed and looked at again."""
+    for kind, outline, told in (
+        (K.PILING, 0.0, True), (K.PILING, 0.03, True), (K.SAG, 0.0, True), (K.DROPPED_CORNER, 0.0, True),
+        (K.SAG, 0.03, False), (K.DROPPED_CORNER, 0.03, False), (K.OFF_TARGET, 0.0, False), (K.DRIFT, 0.0, False),
+        (K.MISSED_LAYER, 0.0, False), (None, 0.0, False),
+    ):  # fmt: skip
+        assert told_by_height(inspection(diagnosis=kind, edge_deviation_m=outline), S) is told
+
+
+def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
+    rng, refused = np.random.default_rng(5), 0
+    nan = float("nan")
+
+    def about(limit):
+        return float(rng.choice([rng.uniform(0.0, 1.2) * limit, nan], p=[0.9, 0.1]))
+
+    for _ in range(600):
+        seen = inspection(
+            iou_aligned=1.0 - rng.uniform(0.0, 1.1) * (1.0 - S.iou),
+            edge_deviation_m=rng.uniform(-1.1, 1.1) * S.deviation,
+            piled_area_m2=rng.uniform(0.0, 1.1) * S.piled_area,
+            drift_m=rng.uniform(0.0, 1.1) * S.drift,
+            drift_rad=rng.uniform(-1.1, 1.1) * S.drift_angle,
+            missing_layer=about(S.missing_share),
+            edge=None if rng.random() < 0.3 else edge(about(S.edge_corner), about(S.edge_sag)),
+            left_behind={} if rng.random() < 0.3 else behind(*(about(S.left_behind) for _ in range(3))),
+            edge_place=rng.uniform((0.3, -0.5), (0.9, 0.5)),
+        )
+        kind, sure = diagnose(seen, STEP, S)
+        assert bool(beyond_limits(seen, S)) == (kind is not None)
+        assert 0.0 <= sure <= 1.0
+        refused += kind is not None
+    assert 100 < refused < 500
+
+
+@pytest.mark.parametrize(
+    ("figures", "named"),
+    [
+        ({"piled_area_m2": 0.0030}, "30 cm2 stand more than 15 mm too high (at most 12 cm2)"),
+        ({"drift_m": 0.045}, "it lies 45 mm off as a whole (at most 30 mm)"),
+        ({"drift_rad": -np.deg2rad(9.0)}, "turned by 9 degrees (at most 6)"),
+        ({"edge": edge(corner=0.040)}, "a corner of the moved edge lies 40 mm behind the rest of it"),
+        ({"iou_aligned": 0.84}, "overlap 0.84 (at least 0.90)"),
+        ({"missing_layer": 0.6}, "a target lacks 60 % of its upper layer's height (at most 45 %)"),
+    ],
+)
+def test_what_is_beyond_its_limit_is_told_in_plain_figures(figures, named):
+    (told,) = beyond_limits(inspection(**figures), S)
+    assert told.startswith(named)

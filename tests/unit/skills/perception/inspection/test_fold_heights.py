@@ -1,0 +1,141 @@
+"""Heights over a folded garment: where they are judged, and what is too much or too little of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.ports import Side
+from skills.perception.inspection.fold_heights import (
+    extra_height,
+    judged_area,
+    missing_layer,
+    piled_area,
+    upper_height,
+)
+from skills.perception.inspection.result import InspectionSettings
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import Array, FoldLine, FoldStep
+from tests.scenes import TABLE, camera
+
+VIEW, S = TableView(camera(), TABLE), InspectionSettings()
+HERE = VIEW.to_table(np.dstack(np.mgrid[: VIEW.shape[0], : VIEW.shape[1]][::-1]))
+"""(H, W, 2) where each pixel is on the table [m]."""
+LAYER = 0.003
+LEFT, RIGHT = np.array([0.55, 0.15]), np.array([0.55, -0.15])
+ACROSS = FoldLine(np.array([0.7, 0.0]), np.array([0.0, 1.0]))
+ALONG = FoldLine(np.array([0.6, 0.1]), np.array([1.0, 0.0]))
+STEP = FoldStep("half", 0, ACROSS, (), {}, {Side.LEFT: np.r_[LEFT, 0.01], Side.RIGHT: np.r_[RIGHT, 0.01]})
+STILL = np.eye(2), np.zeros(2)
+
+
+def within(x: tuple[float, float], y: tuple[float, float]) -> Array:
+    return (HERE[..., 0] > x[0]) & (HERE[..., 0] < x[1]) & (HERE[..., 1] > y[0]) & (HERE[..., 1] < y[1])
+
+
+STACK = within((0.45, 0.75), (-0.25, 0.25))
+
+
+@pytest.mark.parametrize("lines", [(), (ACROSS,), (ALONG, ACROSS)])
+def test_heights_are_judged_away_from_the_rim_and_from_every_fold_line(lines: tuple[FoldLine, ...]) -> None:
+    """40 mm from each line on both of its sides, also from those of earlier folds; 3 pixels from the rim."""
+    step = replace(STEP, earlier=lines[:-1], line=lines[-1]) if lines else None
+    judged = judged_area(STACK, VIEW, step, S)
+    inner = within((0.457, 0.743), (-0.243, 0.243))
+    for line in lines:
+        inner = inner & (np.abs(line.signed_distance(HERE)) > S.fold_margin)
+    rim = within((0.4545, 0.7455), (-0.2455, 0.2455))
+    assert judged[inner].all(), "all of it"
+    assert not (judged & ~rim).any()
+    for line in lines:
+        assert not (judged & (np.abs(line.signed_distance(HERE)) < S.fold_margin - 1e-9)).any()
+
+
+def test_the_height_of_a_stack_is_one_that_only_a_twentieth_of_it_exceeds() -> None:
+    rng = np.random.default_rng(0)
+    height = rng.permutation(np.linspace(0.0, 1.0, STACK.size)).reshape(STACK.shape).astype(np.float32)
+    judged = np.ones(STACK.shape, bool)
+    assert upper_height(height, judged) == pytest.approx(0.95, abs=1e-4)
+    height[STACK] = np.nan  # was not seen
+    assert upper_height(height, judged) == pytest.approx(0.95, abs=0.01)
+    height[~STACK] = 0.5
+    height[STACK] = 7.0  # is not judged
+    assert upper_height(height, ~STACK) == extra_height(height, ~STACK) == pytest.approx(0.5)
+
+
+def test_of_too_little_that_is_seen_no_excess_is_told() -> None:
+    few = np.zeros(STACK.shape, bool)
+    few[:10, :10] = True
+    excess = np.full(STACK.shape, 0.05, np.float32)
+    assert np.isnan(upper_height(excess, few)) and extra_height(excess, few) == 0.0
+    few[10, 0] = True
+    assert extra_height(excess, few) == pytest.approx(0.05)
+
+
+def test_the_area_that_is_piled_up_is_that_of_what_stands_too_high() -> None:
+    """A heap of 30 by 40 mm on a stack, seen with pixels of 2 mm; then a part is not judged, or was not seen."""
+    excess = np.zeros(VIEW.shape, np.float32)
+    heap = within((0.600, 0.630), (0.0, 0.040))
+    excess[heap] = 0.016
+    assert piled_area(excess, STACK, 0.015, VIEW.pixel) == pytest.approx(0.030 * 0.040)
+    assert piled_area(excess, STACK, 0.017, VIEW.pixel) == 0.0
+    assert piled_area(excess, STACK & ~within((0.0, 0.610), (-1, 1)), 0.015, VIEW.pixel) == pytest.approx(0.0008)
+    excess[~STACK] = 0.1
+    excess[within((0.600, 0.630), (0.020, 0.040))] = np.nan
+    assert piled_area(excess, STACK, 0.015, VIEW.pixel) == pytest.approx(0.030 * 0.020)
+
+
+def lacking(
+    left: float,
+    right: float,
+    planned: float = 2 * LAYER,
+    step: FoldStep | None = STEP,
+    hidden: Array | None = None,
+) -> float:
+    """Shares of the predicted height that are not there on the table's left and right half."""
+    moved = np.where(STACK, planned, np.nan).astype(np.float32)
+    height = np.where(HERE[..., 1] > 0, 1.0 - left, 1.0 - right).astype(np.float32) * np.float32(planned)
+    if hidden is not None:
+        height[hidden] = np.nan
+    return missing_layer(height, moved, VIEW, step, *STILL, S)
+
+
+@pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, 0.6), (-0.2, -0.4)])
+def test_the_target_that_lacks_most_of_its_height_is_told(left: float, right: float) -> None:
+    assert lacking(left, right) == pytest.approx(max(left, right), abs=1e-5)
+
+
+def test_heights_at_a_target_are_looked_for_where_the_fold_came_to_lie() -> None:
+    """The whole garment was turned and moved: the target went with it."""
+    angle, t = np.deg2rad(30.0), np.array([0.35, -0.28])
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved = np.full(VIEW.shape, 2 * LAYER, np.float32)
+    height = moved.copy()
+    height[np.linalg.norm(HERE - (R @ LEFT + t), axis=2) < 0.04] = LAYER
+    assert missing_layer(height, moved, VIEW, STEP, R, t, S) == pytest.approx(0.5, abs=0.01)
+    assert missing_layer(height, moved, VIEW, STEP, *STILL, S) < 0.2
+
+
+def test_a_target_that_is_not_seen_says_nothing() -> None:
+    """What is seen there is less than a quarter of a circle of 40 mm; the other target still counts."""
+    near = np.linalg.norm(HERE - LEFT, axis=2)
+    assert lacking(0.5, 0.1, hidden=near < 0.05) == pytest.approx(0.1, abs=1e-5)
+    assert lacking(0.5, 0.1, hidden=near < 0.037) == pytest.approx(0.1, abs=1e-5)
+    assert lacking(0.5, 0.1, hidden=near < 0.03) == pytest.approx(0.5, abs=1e-5)
+    assert np.isnan(lacking(0.5, 0.1, hidden=np.ones(VIEW.shape, bool)))
+    assert np.isnan(lacking(0.5, 0.1, step=None)) and np.isnan(lacking(0.5, 0.1, step=replace(STEP, targets={})))
+
+
+def test_where_a_target_has_steps_its_mean_height_counts() -> None:
+    """Two layers on the one half of it, six on the other: half of each is there."""
+    moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
+    assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)
+    level = np.full_like(moved, 4 * LAYER)
+    assert missing_layer(level, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.0, abs=0.05)
+
+
+def test_layers_too_thin_to_be_seen_by_depth_are_not_missed() -> None:
+    assert np.isnan(lacking(0.9, 0.9, planned=0.98 * S.layer_height))
+    assert lacking(0.9, 0.9, planned=1.02 * S.layer_height) == pytest.approx(0.9, abs=1e-4)

@@ -1,0 +1,255 @@
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import Side
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose
+from skills.perception.inspection.fold_heights import upper_height
+from skills.perception.inspection.inspect import inspect
+from skills.perception.inspection.left_behind import left_behind
+from skills.perception.inspection.moved_edge import MovedEdge
+from skills.perception.inspection.predicted_view import draw_shape
+from skills.perception.inspection.result import InspectionSettings
+from skills.perception.rectification.table_view import TableView
+from skills.perception.registration.alignment import align
+from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
+from tests.scenes import TABLE, Scene, camera, empty, place, render
+
+# A towel 0.40 x 0.60 folded over its middle, left half onto right half: the fold is the left edge.
+HALF = place([[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]], 0.6, 0.0, 0.05)
+HEIGHT = 0.004
+
+
+def mesh(quad, z, n=16):
+    u, w = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
+    p = quad[1] + np.multiply.outer(u, quad[0] - quad[1]) + np.multiply.outer(w, quad[2] - quad[1])
+    vertices = np.dstack([p, np.full((n, n), z)]).reshape(-1, 3)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (x.ravel() for x in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    return PredictedShape(vertices, triangles, vertices[:, :2].copy())
+
+
+PREDICTED = mesh(HALF, HEIGHT)
+STEP = FoldStep(
+    "half",
+    0,
+    FoldLine(HALF[0], (HALF[1] - HALF[0]) / np.linalg.norm(HALF[1] - HALF[0])),
+    (),
+    {},
+    {Side.LEFT: np.r_[HALF[3], 0.006], Side.RIGHT: np.r_[HALF[2], 0.006]},
+)
+SAGGED = np.array(
+    [*HALF[:3]]
+    + [
+        HALF[2] + u * (HALF[3] - HALF[2]) + 0.045 * np.sin(np.pi * u) * np.array([0.0, 1.0])
+        for u in np.linspace(0.1, 0.9, 9)
+    ]
+    + [HALF[3]]
+)
+SHORT = np.array(
+    [HALF[0], HALF[1], HALF[2], HALF[2] + 0.55 * (HALF[3] - HALF[2]), HALF[3] + 0.35 * (HALF[0] - HALF[3])]
+)
+HANGING = HALF[3] + np.array([[0.0, 0.02], [-0.02, -0.06], [-0.08, -0.05], [-0.08, 0.02]])
+
+
+@functools.cache
+def bare():
+    return empty(Scene(seed=4))
+
+
+def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
+    scene = Scene(seed=4, polygons=list(polygons), bumps=list(bumps), thickness=thickness, wobble=0.001)
+    return inspect(render(scene), camera(), TABLE, bare(), PREDICTED, step)
+
+
+@pytest.mark.parametrize(
+    ("polygons", "named"),
+    [
+        ([HALF], ""),
+        ([SAGGED], "the outline is"),
+        ([SHORT], "a target lacks"),
+        ([HALF + np.array([0.04, 0.0])], "as a whole"),
+    ],
+)
+def test_what_decided_is_named_with_its_limit_and_nothing_else_is(polygons, named):
+    seen = look(polygons).unwrap()
+    beyond = beyond_limits(seen, InspectionSettings())
+    assert bool(beyond) == (seen.diagnosis is not None)
+    assert named in ", ".join(beyond)
+
+
+def test_a_fold_as_predicted_is_accepted():
+    seen = look([HALF]).unwrap()
+    assert seen.accepted and seen.confidence > 0.8
+    assert seen.iou > 0.97 and seen.drift_m < 0.002 and abs(seen.extra_height_m) < 0.002
+
+
+@pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
+def test_how_high_the_stack_stands_is_seen(thickness):
+    assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
+
+
+def test_a_height_that_too_little_is_seen_of_is_none():
+    judged = np.zeros((40, 40), bool)
+    judged[:10, :10] = True
+    assert np.isnan(upper_height(np.full((40, 40), 0.01, np.float32), judged))
+    judged[10, 0] = True
+    assert upper_height(np.full((40, 40), 0.01, np.float32), judged) == pytest.approx(0.01)
+
+
+def test_a_pile_at_the_crease_is_not_the_height_of_the_stack():
+    along = HALF[1] - HALF[0]
+    bumps = [(*(HALF[0] + u * along), 0.015, 0.030) for u in (0.3, 0.5, 0.7)]
+    assert look([HALF], bumps).unwrap().height_m == pytest.approx(HEIGHT, abs=0.002)
+
+
+@pytest.mark.parametrize(("shift", "turn"), [((0.036, 0.048), 0.0), ((0.0, 0.02), 8.0)])
+def test_drift_is_measured_and_named(shift, turn):
+    moved = place(HALF - (0.6, 0.0), 0.6 + shift[0], shift[1], np.deg2rad(turn))
+    seen = look([moved]).unwrap()
+    assert seen.diagnosis is FailureKind.DRIFT
+    assert np.allclose(seen.drift, shift, atol=0.002)
+    assert np.rad2deg(seen.drift_rad) == pytest.approx(turn, abs=0.3)
+    assert seen.iou_aligned > 0.97 > seen.iou
+    c, sn = np.cos(seen.drift_rad), np.sin(seen.drift_rad)
+    again = (HALF - seen.drift_about) @ np.array([[c, sn], [-sn, c]]) + seen.drift_about + seen.drift
+    np.testing.assert_allclose(again, moved, atol=0.003)
+
+
+@pytest.mark.parametrize(
+    ("polygons", "bumps", "thickness", "kind"),
+    [
+        ([HALF], [(0.6, -0.05, 0.02, 0.030)], HEIGHT, FailureKind.PILING),
+        ([SAGGED], [], HEIGHT, FailureKind.SAG),
+        ([SHORT], [], HEIGHT, FailureKind.DROPPED_CORNER),
+        ([HALF, HANGING], [], HEIGHT, FailureKind.DROPPED_CORNER),
+        ([HALF], [], HEIGHT / 3, FailureKind.DROPPED_CORNER),
+    ],
+    ids=["pile", "sag", "corner short of its target", "corner hanging out", "upper layer not there"],
+)
+def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind):
+    seen = look(polygons, bumps, thickness).unwrap()
+    assert seen.diagnosis is kind
+    assert 0.0 < seen.confidence <= 1.0
+
+
+def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
+    """The left arm lost its corner: the garment still reaches 12 cm beyond the line there."""
+    grasps = {
+        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+    }
+    step = replace(STEP, line=FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1])))
+    step = replace(step, grasps=grasps)
+    flap = np.array([HALF[0], HALF[0] + (0.0, 0.12), 0.5 * (HALF[0] + HALF[1]) + (0.0, 0.03), HALF[1]])
+    seen = look([HALF, flap], step=step).unwrap()
+    assert seen.diagnosis is FailureKind.DROPPED_CORNER
+    assert seen.left_behind["left"] > 0.08 > 0.03 > seen.left_behind["right"]
+
+
+@pytest.mark.parametrize(("place", "behind"), [("left", 0.15), ("right", -0.15), ("middle", 0.0)])
+def test_what_is_left_behind_is_told_where_it_is(place, behind):
+    """Cloth reaches 40 mm too far beyond the fold line, beside one grasp or between the two."""
+    view = TableView(camera(), TABLE)
+    there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
+    x, y = there[..., 0], there[..., 1]
+    planned = (np.abs(x - 0.5) < 0.1) & (np.abs(y) < 0.25)
+    seen = planned | ((np.abs(x - 0.5) < 0.14) & (np.abs(y - behind) < 0.06))
+    line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # its normal points to larger x
+    left = Grasp(Side.LEFT, np.array([0.7, 0.15]), 0.0, 1, 0.003)
+    right = Grasp(Side.RIGHT, np.array([0.7, -0.15]), 0.0, 1, 0.003)
+    step, settings = replace(STEP, line=line, grasps={Side.LEFT: left, Side.RIGHT: right}), InspectionSettings()
+    found = left_behind(view, seen, planned, step, settings)
+    expected = {name: 0.04 * (name == place) for name in ("left", "right", "middle")}
+    assert found == pytest.approx(expected, abs=0.004)
+    hidden = left_behind(view, seen & (np.abs(y - behind) > 0.07), planned, step, settings)
+    assert np.isnan(hidden[place]) and np.isfinite([v for name, v in hidden.items() if name != place]).all()
+    one = left_behind(view, seen, planned, replace(step, grasps={Side.LEFT: left}), settings)
+    assert set(one) == {"left"} and left_behind(view, seen, planned, None, settings) == {}
+
+
+def test_a_layer_left_where_it_lay_is_a_missed_layer():
+    """Behind the fold line the garment reaches as far as ever, along the whole fold."""
+    line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
+    back = HALF[0] - HALF[3]
+    grasps = {
+        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+    }
+    lower = np.array([HALF[0] + back * 0.9, HALF[1] + back * 0.9, HALF[1], HALF[0]])
+    seen = look([HALF, lower], step=replace(STEP, line=line, grasps=grasps)).unwrap()
+    assert min(seen.left_behind.values()) > 0.2
+    assert seen.diagnosis is FailureKind.MISSED_LAYER
+
+
+def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
+    """All cloth stands 3 mm higher than the mesh; the flat picture told so."""
+    scene = Scene(seed=4, polygons=[HALF], thickness=0.0045, wobble=0.001)
+    picture = render(scene)
+    two_layers = PredictedShape(
+        np.vstack([PREDICTED.vertices - np.array([0, 0, 0.0028]), PREDICTED.vertices]),
+        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
+        np.vstack([PREDICTED.material, PREDICTED.material]),
+    )
+    blind = inspect(picture, camera(), TABLE, bare(), two_layers, STEP).unwrap()
+    knowing = inspect(picture, camera(), TABLE, bare(), two_layers, STEP, flat_top=0.0045).unwrap()
+    assert blind.accepted and blind.missing_layer < 0.1
+    assert knowing.missing_layer > 0.3
+
+
+@pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
+def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
+    """What is seen of the edge lies where it should; the unseen end's target lacks its layer."""
+    seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
+    lag = np.zeros(9)
+    whole = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
+    assert diagnose(whole, STEP, settings)[0] is None
+    lag[end] = np.nan
+    partly = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
+    assert partly.edge.corner == 0.0 and partly.edge.sag == pytest.approx(0.0)
+    assert diagnose(partly, STEP, settings)[0] is FailureKind.DROPPED_CORNER
+    assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
+
+
+def test_without_the_step_a_bad_edge_is_off_target():
+    assert look([SHORT], step=None).unwrap().diagnosis is FailureKind.OFF_TARGET
+
+
+def test_an_empty_table_is_a_failure_of_looking():
+    outcome = look([])
+    assert outcome.failure is not None and outcome.failure.kind is FailureKind.NO_GARMENT
+
+
+@pytest.mark.parametrize("seed", [4, 6])
+def test_on_boards_without_a_picture_of_the_empty_table_a_good_fold_is_accepted(seed):
+    """A board that differs from the rim's plane is taken for cloth by `plain`, not by `grabcut`."""
+    scene = Scene(seed=seed, polygons=[HALF], thickness=HEIGHT, wobble=0.001, planks=0.3)
+    seen = inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP)
+    assert seen.unwrap().accepted and seen.unwrap().iou > 0.97
+
+
+def test_on_boards_without_a_picture_of_the_empty_table_a_bad_fold_is_named():
+    scene = Scene(seed=4, polygons=[SAGGED], thickness=HEIGHT, wobble=0.001, planks=0.3)
+    assert inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP).unwrap().diagnosis is FailureKind.SAG
+
+
+def test_alignment_recovers_a_rigid_motion_in_spite_of_a_defect():
+    """The motion is known, a corner of the target is torn off: it must not turn the rest."""
+    turned = place(SHORT - (0.6, 0.0), 0.63, -0.02, 0.1)
+    R, t = align(HALF, turned)
+    whole = place(HALF - (0.6, 0.0), 0.63, -0.02, 0.1)
+    assert np.abs(HALF[:3] @ R.T + t - whole[:3]).max() < 0.003
+
+
+def test_the_upper_layer_hides_the_lower():
+    view = TableView(camera(), TABLE)
+    both = PredictedShape(
+        np.vstack([PREDICTED.vertices + np.array([0.0, 0.0, 0.02]), PREDICTED.vertices]),
+        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
+        np.vstack([PREDICTED.material, PREDICTED.material]),
+    )
+    image = draw_shape(view, both)
+    column, row = np.round(view.to_pixel(np.array([0.6, 0.0]))).astype(int)
+    assert image[row, column] == pytest.approx(0.024, abs=1e-6)

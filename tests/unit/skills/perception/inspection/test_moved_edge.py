@@ -1,0 +1,314 @@
+"""A towel 0.40 x 0.60 m folded over its middle; heights drawn in closed form, with the depth noise of a camera."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import FailureKind
+from robots.ports import Side
+from skills.perception.inspection.inspect import inspect
+from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
+from skills.perception.inspection.result import InspectionSettings
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
+from tests.scenes import TABLE, Scene, camera, empty, place, render
+
+VIEW = TableView(camera(), TABLE)
+LAYER, NOISE = 0.0025, 0.0015
+# The line runs along x at y = 0; what lies left of it, y > 0, moves onto y < 0.
+LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
+SPAN = (0.4, 0.8)
+SIDES = (Side.LEFT, Side.RIGHT)
+GRASPS = {s: Grasp(s, np.array([x, 0.29]), 0.0, 1, 0.003) for s, x in zip(SIDES, SPAN, strict=True)}
+TARGETS = {s: np.array([x, -0.29, 0.006]) for s, x in zip(SIDES, SPAN, strict=True)}
+STEP = FoldStep("half", 0, LINE, (), GRASPS, TARGETS)
+
+
+def folded_mesh():
+    x, y = np.meshgrid(np.linspace(*SPAN, 17), np.linspace(-0.3, 0.3, 25), indexing="ij")
+    material = np.stack([x.ravel(), y.ravel()], axis=1)
+    up = material[:, 1] > 0
+    vertices = np.column_stack([material[:, 0], -np.abs(material[:, 1]), np.where(up, 1.5, 0.5) * LAYER])
+    i = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = (k.ravel() for k in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    return PredictedShape(vertices, triangles, material)
+
+
+def heights(lag, seed=0, creases=0.004, loop=0.0):
+    """(before, after): one layer, then two where the moved edge, `lag` (function of 0..1 along it) [m] behind.
+
+    loop: height of an earlier fold's crease along the end 0 [m], which the moved layer presses down as it lies.
+    """
+    rng = np.random.default_rng(seed)
+    rows, columns = np.indices(VIEW.shape)
+    xy = VIEW.to_table(np.stack([columns, rows], axis=-1))
+    x, y = xy[..., 0], xy[..., 1]
+    on = (x > SPAN[0]) & (x < SPAN[1])
+    lower = LAYER + creases * (1 + np.sin(60 * x) * np.cos(45 * y)) / 2
+    before = np.where(on & (np.abs(y) < 0.3), lower, 0.0)
+    t = np.clip((x - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
+    raised = loop * np.clip(1.5 - t / 0.13, 0, 1)
+    before = np.where(before > 0, before + raised, before)
+    moved = on & (y < 0) & (y > -0.3 + lag(t))
+    after = np.where(on & (y < 0) & (y > -0.3), lower + raised, 0.0) + np.where(raised > 0, 0.0, LAYER) * moved
+    return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (before, after)]
+
+
+def look(lag, seed=0, loop=0.0):
+    before, after = heights(lag, seed, loop=loop)
+    return moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.02, 0.04, 0.06])
+def test_a_sag_is_measured_on_creased_cloth(depth):
+    """Creases of 4 mm and noise of 1.5 mm a pixel, a layer of 2.5 mm. Where the edge runs
+    aslant it spans 20 mm within one strip: half of that is the tolerance."""
+    seen = look(lambda t: depth * np.sin(np.pi * t))
+    middle_of_strips = depth * np.sin(np.pi * (np.arange(9) + 0.5) / 9)
+    assert seen.rise == pytest.approx(LAYER, abs=0.0004)
+    assert np.abs(seen.lag - middle_of_strips).max() < 0.010
+    assert seen.corner < 0.005
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_lost_corner_is_measured_at_either_end(end):
+    seen = look(lambda t: 0.08 * (t if end else 1 - t) ** 1.5)
+    assert 0.035 < seen.corner < 0.08 and seen.sag < 0.0
+
+
+def test_an_edge_where_it_should_be_raises_no_alarm():
+    for seed in range(5):
+        seen = look(lambda t: 0.0 * t, seed)
+        assert abs(seen.sag) < 0.006 and seen.corner < 0.006
+
+
+@pytest.mark.parametrize("loop", [0.014, 0.018, 0.025])
+def test_the_loop_of_an_earlier_crease_that_is_pressed_down_is_no_lost_corner(loop):
+    """Nothing rises where the loop was, as if nothing had come to lie there."""
+    seen = look(lambda t: 0.0 * t, loop=loop)
+    assert seen.corner < 0.006 and abs(seen.sag) < 0.010
+    assert seen.rise > 0.7 * LAYER
+    assert not np.isfinite(seen.lag[0]) and np.isfinite(seen.lag[2:]).all()
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_lost_corner_is_found_beside_a_loop(end):
+    seen = look(lambda t: 0.08 * (t if end else 1 - t) ** 1.5, loop=0.018)
+    assert 0.030 < seen.corner < 0.08
+
+
+@pytest.mark.parametrize("behind", range(15, 24))
+def test_no_rounding_decides_about_a_corner(behind):
+    """Strips say where they are in steps of 2 mm, a median of two of them in steps of 1 mm: 19 mm are within the
+    limit and 20 beyond it, wherever they are counted from."""
+    places = np.arange(-0.024, 0.120, 0.002)
+    beyond = set()
+    for i in range(behind // 2 + 1, len(places)):
+        middle = [places[i - behind // 2], places[i - (behind + 1) // 2]]
+        edge = MovedEdge(np.array([places[i]] * 2 + [np.nan] * 3 + middle * 2), LAYER)
+        assert edge.corner == pytest.approx(1e-3 * behind, abs=1e-9)
+        beyond.add(edge.corner > InspectionSettings().edge_corner)
+    assert beyond == {behind > 19}
+
+
+def folded(reach=0.3, width=0.4, layer=LAYER):
+    """The prediction of a fold whose moved part reaches so far beyond the line, on a towel so wide."""
+    x, y = np.meshgrid(
+        np.linspace(0.6 - width / 2, 0.6 + width / 2, 17), np.linspace(-0.3, reach, 41), indexing="ij"
+    )
+    material = np.stack([x.ravel(), y.ravel()], axis=1)
+    up = material[:, 1] > 0
+    vertices = np.column_stack([material[:, 0], -np.abs(material[:, 1]), np.where(up, 1.5, 0.5) * layer])
+    return PredictedShape(vertices, np.zeros((0, 3), np.int32), material)
+
+
+def turned(degrees, x=0.0, y=0.0):
+    """R, t of a motion about the middle of the towel."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    R = np.array([[c, -s], [s, c]])
+    return R, np.array([0.6 + x, y]) - R @ np.array([0.6, 0.0])
+
+
+STILL = turned(0.0)
+
+
+def towel(lag=0.0, reach=0.3, width=0.4, layer=LAYER, crease=0.0, motion=STILL, before=STILL):
+    """(after, before) of a smooth towel: heights where each motion laid it. crease: how high the fold stands up,
+    over 40 mm [m]. lag: of the moved edge, a function of 0..1 along it or one for all."""
+    rng = np.random.default_rng(0)
+    there = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
+
+    def lying(R, t):
+        xy = (there - t) @ R
+        along = (xy[..., 0] - 0.6) / width + 0.5
+        return np.clip(along, 0, 1), (along > 0) & (along < 1), xy[..., 1]
+
+    t, on, y = lying(*motion)
+    far = reach - (lag(t) if callable(lag) else lag)
+    after = layer * (on & (y < 0) & (y > -0.3)) + layer * (on & (y < 0) & (y > -far))
+    after = after + crease * (on & (y < 0) & (y > -0.04))
+    _, on, y = lying(*before)
+    flat = layer * (on & (y > -0.3) & (y < reach))
+    return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (after, flat)]
+
+
+def looked_at(after, before, step=STEP, motion=STILL, **shape):
+    return moved_edge(after, before, folded(**shape), step, VIEW, *motion)
+
+
+@pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
+def test_an_edge_that_lies_too_far_out_or_too_far_in_is_found_there(lag):
+    """To the 2 mm in which places are told."""
+    seen = looked_at(*towel(lag))
+    assert np.abs(seen.lag - lag).max() < 0.0045
+    assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005
+
+
+def test_an_edge_that_lies_further_in_than_one_looks_is_at_least_so_far_in():
+    seen = looked_at(*towel(lambda t: 0.2 * (t > 0.78)))
+    assert np.abs(seen.lag[:7]).max() < 0.0045 and seen.lag[7:] == pytest.approx(0.12, abs=0.0025)
+    assert seen.corner > 0.1
+
+
+@pytest.mark.parametrize("motion", [turned(0.0, 0.02, -0.015), turned(5.0), turned(-4.0, -0.01, 0.02)])
+def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
+    """The picture before shows the cloth where it lay then."""
+    seen = looked_at(*towel(lambda t: 0.04 * t, motion=motion), motion=motion)
+    assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
+    assert seen.rise == pytest.approx(LAYER, abs=0.0004)
+
+
+@pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
+def test_whichever_way_a_fold_goes_its_edge_is_found(degrees):
+    """Line, prediction and cloth are turned together: towards the camera it is the same as away from it."""
+    R, t = turned(degrees)
+    after, before = towel(lambda u: 0.04 * u, motion=(R, t), before=(R, t))
+    flat = folded()
+    vertices = np.column_stack([flat.vertices[:, :2] @ R.T + t, flat.vertices[:, 2]])
+    shape = PredictedShape(vertices, flat.triangles, flat.material @ R.T + t)
+    step = replace(STEP, line=FoldLine(R @ LINE.point + t, R @ LINE.direction))
+    seen = moved_edge(after, before, shape, step, VIEW, np.eye(2), np.zeros(2))
+    assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
+
+
+@pytest.mark.parametrize("crease", [0.0, 0.012, 0.025])
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_the_crease_of_the_fold_itself_is_not_taken_for_layers(crease, lag):
+    """A moved part of 11 cm, of which 4 are the bulge of its crease."""
+    seen = looked_at(*towel(lag, reach=0.11, crease=crease), reach=0.11)
+    assert np.abs(seen.lag - lag).max() < 0.006 and seen.rise == pytest.approx(LAYER, abs=0.0005)
+
+
+@pytest.mark.parametrize("up", [0.006, 0.015, 0.04])
+def test_a_wrinkle_in_front_of_the_edge_is_not_the_edge(up):
+    """It has come with the fold, 10 mm wide, and is much higher than a layer: it is no more than that."""
+    after, before = towel(0.06)
+    y = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))[..., 1]
+    after[(after > 0.0) & (y > -0.29) & (y < -0.28)] += up
+    seen = looked_at(after, before)
+    assert np.abs(seen.lag - 0.06).max() < 0.006
+
+
+@pytest.mark.parametrize("layer", [0.0020, 0.0060, 0.0120])
+def test_an_edge_of_thick_cloth_is_found_as_well(layer):
+    """What stands as high as the rest of the stack is no loop of a crease, however high that is."""
+    seen = looked_at(*towel(0.03, layer=layer), layer=layer)
+    assert np.abs(seen.lag - 0.03).max() < 0.006 and seen.rise == pytest.approx(layer, abs=0.0005)
+
+
+def test_a_layer_thinner_than_a_millimetre_is_not_seen():
+    assert looked_at(*towel(layer=0.0007), layer=0.0007) is None
+    assert looked_at(*towel(layer=0.0014), layer=0.0014) is not None
+
+
+def test_a_short_edge_is_not_judged():
+    """Less than 8 cm between its rims of 1 cm, or a flap of a few vertices."""
+    assert looked_at(*towel(width=0.09), width=0.09) is None
+    assert looked_at(*towel(width=0.11), width=0.11) is not None
+    flat = folded()
+    few = PredictedShape(
+        flat.vertices, flat.triangles, np.where(flat.material > 0.29, 0.29, flat.material) - (0, 0.29)
+    )
+    assert moved_edge(*towel(), few, STEP, VIEW, np.eye(2), np.zeros(2)) is None
+
+
+T = (np.arange(9) + 0.5) / 9
+
+
+@pytest.mark.parametrize("sag", [-0.03, 0.0, 0.012, 0.05])
+@pytest.mark.parametrize("unseen", [(), (0,), (8,), (0, 4, 8), (1, 2, 5, 6)])
+def test_a_sag_is_the_half_sine_over_the_line_between_the_ends(sag, unseen):
+    """Whatever the ends lie behind, and whichever strips are not seen: up to four."""
+    lag = 0.02 - 0.03 * T + sag * np.sin(np.pi * T)
+    lag[list(unseen)] = np.nan
+    assert MovedEdge(lag, LAYER).sag == pytest.approx(sag, abs=1e-9)
+
+
+def test_of_fewer_than_five_strips_no_sag_is_told():
+    lag = np.zeros(9)
+    lag[[0, 2, 4, 6, 8]] = np.nan
+    edge = MovedEdge(lag, LAYER)
+    assert np.isnan(edge.sag) and not edge.wholly_seen
+
+
+@pytest.mark.parametrize("strip", range(1, 8))
+@pytest.mark.parametrize("wrong", [-0.024, 0.1])
+def test_one_strip_that_lies_is_no_sag(strip, wrong):
+    """Least squares would take a fifth of it for one."""
+    lag = 0.02 * np.sin(np.pi * T)
+    lag[strip] = wrong
+    assert MovedEdge(lag, LAYER).sag == pytest.approx(0.02, abs=0.009)
+
+
+def test_a_corner_is_told_by_the_worse_end_that_is_seen():
+    """The second strip counts where the first one is not seen; an end of which no third is seen says nothing."""
+    nan = np.nan
+    for lag, corner, whole in (
+        ([0.05, 0.04, 0, 0, 0, 0, 0, 0.02, 0.03], 0.04, True),
+        ([0.02, 0.03, 0, 0, 0, 0, 0, 0.05, 0.04], 0.04, True),
+        ([nan, 0.04, 0.03, 0, 0, 0, 0, 0, 0], 0.03, True),
+        ([nan, nan, 0.03, 0, 0, 0, 0, 0, 0], 0.03, True),
+        ([nan, nan, nan, 0, 0, 0, 0, 0.02, 0.03], 0.02, False),
+        ([0.02, 0.03, 0, 0, 0, 0, nan, nan, nan], 0.02, False),
+        ([0.05, 0.0, 0, 0, 0, 0, 0, 0, 0], 0.0, True),
+    ):  # fmt: skip
+        edge = MovedEdge(np.array(lag, dtype=float), LAYER)
+        assert edge.corner == pytest.approx(corner) and edge.wholly_seen is whole
+    assert np.isnan(MovedEdge(np.array([nan] * 3 + [0.0] * 3 + [nan] * 3), LAYER).corner)
+
+
+def test_when_nothing_rose_nothing_is_said():
+    """The picture before shows the fold already: there is no telling where its edge lies."""
+    _, after = heights(lambda t: 0.04 * np.sin(np.pi * t))
+    again = after + NOISE * np.random.default_rng(1).standard_normal(after.shape).astype(np.float32)
+    assert moved_edge(again, after, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2)) is None
+
+
+@pytest.mark.parametrize("short", [0.0, 0.05])
+def test_a_fold_that_is_predicted_to_fall_short_of_its_line_has_no_moved_edge(short):
+    """A fold of which nothing comes over the line is judged by its outline."""
+    flat = folded_mesh()
+    vertices = flat.vertices.copy()
+    vertices[:, 1] = np.where(flat.material[:, 1] > 0, np.maximum(flat.material[:, 1], short), flat.material[:, 1])
+    never = replace(flat, vertices=vertices)
+    before, after = heights(lambda t: 0.0 * t)
+    assert moved_edge(after, before, never, STEP, VIEW, np.eye(2), np.zeros(2)) is None
+
+
+def test_inspection_names_the_sag_that_no_silhouette_shows():
+    """Pictures: two layers, the upper one's edge some centimetres behind in its middle."""
+    whole = place([[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]], 0.6, 0.0, 0.0)
+    half = whole * (1.0, 0.5) - (0.0, 0.15)
+    lacking = [(x, -0.3 + r, 0.03, -0.5) for x in (0.52, 0.56, 0.60, 0.64, 0.68) for r in (0.0, 0.015)]
+    flat = Scene(seed=4, polygons=[whole], thickness=LAYER, wobble=0.0)
+    before, bare = render(flat), empty(flat)
+    good = replace(flat, polygons=[half], thickness=2 * LAYER)
+    bad = replace(good, bumps=[(x, y, s, k * LAYER) for x, y, s, k in lacking])
+    found = [
+        inspect(render(scene, sequence=1), camera(), TABLE, bare, folded_mesh(), STEP, previous=before).unwrap()
+        for scene in (good, bad)
+    ]
+    assert found[0].accepted and found[1].iou_aligned > 0.97
+    assert found[1].diagnosis is FailureKind.SAG and found[1].edge.sag > 0.015

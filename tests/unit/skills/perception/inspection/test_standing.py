@@ -1,0 +1,179 @@
+"""What stands above a flat stack is found where it stands, though the camera looks at it aslant."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from skills.perception.inspection.standing import EDGE, Standing, standing
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import PredictedShape
+from tests.scenes import TABLE, camera
+
+VIEW = TableView(camera(), TABLE)
+THICKNESS = 0.002
+LOW, HIGH = np.array([0.45, -0.25]), np.array([0.75, 0.25])
+
+
+def sheet(layers: int) -> PredictedShape:
+    """A rectangle of so many layers lying flat, vertices in the middle of the upper one."""
+    corners = np.array([[LOW[0], LOW[1]], [HIGH[0], LOW[1]], [HIGH[0], HIGH[1]], [LOW[0], HIGH[1]]])
+    z = np.full((4, 1), (layers - 0.5) * THICKNESS)
+    return PredictedShape(np.hstack([corners, z]), np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
+
+
+def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Height and mask of the stack with round bumps (x, y, height), 15 mm in radius, as the camera sees them."""
+    height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    on_table = VIEW.to_table(np.dstack([columns, rows]))
+    mask[:] = np.all((on_table > LOW) & (on_table < HIGH), axis=2)
+    height[mask] = layers * THICKNESS
+    for x, y, up in bumps:
+        top = np.array([x, y, layers * THICKNESS + up])
+        near = np.linalg.norm(on_table - VIEW.shadow_on_table(top), axis=2) < 0.015
+        height[near] = top[2]
+    return height, mask
+
+
+def looked_at(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> Standing:
+    return standing(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
+
+
+def found(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    seen = looked_at(height, mask, layers)
+    return seen.places, seen.above
+
+
+@pytest.mark.parametrize("place", [(0.52, -0.18), (0.60, 0.0), (0.68, 0.17)])
+@pytest.mark.parametrize("up", [0.012, 0.03])
+def test_a_bump_is_found_where_it_stands(place: tuple[float, float], up: float) -> None:
+    places, above = found(*seen([(*place, up)]))
+    top = above > 0.8 * up
+    assert np.allclose(places[top].mean(axis=0), place, atol=0.003)
+    assert above.max() == pytest.approx(up, abs=0.001)
+    assert np.linalg.norm(places - place, axis=1).max() < 0.035, "its foot is blurred"
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_what_lies_at_the_rim_does_not_count(width: int) -> None:
+    """The table's depth, or a hand's, and the cloth's are mixed there."""
+    height, mask = seen([(0.60, 0.0, 0.03)])
+    within = cv2.erode(mask.astype(np.uint8), np.ones((2 * width + 1, 2 * width + 1), np.uint8)) > 0
+    alone = len(found(height, mask)[0])
+    height[mask & ~within] = 0.05
+    places = found(height, mask)[0]
+    assert alone > 0 and np.linalg.norm(places - (0.60, 0.0), axis=1).max() < 0.035
+    height[within] = 4 * THICKNESS
+    assert len(found(height, mask)[0]) == 0
+
+
+def test_what_was_not_seen_does_not_count() -> None:
+    """Every other pixel of a bump is dark: of the mean over its neighbours nothing is told there."""
+    height, mask = seen([(0.60, 0.0, 0.03)])
+    whole = found(height, mask)[0]
+    height[::2, ::2] = height[1::2, 1::2] = np.nan
+    half = found(height, mask)[0]
+    assert len(half) == pytest.approx(0.5 * len(whole), rel=0.1)
+    assert len(found(np.full_like(height, np.nan), mask)[0]) == 0
+
+
+@pytest.mark.parametrize("hole", [5, 11, 31])
+def test_a_hole_in_the_depth_says_nothing_about_the_edges(hole: int) -> None:
+    """Cloth is there, as the mask says: it is taken to be as high as elsewhere, in the hole and around it."""
+    height, mask = seen([])
+    row, column = np.round(VIEW.to_pixel(np.array([0.60, 0.05]))).astype(int)[::-1]
+    height[row - hole // 2 : row + hole // 2 + 1, column - hole // 2 : column + hole // 2 + 1] = np.nan
+    inside = looked_at(height, mask).inside
+    assert inside(np.array([0.60, 0.0])) and inside(np.array([0.60, 0.05]))
+    assert not inside(np.array([0.60, 0.25 - EDGE + 0.005]))
+
+
+def test_only_what_is_more_than_the_plans_layers_counts() -> None:
+    for layers in (2, 4, 6):
+        assert len(found(*seen([], layers), layers)[0]) == 0
+    places, above = found(*seen([], 6), 2)
+    assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
+
+
+def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
+    """Cloth that lies where the plan has none is a matter of the outline: nobody knows how many layers it has."""
+    height, mask = seen([])
+    flat = sheet(4)
+    half = PredictedShape(flat.vertices * (1.0, 0.5, 1.0), flat.triangles, flat.material)
+    assert len(standing(height, mask, VIEW, half, THICKNESS, 0.007).places) == 0
+
+
+def test_what_is_clear_of_the_edges_lies_well_inside_them() -> None:
+    inside = looked_at(*seen([])).inside
+    near = 0.25 - EDGE
+    for place, clear in (
+        ((0.60, 0.0), True), ((0.60, near - 0.003), True), ((0.60, near + 0.005), False), ((0.44, 0.0), False),
+        ((9.0, 9.0), False), ((0.60, 9.0), False), ((0.60, -9.0), False), ((9.0, 0.0), False),
+        ((-9.0, 0.0), False),
+    ):  # fmt: skip
+        assert inside(np.array(place)) is clear
+
+
+@pytest.mark.parametrize("width", [0.6, 1.2])
+def test_nothing_lies_inside_the_edges_of_a_garment_beyond_the_view(width: float) -> None:
+    """Cloth covers all that the view shows: what is beside it is at no place of it."""
+    height = np.full(VIEW.shape, 4 * THICKNESS, np.float32)
+    inside = looked_at(height, np.ones(VIEW.shape, bool)).inside
+    (near, far), (right, left) = TABLE.x, TABLE.y
+    middle = np.array([0.5 * (near + far), 0.5 * (right + left)])
+    assert inside(middle)
+    for beyond in ((near - width, middle[1]), (far + width, middle[1]), (middle[0], right - width),
+                   (middle[0], left + width)):  # fmt: skip
+        assert inside(np.array(beyond)) is False
+
+
+def test_one_place_that_stands_high_does_not_move_the_edges_of_the_rest() -> None:
+    inside = looked_at(*seen([(0.55, 0.0, 0.15)])).inside
+    assert inside(np.array([HIGH[0] - EDGE - 0.006, 0.1]))
+    assert not inside(np.array([HIGH[0] - EDGE + 0.006, 0.1]))
+
+
+def test_where_cloth_stands_higher_than_usual_its_edge_is_where_it_is_and_not_where_it_appears() -> None:
+    """The far tenth of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
+    height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    for low, up in ((LOW[0], 4 * THICKNESS), (0.69, 0.040)):
+        there = VIEW.to_table(np.dstack([columns, rows]), up)
+        part = np.all((there > [low, LOW[1]]) & (there < HIGH), axis=2)
+        height[part], mask[part] = up, True
+    inside = looked_at(height, mask).inside
+    assert inside(np.array([HIGH[0] - EDGE - 0.006, 0.0]))
+    assert not inside(np.array([HIGH[0] - EDGE + 0.004, 0.0]))
+
+
+def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
+    """Of four layers the upper two end 20 mm before the lower two."""
+    height, mask = seen([])
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    y = VIEW.to_table(np.dstack([columns, rows]))[..., 1]
+    height[mask & (y > 0.23)] = 2 * THICKNESS
+    rng = np.random.default_rng(3)
+    inside = looked_at(height + rng.normal(0.0, 0.001, height.shape).astype(np.float32), mask).inside
+    assert inside(np.array([0.60, 0.23 - EDGE - 0.007])) and not inside(np.array([0.60, 0.23 - EDGE + 0.007]))
+    assert not inside(np.array([0.60, 0.24]))
+
+
+@pytest.mark.parametrize("x", [0.55, 0.9])
+@pytest.mark.parametrize("thickness", [0.010, 0.020, 0.030])
+def test_room_is_measured_where_the_cloth_is_and_not_where_it_appears(x: float, thickness: float) -> None:
+    """A thick layer whose far edge lies at x appears up to 23 mm further away than it is."""
+    low, high = np.array([x - 0.3, -0.25]), np.array([x, 0.25])
+    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    flat = np.column_stack([corners, np.full(4, 0.5 * thickness)])
+    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
+    there = VIEW.to_table(np.dstack([columns, rows]), thickness)
+    mask = np.all((there > low) & (there < high), axis=2)
+    shape = PredictedShape(flat, np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
+    inside = standing(np.where(mask, np.float32(thickness), 0.0), mask, VIEW, shape, thickness, 0.007).inside
+    for corner, inwards in ((low, 1.0), (high, -1.0)):
+        for axis in np.eye(2):
+            edge = np.where(axis > 0, corner, 0.5 * (low + high))
+            assert inside(edge + inwards * (EDGE + 0.006) * axis)
+            assert not inside(edge + inwards * (EDGE - 0.004) * axis)

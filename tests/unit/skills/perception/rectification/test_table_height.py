@@ -1,0 +1,52 @@
+"""The empty table's measured height, of which a part may be missing."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from skills.perception.perceive import height_above
+from skills.perception.rectification.table_height import table_height
+from skills.perception.rectification.table_view import RectifiedView
+
+SHAPE = (425, 600)
+ROWS, COLUMNS = np.mgrid[: SHAPE[0], : SHAPE[1]]
+BIAS, SLOPE = -0.004, 1e-6
+
+
+def biased() -> np.ndarray:
+    """A camera that sees the table 4 mm too low, and slightly aslant [m]."""
+    return (BIAS + SLOPE * (COLUMNS - 300)).astype(np.float32)
+
+
+def view(height: np.ndarray) -> RectifiedView:
+    return RectifiedView(np.zeros((*SHAPE, 3), np.uint8), height.astype(np.float32), np.ones(SHAPE, bool))
+
+
+@pytest.mark.parametrize("radius", [1, 4, 12, 40])
+def test_a_hole_in_the_empty_tables_depth_gives_nothing_a_height(radius: int) -> None:
+    empty = biased()
+    empty[np.hypot(ROWS - 200, COLUMNS - 260) < radius] = np.nan
+    assert np.abs(height_above(view(biased()), view(empty))).max() < 0.0001
+
+
+def test_single_pixels_without_depth_and_a_strip_beyond_the_picture_change_nothing() -> None:
+    empty = biased()
+    empty[np.random.default_rng(0).random(SHAPE) < 0.05] = np.nan
+    empty[:, :70] = np.nan
+    height = height_above(view(biased()), view(empty))
+    assert np.abs(height[:, 70:]).max() < 0.00002 and np.abs(height).max() < 0.0001
+
+
+def test_without_holes_the_table_is_its_blurred_measure_bit_for_bit() -> None:
+    empty = biased() + np.random.default_rng(1).normal(0.0, 0.0015, SHAPE).astype(np.float32)
+    coarse = cv2.GaussianBlur(cv2.resize(empty, (150, 106), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
+    assert np.array_equal(table_height(empty), cv2.resize(coarse, SHAPE[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+def test_of_a_table_without_any_depth_nothing_is_known() -> None:
+    nothing = np.full(SHAPE, np.nan, np.float32)
+    assert not table_height(nothing).any()
+    nothing[7, 9] = BIAS
+    assert np.allclose(table_height(nothing), BIAS, atol=1e-5)

@@ -1,0 +1,210 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skills.perception.registration.energy import EnergyWeights, resample_closed
+from skills.perception.registration.register import RegistrationSettings, register
+from skills.perception.template import Template, polygon_area, symmetries
+from tests.scenes import (
+    SHIRT_NAMES,
+    TOWEL,
+    TOWEL_NAMES,
+    TROUSERS_NAMES,
+    place,
+    shirt,
+    trousers,
+)
+
+TOWEL_TEMPLATE = Template("medium_towel", "towel", TOWEL_NAMES, TOWEL)
+TROUSERS = Template(
+    "pants",
+    "trousers",
+    (
+        "waist_left",
+        "crotch_side_left",
+        "hem_left_out",
+        "hem_left_in",
+        "crotch",
+        "hem_right_in",
+        "hem_right_out",
+        "waist_right",
+    ),
+    np.array(
+        [
+            [0.42, 0.19],
+            [0.14, 0.22],
+            [-0.5, 0.20],
+            [-0.5, 0.05],
+            [0.10, 0.0],
+            [-0.5, -0.05],
+            [-0.5, -0.20],
+            [0.42, -0.19],
+        ]
+    ),
+)
+
+
+def error(registration, names, truth):
+    return max(np.linalg.norm(registration.keypoints[n] - p) for n, p in zip(names, truth, strict=True))
+
+
+@settings(max_examples=12)
+@given(
+    st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.4, 1.4), st.floats(0.9, 1.1), st.floats(0.93, 1.07)
+)
+def test_a_towel_is_found_at_any_place_turn_and_size(x, y, angle, size, aspect):
+    truth = place(TOWEL * (size * aspect, size), x, y, angle)
+    found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
+    assert error(found, TOWEL_NAMES, truth) < 0.002
+
+
+def test_the_labelling_nearest_to_the_orientation_as_laid_is_chosen():
+    """Turned by 100 degrees, a towel looks as if turned by -80: the smaller turn names the corners."""
+    truth = place(TOWEL, 0.0, 0.0, np.deg2rad(100))
+    found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
+    swapped = np.roll(truth, 2, axis=0)
+    assert error(found, TOWEL_NAMES, swapped) < 0.002
+    assert found.angle == pytest.approx(np.deg2rad(-80), abs=0.02)
+    assert found.ambiguous == ("rotated_180", "mirrored")
+
+
+def test_trousers_upside_down_are_not_ambiguous():
+    for angle in (0.2, np.pi + 0.2):
+        truth = place(TROUSERS.template, 0.0, 0.0, angle)
+        found = register(resample_closed(truth, 0.002), TROUSERS)
+        assert error(found, TROUSERS.keypoints, truth) < 0.01
+        assert found.ambiguous == ("mirrored",)
+
+
+def test_a_clockwise_template_keeps_its_names():
+    clockwise = Template("towel", "towel", TOWEL_NAMES[::-1], TOWEL[::-1])
+    assert polygon_area(clockwise.template) < 0
+    found = register(resample_closed(TOWEL, 0.002), clockwise)
+    assert error(found, TOWEL_NAMES, TOWEL) < 0.002
+    assert tuple(found.keypoints) == clockwise.keypoints
+    assert polygon_area(found.contour) > 0
+
+
+def rounded_towel(radius):
+    """A boundary with round corners, and the middles of its arcs: where such a corner's tip is."""
+    from shapely import Polygon
+
+    outline = np.array(Polygon(TOWEL).buffer(-radius).buffer(radius).exterior.coords)[:-1]
+    tips = TOWEL - np.sign(TOWEL) * radius * (1.0 - np.sqrt(0.5))
+    return resample_closed(outline, 0.002), tips
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.008, 0.02])
+def test_a_round_corner_is_where_its_tip_is(radius):
+    """To a few millimetres: a picture's smoothing, which this boundary has not seen, is allowed for."""
+    points, tips = rounded_towel(radius)
+    points = points + 0.0005 * np.random.default_rng(0).standard_normal(points.shape)
+    assert error(register(points, TOWEL_TEMPLATE), TOWEL_NAMES, tips) < 0.0035
+
+
+def test_snapping_finds_the_tip_of_a_well_rounded_corner():
+    points, tips = rounded_towel(0.04)
+    lagging = register(points, TOWEL_TEMPLATE, RegistrationSettings(corners=None))
+    snapped = register(points, TOWEL_TEMPLATE)
+    assert error(snapped, TOWEL_NAMES, tips) < 0.5 * error(lagging, TOWEL_NAMES, tips)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.03, -0.02])
+def test_a_crotch_is_found_though_the_table_near_it_is_too_narrow_to_see(spread):
+    """The boundary ends 25 mm short of the crotch, where the legs are 3 mm apart."""
+    truth = trousers(spread, spread)
+    crotch = TROUSERS_NAMES.index("crotch")
+    inner = [truth[crotch - 1], truth[crotch + 1]]
+    apart = [truth[crotch] + 0.025 * (p - truth[crotch]) / np.linalg.norm(p - truth[crotch]) for p in inner]
+    seen = np.vstack([truth[:crotch], apart, truth[crotch + 1 :]])
+    template = Template("pants", "pants", TROUSERS_NAMES, trousers())
+    found = register(resample_closed(seen, 0.002), template)
+    assert np.linalg.norm(found.keypoints["crotch"] - truth[crotch]) < 0.010
+
+
+@pytest.mark.parametrize(
+    ("make", "names", "swings"),
+    [(shirt, SHIRT_NAMES, (-0.3, 0.3)), (trousers, TROUSERS_NAMES, (0.03, 0.10))],
+    ids=["shirt", "trousers"],
+)
+def test_limbs_may_swing(make, names, swings):
+    """Sleeves and legs turned by up to 17 degrees: nearly every key point within 1 cm of where it is."""
+    template = Template(make.__name__, make.__name__, names, make())
+    errors = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        truth = place(make(*rng.uniform(*swings, 2)), 0.6, 0.0, rng.uniform(-0.3, 0.3))
+        found = register(resample_closed(truth, 0.002), template)
+        errors += [np.linalg.norm(found.keypoints[n] - p) for n, p in zip(names, truth, strict=True)]
+        assert found.ambiguous == ("mirrored",)
+    assert np.median(errors) < 0.003 and np.quantile(errors, 0.95) < 0.010 and max(errors) < 0.03
+
+
+def test_the_energy_falls_from_update_to_update():
+    truth = place(TROUSERS.template * (1.05, 0.95), 0.02, 0.03, 0.4)
+    history = register(resample_closed(truth, 0.002), TROUSERS).history
+    assert all(b <= a * 1.0001 for a, b in pairwise(history[:-1]))
+    assert history[-1] < 0.05 * history[0]
+
+
+def test_the_papers_energy_alone_also_fits_a_towel():
+    truth = place(TOWEL * 1.04, 0.02, -0.03, 0.25)
+    one_way = RegistrationSettings(weights=replace(EnergyWeights(), cover=0.0), corners=None)
+    assert error(register(resample_closed(truth, 0.002), TOWEL_TEMPLATE, one_way), TOWEL_NAMES, truth) < 0.012
+
+
+def test_symmetries_of_silhouettes():
+    square = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
+    assert symmetries(square) == ("rotated_90", "rotated_180", "mirrored")
+    parallelogram = np.array([[1.5, 1], [-0.5, 1], [-1.5, -1], [0.5, -1.0]])
+    assert symmetries(parallelogram) == ("rotated_180",)
+    assert symmetries(TROUSERS.template) == ("mirrored",)
+    assert symmetries(np.array([[0, 0], [3, 0], [1.0, 1.2]])) == ()
+
+
+SQUARE = np.array([[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]])
+
+
+@pytest.mark.parametrize(
+    ("polygon", "names"),
+    [
+        (SQUARE, ("rotated_90", "rotated_180", "mirrored")),
+        (SQUARE * (1.0, 1.5), ("rotated_180", "mirrored")),
+        (SQUARE + np.outer(SQUARE[:, 1], (0.4, 0.0)), ("rotated_180",)),
+        (shirt(), ("mirrored",)),
+        (shirt(left=0.6), ()),
+    ],
+    ids=["square", "towel", "leaning", "shirt", "shirt with one sleeve down"],
+)
+def test_a_silhouettes_symmetries_do_not_depend_on_how_it_is_turned(polygon, names):
+    for angle in np.deg2rad(np.arange(0, 180, 5)):
+        assert symmetries(place(polygon, 0.3, 0.1, angle)) == names
+
+
+@pytest.mark.parametrize(
+    ("polygon", "names"),
+    [(TOWEL[:2], ("a", "b")), (TOWEL, ("a", "b")), (np.zeros((4, 2)), TOWEL_NAMES)],
+)
+def test_a_template_that_is_no_polygon_is_refused(polygon, names):
+    with pytest.raises(ValueError):
+        Template("x", "x", names, polygon)
+
+
+def test_a_corner_set_along_an_edge_is_told():
+    """The outline of a towel that has lost a corner, under a template that has all four."""
+    whole = register(resample_closed(TOWEL, 0.002), TOWEL_TEMPLATE)
+    assert whole.least_turn > 0.8
+    cut = np.array([TOWEL[0], TOWEL[1], TOWEL[2], TOWEL[3] + (-0.25, 0.0), TOWEL[3] + (0.0, 0.35)])
+    assert register(resample_closed(cut, 0.002), TOWEL_TEMPLATE).least_turn < 0.7
+
+
+def test_the_stages_lead_from_the_template_to_the_fit():
+    truth = place(shirt(0.2, -0.1), 0.6, 0.0, 0.1)
+    found = register(resample_closed(truth, 0.002), Template("shirt", "shirt", SHIRT_NAMES, shirt()))
+    assert len(found.stages) == len(found.history)
+    off = [np.mean([np.linalg.norm(stage - p, axis=1).min() for p in truth]) for stage in found.stages]
+    assert off[-1] < 0.5 * off[0]
