@@ -261,8 +261,8 @@ class Tactile(Protocol):
 
 class Camera(Protocol):
     def capture(self) -> CameraFrame:
-        """Take a still picture now, its depth the mean of some exposures (robots/depth_averaging.py): what is looked at
-        has to lie still. Raises DriverError(CAMERA_FAULT) when the camera does not answer."""
+        """Take a still picture now, its depth the mean of some exposures (robots/depth_averaging.py): what is
+        looked at has to lie still. Raises DriverError(CAMERA_FAULT) when the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:
         """A picture for show, without waiting: None where there is none yet, and then one is asked for. What a

@@ -1,8 +1,8 @@
 """MuJoCo's flex as an independent cloth: the optional extra `peers`, never needed at run time.
 
-The very body that is the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads and
-materials. How fine its steps and how stiff its contacts must be is taken from its own refinement, without a look
-at our result: both are halved until the end of the fold stops changing.
+The very body that is the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads
+and materials. How fine its steps and how stiff its contacts must be is taken from its own refinement, without a
+look at our result: both are halved until the end of the fold stops changing.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from cell.hardware.workcell import Workcell
 from cell.operator.progress.compiling import compiling_told
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal
-from cell.recording.journal import RunJournal, to_json
+from cell.recording.journal import RunJournal
 from cell.recording.rerun import Recorder
 from cell.runs.ownership import begun_run, owned_cell
 from cell.simulation import SimulationSettings, Truth, truth
@@ -35,6 +35,7 @@ from cell.states.commands import CommandQueue
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
 from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
 from cell.support.process.interrupts import Interrupts
 from cell.support.process.terminations import BY_SIGNAL
 from robots.errors import (

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 from transitions import Machine, MachineError
 
+from cell.states.observers import Step
 from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
 from robots.errors import InternalError
 
-__all__ = ["Executive", "Step", "complete_table"]
+__all__ = ["Executive", "complete_table"]
 
 _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
@@ -38,16 +39,6 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
         if s is not State.PAUSED:
             added.append(Row(s, Event.PAUSE, State.PAUSED, Effect.WAIT))
     return (*rows, *added)
-
-
-@dataclass(frozen=True)
-class Step:
-    """One turn of the machine."""
-
-    source: State
-    event: Event
-    target: State
-    effect: Effect
 
 
 @dataclass

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 from cell.control.streaming import stopped
-from cell.executive.machine import Executive, Step
+from cell.executive.machine import Executive
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import RunJournal
 from cell.states.commands import ABORTED, ANSWERS, CommandQueue
 from cell.states.context import Context, Result
-from cell.states.observers import FAILING
+from cell.states.observers import FAILING, Observer, Step
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
-__all__ = ["EffectFunction", "Observer", "RunEnd", "Runner"]
+__all__ = ["EffectFunction", "Runner"]
 
 EffectFunction = Callable[[Workcell, Context], Result]
 
@@ -34,26 +34,6 @@ _FAILING = FAILING | {Event.GIVE_UP}
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
 """Only what is said after they were shown answers them: a key pressed twice does not approve the next fold."""
-
-
-class Observer(Protocol):
-    """Is told what happens. Must return at once and never raise."""
-
-    def entered(self, t: float, step: Step) -> None: ...
-
-    def performed(self, t: float, step: Step, result: Result) -> None: ...
-
-
-@dataclass(frozen=True, eq=False)
-class RunEnd:
-    """Where a run ended, with what was believed then."""
-
-    state: State
-    context: Context
-    started: float
-    ended: float
-    stage_times: Mapping[str, float]
-    """Cell time spent in each state [s]."""
 
 
 class Runner:

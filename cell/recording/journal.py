@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import sqlite3
 import threading
@@ -18,12 +17,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import Enum
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from cell.support.files.paths import new_folder
+from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock, is_held
 from robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
@@ -367,36 +366,6 @@ class RunJournal:
             elif answers is not None:
                 del self._open_intents[answers]
         return sequence
-
-
-def to_json(value: Any) -> Any:
-    """`value` as what JSON can hold: frozen values as mappings, arrays as lists, enums as their value; a
-    number that is not finite becomes null; what has no such form is named by its type. Never raises: a run does
-    not end because of what it wanted to note."""
-    if value is None or (isinstance(value, bool | str) and not isinstance(value, Enum)):
-        return value
-    if isinstance(value, Enum):
-        return to_json(value.value)
-    if isinstance(value, int):
-        return int(value)
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {_key(k): to_json(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        items = sorted(value, key=str) if isinstance(value, set | frozenset) else value
-        return [to_json(v) for v in items]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if hasattr(value, "tolist"):  # numpy's scalars and arrays
-        return to_json(value.tolist())
-    if isinstance(value, Path):
-        return str(value)
-    return f"<{type(value).__name__}>"
-
-
-def _key(key: Any) -> str:
-    return str(key.value) if isinstance(key, Enum) else str(key)
 
 
 def _dumps(value: Mapping[str, Any]) -> str:

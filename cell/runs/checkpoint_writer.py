@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
+from cell.recording.checkpoint.run_checkpoint import BELIEF, read_belief, write_belief
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import Journal
 from cell.runs.request_file import load_request
-from cell.runs.resumable import BELIEF, check_resumable, last_begun
+from cell.runs.resumable import check_resumable, last_begun
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
 from cell.states.transition_table import REENTRIES, Event, State

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from cell.executive.effects import EFFECTS
-from cell.executive.machine import Step
-from cell.executive.runner import Observer, RunEnd, Runner
+from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import Entry, Journal, RunRecord
@@ -33,6 +32,8 @@ from cell.runs.run_inputs import first_belief, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.context import Context, Result
 from cell.states.fold_request import FoldRequest
+from cell.states.observers import Observer, Step
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import ledger_path
 from robots.errors import ConfigurationError, FailureKind, StorageError

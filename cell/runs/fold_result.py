@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.executive.runner import RunEnd
 from cell.hardware.driver import is_simulated
 from cell.states.context import Context, StepNote
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_end import RunEnd
 from cell.states.step_notes import notes_by_step
 from cell.states.transition_table import State
 from robots.errors import Failure

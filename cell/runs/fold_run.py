@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.executive.effects import EFFECTS
-from cell.executive.runner import Observer, RunEnd, Runner
+from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.driver import PersonAt, check_cell, is_simulated, opened_cell
 from cell.operator.console.board import Board
@@ -31,7 +31,9 @@ from cell.operator.progress.lines import ProgressLines
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
 from cell.recording.journal import RunJournal
+from cell.recording.report.remarks import Remark, Remarks
 from cell.recording.rerun import Recorder
+from cell.recording.rerun.observer import RecorderObserver
 from cell.recording.transcript.port_recorder import Stenographer
 from cell.runs.checkpoint_writer import Interrupted, Keeper
 from cell.runs.fold_result import fold_result, told
@@ -43,7 +45,8 @@ from cell.simulation import SimulationSettings, checkpoint, restore
 from cell.states.commands import CommandQueue
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest, FoldResult
-from cell.states.observers import RecorderObserver, Remark, Remarks
+from cell.states.observers import Observer
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.whole_file import write_whole
 from cell.support.process.interrupts import Interrupts

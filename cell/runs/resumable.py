@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from cell.hardware.driver import is_simulated
+from cell.recording.checkpoint.run_checkpoint import has_belief
 from cell.recording.journal import Journal
 from robots.errors import ConfigurationError
 
-__all__ = ["BELIEF", "CONTEXT", "RESUMED_FROM", "check_resumable", "has_belief", "last_begun", "resumable"]
+__all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]
 
 RESUMED_FROM = "resumed_from"
 """The event in the ledger of a run that goes on with another one."""
-BELIEF, CONTEXT = "belief", "context"
-"""Folder and file, in a run's folder, of what the run believed (cell/recording/checkpoint/run_checkpoint.py)."""
 CALIBRATION = "calibrate-"
 """How the ledger's garment of a calibration begins."""
-
-
-def has_belief(run: Path) -> bool:
-    """Whether the run with this folder has put down what it believed."""
-    return (run / BELIEF / CONTEXT).is_file()
 
 
 def resumable(journal: Journal, name: str) -> bool:

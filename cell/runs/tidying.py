@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from cell.recording.checkpoint.run_checkpoint import BELIEF, has_belief
 from cell.recording.frame_store import FRAMES
 from cell.recording.journal import Journal, RunRecord
 from cell.runs.checkpoint_writer import WORLD
-from cell.runs.resumable import BELIEF, has_belief, resumable
+from cell.runs.resumable import resumable
 from cell.runs.run_inputs import BEGAN_WITH
 from cell.support.files.paths import LEDGER
 from robots.errors import StorageError

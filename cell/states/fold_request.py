@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.config.cell_settings import CellSettings
-from cell.recording.journal import to_json
+from cell.support.json_values import to_json
 from cell.support.process.terminations import BY_SIGNAL
 
 __all__ = ["EXIT_CODES", "FoldRequest", "FoldResult"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
+from cell.recording.checkpoint.run_checkpoint import has_belief
 from cell.recording.report.recording_losses import recording_losses
-from cell.runs.resumable import has_belief
 from cell.subcommands.output import print_json
 from cell.support.files.paths import command_for, logs_directory, prepare_logs
 

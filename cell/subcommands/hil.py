@@ -15,10 +15,10 @@ from cell.campaigns.hil.performing import Performance, check_script, perform_scr
 from cell.campaigns.hil.script import Script, read_script
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.driver import is_simulated
-from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, progress_stream
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock
 from cell.support.process.terminations import BY_SIGNAL, Terminated
 from robots.errors import ConfigurationError

@@ -15,9 +15,9 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
 from cell.operator.progress.compiling import compiling_told
-from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, progress_stream
 from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment

@@ -12,7 +12,7 @@ __all__ = ["print_json", "print_table", "progress_stream"]
 
 def print_json(value: Mapping[str, Any]) -> None:
     """One object on one line, the last of standard output; in ASCII, which every stream can hold."""
-    from cell.recording.journal import to_json
+    from cell.support.json_values import to_json
 
     print(json.dumps(to_json(value), allow_nan=False), flush=True)
 

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from cell.recording.checkpoint.run_checkpoint import has_belief
 from cell.recording.journal import Journal, RunRecord
-from cell.runs.resumable import has_belief
 from cell.subcommands.output import print_json, print_table
 from cell.support.files.paths import command_for, ledger_path, logs_directory
 

@@ -15,10 +15,10 @@ from cell.campaigns.trials import GarmentFigures, Trial, run_trials, tabulate
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.library.library_file import user_library_path
-from cell.recording.journal import to_json
 from cell.subcommands.output import print_json, print_table, progress_stream
 from cell.support.files.paths import campaign_folder, logs_directory, new_folder, prepare_logs
 from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
 from cell.support.process.workers import worker_pool
 from robots.errors import StorageError
 

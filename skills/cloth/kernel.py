@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from skills.cloth.broad_phase.pairs import needs_search, search
 from skills.cloth.contact.capsules import near_capsules, push_by_capsules
 from skills.cloth.contact.contact_order import group_contacts, take_turns
 from skills.cloth.contact.contacts import (
@@ -38,7 +39,6 @@ from skills.cloth.contact.contacts import (
     solve_contacts,
 )
 from skills.cloth.contact.edge_edge import narrow_edge_edge
-from skills.cloth.contact.pairs import needs_search, search
 from skills.cloth.contact.table import find_low, press_on_table
 from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
 from skills.cloth.elasticity import (
@@ -74,10 +74,12 @@ from skills.cloth.state import (
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (
-    "capsules.py", "contact.py", "contact_order.py", "corners.py", "crossings.py", "edge_edge.py", "eights.py",
-    "elastic.py", "fours.py", "hold.py", "integrate.py", "kernel.py", "lanes.py", "pairs.py", "patch_bounds.py",
-    "patch_search.py", "patches.py", "registers.py", "ridges.py", "sleep.py", "state.py", "table.py",
-    "untangle.py", "vectors.py", "vertex_sides.py", "vertex_triangle.py", "whole_numbers.py",
+    "broad_phase/pairs.py", "broad_phase/patch_bounds.py", "broad_phase/patch_search.py", "contact/capsules.py",
+    "contact/contact_order.py", "contact/contacts.py", "contact/corners.py", "contact/edge_edge.py",
+    "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py", "contact/vertex_triangle.py",
+    "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py", "intersections/resolve.py",
+    "kernel.py", "patches.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
+    "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""
 

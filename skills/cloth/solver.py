@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
 from skills.cloth import kernel
+from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
-from skills.cloth.contact.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.ridges import flat_cosine
 from skills.cloth.elasticity import (
     build_elastic,

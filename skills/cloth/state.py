@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.cloth.broad_phase.patches import Patches
 from skills.cloth.elasticity import Rub
+from skills.cloth.patches import Patches
 from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
 

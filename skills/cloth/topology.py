@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.cloth.broad_phase.patches import Patches, build_patches
 from skills.cloth.elasticity import in_waves, shuffled
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.patches import Patches, build_patches
 from skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]

@@ -15,7 +15,6 @@ import pytest
 import yaml
 
 from cell.cli import main
-from cell.executive.machine import Step
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord
 from cell.recording.transcript.replay_ports import Halt
@@ -24,6 +23,7 @@ from cell.recording.transcript.transcript_codec import Channel, Exchange, Pictur
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
 from cell.states.commands import CommandQueue
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen

@@ -17,11 +17,10 @@ import numpy as np
 
 from cell.campaigns.hil.clock import PunctualClock
 from cell.campaigns.hil.script import Action, Script
-from cell.executive.machine import Step
 from cell.simulation import Fault, inject, truth
 from cell.states.commands import CommandQueue, Said
 from cell.states.context import Result
-from cell.states.observers import FAILING
+from cell.states.observers import FAILING, Step
 from cell.states.transition_table import TERMINAL, Event, State
 from robots.errors import FailureKind
 from robots.ports import Array, Ports

@@ -12,11 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.executive.machine import Step, complete_table
-from cell.runs.resumable import has_belief
+from cell.executive.machine import complete_table
+from cell.recording.checkpoint.run_checkpoint import has_belief
+from cell.recording.report.remarks import Remarks
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
 from cell.states.context import Context, Result
-from cell.states.observers import Remarks
+from cell.states.observers import Step
 from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
 from robots.errors import Failure

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TextIO
 
-from cell.executive.machine import Step
 from cell.operator.progress.bar import ProgressBar
 from cell.states.context import Result
-from cell.states.observers import FAILING
+from cell.states.observers import FAILING, Step
 from cell.states.transition_table import State
 
 __all__ = ["ProgressLines"]

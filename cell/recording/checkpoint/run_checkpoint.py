@@ -22,14 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.recording.frame_store import FrameStore
-from cell.runs.resumable import CONTEXT
 from cell.states.context import Context, StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
 from skills.perception.inspection.result import Inspection
 
-__all__ = ["read_belief", "write_belief"]
+__all__ = ["BELIEF", "has_belief", "read_belief", "write_belief"]
+
+BELIEF, CONTEXT = "belief", "context"
+"""Folder and file, in a run's folder, of what the run believed."""
 
 SCHEMA = 2
 LARGE = 2**16
@@ -45,6 +47,11 @@ _ARRAYS = frozenset(
     }
 )
 """What numpy's arrays are made of in a pickle."""
+
+
+def has_belief(run: Path) -> bool:
+    """Whether the run with this folder has put down what it believed."""
+    return (run / BELIEF / CONTEXT).is_file()
 
 
 def write_belief(folder: Path, context: Context, frames: FrameStore) -> None:

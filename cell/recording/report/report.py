@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.executive.runner import RunEnd
 from cell.recording.report.figures import KeyFrame, fold_strip, join, outline
 from cell.recording.report.height_map import height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.recording_losses import recording_losses
+from cell.recording.report.remarks import Remark
 from cell.states.context import StepNote
 from cell.states.fold_request import FoldRequest, FoldResult
-from cell.states.observers import Remark
+from cell.states.run_end import RunEnd
 from cell.states.step_notes import notes_by_step
 from robots.ports import Array, Side
 from skills.vocabulary import GraspTrajectory

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.journal import to_json
 from cell.states.transition_table import Event
+from cell.support.json_values import to_json
 from robots.errors import DriverError, FailureKind
 from robots.ports import (
     BoardPlace,

@@ -44,7 +44,7 @@ class Renderer:
 
     def _start(self) -> None:
         ours, theirs = Pipe()
-        root = str(Path(__file__).resolve().parents[2])
+        root = str(Path(__file__).resolve().parents[3])
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "cell.simulation.camera.render_server", str(theirs.fileno())],

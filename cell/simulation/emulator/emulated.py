@@ -37,7 +37,7 @@ __all__ = ["emulated_cell"]
 START_S = 60.0
 ANSWER_S = 120.0
 """On the wall: a person lays a garment, and it comes to rest."""
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 _master: subprocess.Popen[bytes] | None = None
 _starting = threading.Lock()

@@ -55,7 +55,7 @@ def command_for(words: str, logs: Path) -> str:
 
 def repository_root() -> Path | None:
     """The checkout that this program runs from; None when it is installed as a package."""
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     checkout = (root / "pyproject.toml").is_file() and (root / "logs" / "README.md").is_file()
     return root if checkout else None
 

@@ -24,8 +24,8 @@ class Terminated(KeyboardInterrupt):
 @contextmanager
 def unwinding() -> Iterator[None]:
     """Within it these signals raise Terminated, the first of each kind; a second one kills. A signal that is
-    ignored (nohup) stays so. While a cell is open they are its own (cell/support/process/interrupts.py). Off the main
-    thread it does nothing."""
+    ignored (nohup) stays so. While a cell is open they are its own (cell/support/process/interrupts.py). Off the
+    main thread it does nothing."""
 
     def end(number: int, _: Any) -> None:
         signal.signal(number, signal.SIG_DFL)

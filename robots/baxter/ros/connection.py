@@ -8,13 +8,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from robots.baxter.ros.latest_message import Hearing
 from robots.baxter.ros.node import Node, master_address, open_node
 from robots.baxter.ros.ports.arms import RosArms
 from robots.baxter.ros.ports.camera import RosCamera
 from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
 from robots.baxter.ros.ports.gripper import RosGripper
 from robots.baxter.ros.ports.head import RosHead
+from robots.baxter.ros.ports.latest_message import Hearing
 from robots.baxter.ros.ports.stop import RosStop
 from robots.baxter.ros.ports.tactile import RosTactile
 from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics, joint_command

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numba import int32, njit
 
-from skills.cloth.broad_phase.patches import FAR
 from skills.cloth.contact.ridges import find_ridges
+from skills.cloth.patches import FAR
 from skills.cloth.simd.f32x16 import (
     LANES,
     all_lanes,

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numba import int32, njit
 
-from skills.cloth.broad_phase.patches import FAR, LEAF
 from skills.cloth.contact.contacts import RELEASE, edge_distance
+from skills.cloth.patches import FAR, LEAF
 from skills.cloth.simd.f32x16 import (
     LANES,
     all_lanes,

@@ -21,9 +21,9 @@ from skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, pla
 from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.posture_search import Choice, rank_postures
 from skills.motion.moves.retreat import RETREAT_HEIGHT
+from skills.motion.moves.suggestions import with_helpful_shift
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.inputs import senseless_paths, senseless_state
-from skills.motion.validation.suggestions import with_helpful_shift
 from skills.vocabulary import FoldStep, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]

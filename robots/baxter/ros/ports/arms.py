@@ -9,10 +9,10 @@ import numpy as np
 
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
-from robots.baxter.ros.latest_message import Hearing
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.ports.latest_message import Hearing
 from robots.baxter.ros.ports.stop import RosStop
 from robots.baxter.ros.topics import (
     ENABLE,

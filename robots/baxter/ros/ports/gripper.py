@@ -26,10 +26,10 @@ from robots.baxter.ros.electric_gripper import (
     HARDWARE_ID,
     RESET,
 )
-from robots.baxter.ros.latest_message import Hearing
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.ports.latest_message import Hearing
 from robots.baxter.ros.topics import gripper_command, gripper_state
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side

@@ -13,10 +13,10 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.ros.latest_message import Hearing
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
+from robots.baxter.ros.ports.latest_message import Hearing
 from robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
 from robots.errors import DriverError, FailureKind
 from robots.ports import StopState

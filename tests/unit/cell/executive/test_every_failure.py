@@ -10,10 +10,11 @@ import pytest
 
 from cell.executive.effects.deciding import choose_next
 from cell.executive.machine import complete_table
-from cell.executive.runner import RunEnd, Runner
+from cell.executive.runner import Runner
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context, Result
 from cell.states.recovery_table import RECOVERIES
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
 from robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
 from tests.fakes import FakeCell

@@ -13,11 +13,12 @@ import pytest
 
 from cell.executive.effects.deciding import ask_approval, ask_operator, choose_next, pause
 from cell.executive.effects.inspecting import next_step
-from cell.executive.machine import Step
-from cell.executive.runner import EffectFunction, RunEnd, Runner
+from cell.executive.runner import EffectFunction, Runner
 from cell.recording.journal import Journal, RunJournal
+from cell.recording.report.remarks import Remarks
 from cell.states.context import Context, Result
-from cell.states.observers import Remarks
+from cell.states.observers import Step
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from robots.ports import Side

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from cell.executive.machine import Step
 from cell.operator.console.board import Board
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.states.commands import CommandQueue
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, FailureKind
 from robots.ports import BoardPlace

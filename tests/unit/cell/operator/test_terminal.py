@@ -5,11 +5,11 @@ import os
 import re
 from contextlib import suppress
 
-from cell.executive.machine import Step
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.terminal.keys import KEYS, TerminalOperator
 from cell.states.commands import OPERATOR_EVENTS, CommandQueue
 from cell.states.context import Context, Result
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 

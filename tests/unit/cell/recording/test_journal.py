@@ -18,7 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cell.recording import journal as journal_module
-from cell.recording.journal import Journal, RunJournal, to_json
+from cell.recording.journal import Journal, RunJournal
+from cell.support.json_values import to_json
 from robots.errors import ConfigurationError, FailureKind, InternalError, StorageError
 from robots.ports import Side
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cell.executive.machine import Step
+from cell.recording.report.remarks import Remark, Remarks
 from cell.states.context import Context, Result
-from cell.states.observers import Remark, Remarks
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 

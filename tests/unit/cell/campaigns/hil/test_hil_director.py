@@ -15,10 +15,10 @@ from cell.campaigns.hil.clock import PunctualClock
 from cell.campaigns.hil.director import Director
 from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
-from cell.executive.machine import Step
 from cell.states.commands import CommandQueue
 from cell.states.context import Context, Result
 from cell.states.fold_request import FoldResult
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports

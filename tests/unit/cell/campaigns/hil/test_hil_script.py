@@ -16,7 +16,7 @@ from cell.states.transition_table import Event, State
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Side
 
-SHIPPED = sorted((Path(__file__).parents[3] / "hil").glob("*.yaml"))
+SHIPPED = sorted((Path(__file__).parents[4] / "hil").glob("*.yaml"))
 GOOD: dict[str, Any] = {"about": "a test", "garment": "small_towel", "expect": {"end": "folded"}}
 
 

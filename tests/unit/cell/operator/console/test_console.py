@@ -16,11 +16,11 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from cell.executive.machine import Step
 from cell.operator.console.board import Board
 from cell.operator.console.server import open_listener, operators_page
 from cell.states.commands import CommandQueue
 from cell.states.context import Context, Result
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind, StorageError
 from tests.fakes import FakeCell

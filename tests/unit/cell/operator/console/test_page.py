@@ -16,9 +16,9 @@ from threading import Thread
 
 import pytest
 
-from cell.executive.machine import Step
 from cell.operator.console.board import Board
 from cell.operator.console.server import PAGE
+from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 

@@ -17,7 +17,6 @@ from shapely.geometry import Polygon
 from synthetic_report import run_record
 
 from cell.config.cell_settings import load_settings
-from cell.executive.runner import RunEnd
 from cell.recording.report.figures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join, outline
 from cell.recording.report.page import (
     Picture,
@@ -35,6 +34,7 @@ from cell.recording.report.report import _held_during
 from cell.recording.report.report import report as report_of
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_end import RunEnd
 from cell.states.transition_table import State
 from robots.errors import StorageError
 from robots.ports import Side

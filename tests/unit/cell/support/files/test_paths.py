@@ -20,12 +20,13 @@ def test_the_option_wins_over_the_environment(tmp_path: Path) -> None:
 
 def test_a_checkout_keeps_its_logs_in_itself() -> None:
     root = repository_root()
-    assert root is not None and (root / "cell" / "files" / "paths.py").is_file()
+    assert root is not None and (root / "cell" / "support" / "files" / "paths.py").is_file()
     assert logs_directory(None, {}) == root / "logs"
 
 
 def test_an_installed_package_uses_the_users_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paths, "__file__", str(tmp_path / "site-packages" / "cell" / "files" / "paths.py"))
+    installed = tmp_path / "site-packages" / "cell" / "support" / "files" / "paths.py"
+    monkeypatch.setattr(paths, "__file__", str(installed))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     assert repository_root() is None
     assert logs_directory(None, {}) == tmp_path / "data" / "foldcell" / "logs"

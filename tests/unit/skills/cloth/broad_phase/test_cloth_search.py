@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
+from skills.cloth.broad_phase.pairs import _expire
 from skills.cloth.broad_phase.patch_bounds import fit_patches, fit_ridges
 from skills.cloth.broad_phase.patch_search import search_pairs
-from skills.cloth.broad_phase.patches import build_patches
 from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
-from skills.cloth.contact.pairs import HORIZON as PHASES_FORESEEN
-from skills.cloth.contact.pairs import _expire
 from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.elasticity import turns
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.patches import build_patches
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation

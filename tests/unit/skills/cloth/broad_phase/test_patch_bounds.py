@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from skills.cloth.broad_phase.patch_bounds import fit_patches
-from skills.cloth.broad_phase.patches import LEAF, _of_few_corners
 from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.patches import LEAF, _of_few_corners
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.state import new_pairs, new_state
 from skills.cloth.topology import topology_of

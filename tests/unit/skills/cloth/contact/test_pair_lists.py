@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from skills.cloth.broad_phase.patches import build_patches
+from skills.cloth.broad_phase.pairs import _have_room, _renew_edge_edge, _renew_vertex_triangle
 from skills.cloth.contact.contacts import PARKED
-from skills.cloth.contact.pairs import _have_room, _renew_edge_edge, _renew_vertex_triangle
 from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.patches import build_patches
 from skills.cloth.state import EE, NOW, VT, new_pairs
 
 SHEET = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)

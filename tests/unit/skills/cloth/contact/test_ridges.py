@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skills.cloth.broad_phase.patch_bounds import fit_patches
-from skills.cloth.broad_phase.patches import build_patches
 from skills.cloth.contact.contacts import edge_distance
 from skills.cloth.contact.ridges import EVERY_EDGE, flat_cosine, note_ridges, stay_ridges
 from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.patches import build_patches
 from skills.cloth.state import new_pairs
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])

@@ -1,0 +1,47 @@
+"""An observer of the runner that keeps what went wrong and what was done about it, for the report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cell.states.context import Result
+from cell.states.observers import FAILING, Step
+from cell.states.transition_table import Effect, Event
+
+__all__ = ["Remark", "Remarks"]
+
+
+@dataclass(frozen=True)
+class Remark:
+    """kind: 'failure', 'recovery' or 'command'."""
+
+    t: float
+    kind: str
+    title: str
+    text: str
+
+
+class Remarks:
+    """Failures, recoveries and the operator's commands in order, for the report."""
+
+    def __init__(self) -> None:
+        self.list: list[Remark] = []
+
+    def entered(self, t: float, step: Step) -> None: ...
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        where = step.target.value.replace("_", " ")
+        self.list += [Remark(when, "command", what, f"on the way, while {where}") for when, what in result.within]
+        if result.event in FAILING and failure is not None:
+            kind = failure.kind.value.replace("_", " ")
+            hint = f" ({failure.hint})" if failure.hint else ""
+            self.list.append(Remark(t, "failure", f"{kind} while {where}", failure.what + hint))
+        elif step.effect is Effect.CHOOSE_RECOVERY:
+            text = str(result.record.get("change", "none")).replace("_", " ")
+            title = result.event.value.replace("_", " ")
+            self.list.append(Remark(t, "recovery", title, "" if text == "none" else f"change: {text}"))
+        elif "command" in result.record:
+            self.list.append(Remark(t, "command", str(result.record["command"]), f"while {where}"))
+        elif result.event is Event.PAUSE:
+            self.list.append(Remark(t, "command", "pause", f"before {where}"))

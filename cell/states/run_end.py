@@ -1,0 +1,23 @@
+"""Where a run ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from cell.states.context import Context
+from cell.states.transition_table import State
+
+__all__ = ["RunEnd"]
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnd:
+    """Where a run ended, with what was believed then."""
+
+    state: State
+    context: Context
+    started: float
+    ended: float
+    stage_times: Mapping[str, float]
+    """Cell time spent in each state [s]."""
