@@ -1,4 +1,4 @@
-"""The pure machine over the table of states.py: an event goes in, the effect to perform comes out.
+"""The pure machine over cell/states/transition_table.py: an event goes in, the effect to perform comes out.
 
 One thread, no clock, no I/O, nothing done inside callbacks. `transitions` validates the triggers and
 draws the chart. What happens outside the working flow (stop, crash, abort, pause) is added here once,

@@ -4,7 +4,7 @@ A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effec
 event. DONE says that it worked; FAILED that it did not (the failure travels beside it); the others
 are choices that were made before the event.
 
-Four rows hold in every working state and are added by `executive.py`: STOP -> STOPPED (HOLD),
+Four rows hold in every working state and are added by `cell/executive/machine.py`: STOP -> STOPPED (HOLD),
 CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a ledger
 nothing moves any more.
 """
@@ -69,7 +69,7 @@ class Event(StrEnum):
     START_OVER = "start_over"
     LAY = "lay"
     LOOK_AFTER = "look_after"
-    # recoveries (recovery.py)
+    # recoveries (recovery_table.py)
     LOOK_AGAIN = "look_again"
     PLAN_AGAIN = "plan_again"
     OPTIMISE_AGAIN = "optimise_again"

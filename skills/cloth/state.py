@@ -28,7 +28,7 @@ PACE, BEGUN = 17, 18
 class Body(NamedTuple):
     """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
     the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
-    rim: (e,) edges of hems and seams. spring: (e, 2) the edges in waves (elastic.py), wave: where each of these
+    rim: (e,) edges of hems and seams. spring: (e, 2) the edges in waves (elasticity.py), wave: where each of these
     begins, and the last one ends; and in the order of spring inverse_square: (e,) of the lengths at rest [1/m2],
     edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) as edge_inverse, with
     the squares of the weights K."""
@@ -79,7 +79,7 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. x, xp, v: (n, 4; see vectors.py) positions, those when the substep began
+    """What moves, and what remembers. x, xp, v: (n, 4; see simd/vec3.py) positions, those when the substep began
     (shifted along with x where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex
     asleep; free: the same, but not 0 in the fringe of what is awake (sleep.py). awake_list: what is awake, and its
     fringe behind.
@@ -150,8 +150,8 @@ class State(NamedTuple):
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see vectors.py) what it bears
-    [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
+    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see simd/vec3.py) what it
+    bears [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
     what it bears of late; act_n: (m, 4) its normal; act_d: its distance, act_w: one over its
     inverse mass; act_c: its pair. Scratch: near_c, pairs of a vertex and a
     triangle that can touch, and places in the lists of pairs that became free; near_row: (m, LINE) what is known

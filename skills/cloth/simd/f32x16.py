@@ -3,7 +3,7 @@
 
 `load_lanes(a, i, j)` reads a[i, j] of an array (m, k, LANES) of singles and `set_lanes` writes it, `all_lanes(s)`
 is s in every place; a + b, a - b, a * b, a / b, `size` (absolute value), `root`, `least`, `most` compute place by
-place, `picked(a, i)` is a[i] in each, by whole numbers i (whole_numbers.py). `not_above(a, b)` is a bit for each
+place, `picked(a, i)` is a[i] in each, by whole numbers i (i32x16.py). `not_above(a, b)` is a bit for each
 place where a <= b, `where(bits, a, b)` chooses by such bits; `lowest` finds the first of them. Written as loops
 the same became instructions half as wide, between which bits were collected one by one. Products and sums may be
 contracted, as everywhere in the solver.

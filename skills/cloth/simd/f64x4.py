@@ -2,9 +2,9 @@
 """FOUR double precision numbers as one register, a number each of four edges or vertices, for compiled code.
 
 `load_four` and `pick_four` read them, `all_four(s)` is s in every place, `dots` makes them of four pairs of
-vectors (vectors.py), which are weighed by them once they are `spread`; a + b, a - b, a * b, s * a (s a float), -a,
+vectors (vec3.py), which are weighed by them once they are `spread`; a + b, a - b, a * b, s * a (s a float), -a,
 `over` and `where_above` compute place by place. `ends` are the vertices of four edges. Products and sums may be
-contracted, but for those of `dots`, which rounds as `dot` of vectors does (test_fours.py). Places are not checked.
+contracted, but for those of `dots`, which rounds as `dot` of vectors does (test_f64x4.py). Places are not checked.
 
 To the compiler they are vectors, but their fourth number is none of zero: they must not be put where vectors are.
 """

@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """EIGHT double precision numbers as one register, a number of each of eight contacts, for compiled code.
 
-`gather` and `coordinates` bring vectors (vectors.py) of eight contacts into three such registers, one for each
+`gather` and `coordinates` bring vectors (vec3.py) of eight contacts into three such registers, one for each
 coordinate, `add_shares` and `scatter` bring them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`,
 `where_above` compute contact by contact. Products and sums may be contracted, but for those of `dots`, which
 rounds as `dot` of vectors does. Arrays have four columns but where another shape is told; neither that nor places
