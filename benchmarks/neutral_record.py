@@ -81,8 +81,8 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
             logs=Path(logs), approve=own.attended, terminal=False, quiet=True, record=False,
         )  # fmt: skip
 
-        def begin(ports: Any, queue: Any) -> Any:
-            return commands.tapped(director.begin(ports, queue))
+        def begin(cell: Any, queue: Any) -> Any:
+            return commands.tapped(director.begin(cell, queue))
 
         try:
             result = fold_once(request, begin, (director,))

@@ -13,11 +13,13 @@ import yaml
 
 from cell.config.cell_settings import load_settings
 from cell.executive.effects import EFFECTS
+from cell.hardware.driver import OpenCell
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import Journal
 from cell.runs.checkpoint_writer import Interrupted
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
+from cell.simulation import Fault
 from cell.states.commands import CommandQueue
 from cell.states.context import Context, Result
 from cell.states.fold_request import FoldRequest, FoldResult
@@ -85,6 +87,7 @@ class Onlooker:
     last_q: Array = field(default_factory=lambda: np.zeros(14))
     openings: list[float] = field(default_factory=list)
     under_way: Effect = Effect.NOTHING
+    cell: OpenCell | None = None
     ports: Ports | None = None
     """The cell's own: what the onlooker asks of them is not the executive's."""
 
@@ -98,12 +101,17 @@ class Onlooker:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
 
-            def begin(ports: Ports, commands: CommandQueue) -> None:
-                self.ports = ports
-                self._listen(patch, ports)
-                script(ports)
+            def begin(cell: OpenCell, commands: CommandQueue) -> None:
+                self.cell, self.ports = cell, cell.ports
+                self._listen(patch, cell.ports)
+                script(cell.ports)
 
             return fold_once(request, begin, interrupted=interrupted)
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong in the simulated cell."""
+        assert self.cell is not None and self.cell.simulated is not None
+        self.cell.simulated.faults.add(fault)
 
     def count(self, effect: Effect) -> int:
         return sum(1 for e, _ in self.performed if e is effect)

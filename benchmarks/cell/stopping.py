@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from cell.config.cell_settings import load_settings
+from cell.hardware.driver import OpenCell
 from cell.runs.fold_run import fold_once
 from cell.simulation.noise import load_noise
 from cell.states.fold_request import FoldRequest
@@ -88,7 +89,8 @@ def measure(tell: Callable[[str], None], stops: int) -> dict[str, Any]:
 def _stopped_at(due: float) -> _Stop | None:
     clocks: list[_StoppingClock] = []
 
-    def prelude(ports: Ports, _: Any) -> Ports:
+    def prelude(cell: OpenCell, _: Any) -> Ports:
+        ports = cell.ports
         clocks.append(_StoppingClock(ports, due))
         return replace(ports, clock=clocks[0])
 

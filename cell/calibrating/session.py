@@ -22,7 +22,7 @@ from cell.calibrating.performing import STATE, Performer
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble, load_robot
-from cell.hardware.driver import check_cell, is_simulated, opened_cell
+from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
 from cell.hardware.workcell import Workcell
 from cell.operator.progress.compiling import compiling_told
 from cell.operator.terminal.attendant import PersonAttendant
@@ -30,7 +30,7 @@ from cell.operator.terminal.keys import TerminalOperator, check_terminal
 from cell.recording.journal import RunJournal
 from cell.recording.rerun import Recorder
 from cell.runs.ownership import begun_run, owned_cell
-from cell.simulation import SimulationSettings, Truth, truth
+from cell.simulation import SimulationSettings, Truth
 from cell.states.commands import CommandQueue
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
@@ -46,13 +46,13 @@ from robots.errors import (
     RecordError,
     StorageError,
 )
-from robots.ports import Ports, Stop
+from robots.ports import Stop
 from skills.vocabulary import Outcome
 
 __all__ = ["CalibrationEnd", "CalibrationRequest", "calibrate"]
 
 T = TypeVar("T")
-Script = Callable[[Ports], None]
+Script = Callable[[OpenCell], None]
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def calibrate(
     figures: Callable[[T, Truth | None], Mapping[str, Any]],
     script: Script | None = None,
 ) -> CalibrationEnd[T]:
-    """Run one procedure. figures: what is kept with the run of a value. script: gets the ports first (tests).
+    """Run one procedure. figures: what is kept with the run of a value. script: gets the cell first (tests).
 
     Raises ConfigurationError and StorageError before anything moves.
     """
@@ -149,16 +149,17 @@ def _with_cell(
 
     with (
         compiling_told(lambda text: request.say(f"{'':12}{text}")),
-        opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports,
+        opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as opened,
         ThreadPoolExecutor(1, "skill") as workers,
-        interrupts.stop(ports, asked=not ports.simulated),
+        interrupts.stop(opened.ports, asked=not opened.ports.simulated),
     ):
+        ports = opened.ports
         asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
         cell = assemble(asked, robot, ports, Recorder.silent(), commands, workers, _unsaid, _unsaid)
         if not ports.simulated and sys.stdin is not None:
             TerminalOperator(commands, sys.stdin, sys.stderr, may=asking.may).start()
         if script is not None:
-            script(ports)
+            script(opened)
         try:
             outcome, safe = _perform(request, run, cell, procedure)
         except StorageError as e:
@@ -172,7 +173,7 @@ def _with_cell(
             failure=outcome.failure,
             safe=safe,
             simulated=ports.simulated,
-            truth=truth(ports) if ports.simulated else None,
+            truth=opened.simulated.truth.now() if opened.simulated else None,
             signal=interrupts.received[0] if interrupts.received else None,
             robot_time_s=round(ports.clock.now(), 3),
             wall_time_s=round(time.monotonic() - began, 3),

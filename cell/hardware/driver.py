@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 from cell.config.cell_settings import CellSettings
-from cell.simulation import SimulationSettings, check_settings, close_cell, open_cell
+from cell.simulation import SimulatedCell, SimulationSettings, check_settings, open_simulated_cell
 from cell.support.files.paths import user_cache
 from cell.support.process.lock import OwnerLock
 from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Stop
 
-__all__ = ["DRIVERS", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
+__all__ = ["DRIVERS", "OpenCell", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
 
 DRIVERS = {
     "sim": "the simulated cell, as fast as it goes and the same for each seed",
@@ -24,6 +25,15 @@ DRIVERS = {
 
 PersonAt = Callable[[Stop], Attendant]
 """Makes the person at a real cell, who stops waiting when the cell is stopped."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCell:
+    """A cell that stands open. ports: all that an executive gets. simulated: what else there is of a simulated
+    one, for scorer, scripts and checkpoints; None on hardware."""
+
+    ports: Ports
+    simulated: SimulatedCell | None = None
 
 
 def is_simulated(driver: str) -> bool:
@@ -46,18 +56,18 @@ def check_cell(driver: str, settings: SimulationSettings) -> None:
 @contextmanager
 def opened_cell(
     driver: str, simulation: SimulationSettings, seed: int, settings: CellSettings, person: PersonAt
-) -> Iterator[Ports]:
-    """The ports of a cell. simulation, seed: of a simulated one; person: of a real one. Raises ConfigurationError
-    as `check_cell`, and when something of the cell does not answer."""
+) -> Iterator[OpenCell]:
+    """A cell, until the end. simulation, seed: of a simulated one; person: of a real one. Raises
+    ConfigurationError as `check_cell`, and when something of the cell does not answer."""
     check_cell(driver, simulation)
-    with _opened(driver, simulation, seed, settings, person) as ports:
+    with _opened(driver, simulation, seed, settings, person) as cell:
         if driver == "sim":
-            yield ports
+            yield cell
             return
         gc.collect()
         gc.freeze()  # what is loaded stays: looking through it takes 0.1 s, which is ten set-points
         try:
-            yield ports
+            yield cell
         finally:
             gc.unfreeze()
 
@@ -71,19 +81,25 @@ def stop_circuit() -> Iterator[Stop]:
         yield stop
 
 
+@contextmanager
 def _opened(
     driver: str, simulation: SimulationSettings, seed: int, settings: CellSettings, person: PersonAt
-) -> AbstractContextManager[Ports]:
+) -> Iterator[OpenCell]:
     if driver == "sim":
-        return _simulated(simulation, seed)
+        with open_simulated_cell(simulation, seed) as cell:
+            yield OpenCell(cell.ports, cell)
+        return
     from robots.baxter.model import load_model
 
     limits = load_model().protective
     if driver == "emulator":
         from cell.simulation.emulator.emulated import emulated_cell
 
-        return emulated_cell(simulation, seed, settings.ros.settings(), limits)
-    return _robot(settings, limits, person)
+        with emulated_cell(simulation, seed, settings.ros.settings(), limits) as cell:
+            yield OpenCell(cell.ports, cell)
+        return
+    with _robot(settings, limits, person) as ports:
+        yield OpenCell(ports)
 
 
 @contextmanager
@@ -98,12 +114,3 @@ def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Ite
         connected(settings.ros.settings(), limits, person, driver="ros", simulated=False) as ports,
     ):
         yield ports
-
-
-@contextmanager
-def _simulated(settings: SimulationSettings, seed: int) -> Iterator[Ports]:
-    ports = open_cell(settings, seed)
-    try:
-        yield ports
-    finally:
-        close_cell(ports)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
-from cell.hardware.driver import PersonAt, check_cell, is_simulated, opened_cell
+from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
 from cell.operator.console.board import Board
 from cell.operator.progress.audience import Audience, say
 from cell.operator.progress.compiling import compiling_told
@@ -41,7 +41,7 @@ from cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
 from cell.runs.run_inputs import keep_surroundings
-from cell.simulation import SimulationSettings, checkpoint, restore
+from cell.simulation import SimulationSettings
 from cell.states.commands import CommandQueue
 from cell.states.context import Context
 from cell.states.fold_request import FoldRequest, FoldResult
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
-Prelude = Callable[[Ports, CommandQueue], Ports | None]
-"""Gets ports and command queue before the first effect; may give back other ports for the executive."""
+Prelude = Callable[[OpenCell, CommandQueue], Ports | None]
+"""Gets cell and command queue before the first effect; may give back other ports for the executive."""
 
 
 def fold_once(
@@ -167,12 +167,13 @@ def _perform(
     try:
         with (
             compiling_told(lines.note),
-            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, audience.ask)) as ports,
+            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, audience.ask)) as opened,
             ThreadPoolExecutor(1, "skill") as workers,
-            interrupts.stop(ports, asked=request.approve or not ports.simulated),
-            supervision.page(recorder, ports.stop, say) if supervision else nullcontext(),
+            interrupts.stop(opened.ports, asked=request.approve or not opened.ports.simulated),
+            supervision.page(recorder, opened.ports.stop, say) if supervision else nullcontext(),
         ):
-            used = (prelude(ports, commands) if prelude is not None else None) or ports
+            ports = opened.ports
+            used = (prelude(opened, commands) if prelude is not None else None) or ports
             if isinstance(ports.attendant, PersonAttendant):
                 ports.attendant.clock = used.clock
             heard = stenographer.between(used, commands)
@@ -180,12 +181,12 @@ def _perform(
                 request, robot, heard.ports, recorder, heard.commands, workers, audience.note, audience.computing
             )
             cell = replace(cell, watched_stop=used.stop)
-            witness = _witness(request, ports, recorder)
+            witness = _witness(request, opened, recorder)
             asked = request.approve or not ports.simulated
             if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 alone = not request.page
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone, board.allowed).start()
-            keeper = _keeper(request, run, ports)
+            keeper = Keeper(run.directory, opened.simulated.checkpoint.save if opened.simulated else None)
             context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
             if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
                 keeper.keep(context)
@@ -209,17 +210,13 @@ def _perform(
     return _Ended(end, result, remarks.list, frames, triangles)
 
 
-def _keeper(request: FoldRequest, run: RunJournal, ports: Ports) -> Keeper:
-    return Keeper(run.directory, (lambda: checkpoint(ports)) if ports.simulated else None)
-
-
 @contextmanager
-def _opened(request: FoldRequest, interrupted: Interrupted | None, person: PersonAt) -> Iterator[Ports]:
+def _opened(request: FoldRequest, interrupted: Interrupted | None, person: PersonAt) -> Iterator[OpenCell]:
     """The cell; a simulated one that is gone on with stands where it stood, before anybody can stop it."""
-    with opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as ports:
-        if interrupted and interrupted.world is not None:
-            restore(ports, interrupted.world)
-        yield ports
+    with opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as cell:
+        if interrupted and interrupted.world is not None and cell.simulated is not None:
+            cell.simulated.checkpoint.restore(interrupted.world)
+        yield cell
 
 
 def _supervision(
@@ -260,13 +257,13 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
     )
 
 
-def _witness(request: FoldRequest, ports: Ports, recorder: Recorder) -> Any:
+def _witness(request: FoldRequest, cell: OpenCell, recorder: Recorder) -> Any:
     """Who records and scores the truth of a simulated cell."""
-    if not (request.witness and ports.simulated):
+    if not request.witness or cell.simulated is None:
         return None
     from cell.simulation.scoring.truth_recorder import Witness
 
-    return Witness(ports, recorder, request)
+    return Witness(cell.simulated.truth, recorder, request)
 
 
 def _score(witness: Any) -> dict[str, Any] | None:

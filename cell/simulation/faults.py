@@ -1,7 +1,7 @@
 """Faults on demand: what a script or a test lets go wrong, and when.
 
-    inject(ports, Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
-    inject(ports, Fault(FaultKind.CAMERA_FREEZE, at=30.0, duration=5.0))
+    cell.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
+    cell.faults.add(Fault(FaultKind.CAMERA_FREEZE, at=30.0, duration=5.0))
 
 A fault waits for everything that it states (a cell time, the n-th grasp of a side, a fold) and then happens
 once. Only simulated cells can be hurt like this.

@@ -1,12 +1,9 @@
-"""The simulated cell's ports: each knows the number of its cell and nothing else.
-
-What a number stands for is in `cell.simulation._registry`, so that no attribute of anything that an executive
-holds leads to the world.
-"""
+"""The simulated cell's ports. None of them carries the world: cell/simulation/binding.py knows it."""
 
 from __future__ import annotations
 
-from cell.simulation import _registry
+from cell.simulation.binding import bind, world_behind
+from cell.simulation.world import World
 from robots.baxter.pybullet_body import MAX_OPENING
 from robots.ports import (
     Array,
@@ -25,76 +22,71 @@ __all__ = ["ports_of"]
 
 
 class _Port:
-    __slots__ = ("_cell",)
-
-    def __init__(self, cell: int) -> None:
-        self._cell = cell
+    __slots__ = ("__weakref__",)
 
 
 class _Clock(_Port):
     __slots__ = ()
 
     def now(self) -> float:
-        return _registry.world(self._cell).now()
+        return _world(self).now()
 
     def sleep_until(self, t: float) -> None:
-        _registry.world(self._cell).sleep_until(t)
+        _world(self).sleep_until(t)
 
 
 class _Arms(_Port):
     __slots__ = ("command_timeout",)
 
-    def __init__(self, cell: int, command_timeout: float) -> None:
-        super().__init__(cell)
+    def __init__(self, command_timeout: float) -> None:
         self.command_timeout = command_timeout
 
     def state(self) -> JointState:
-        return _registry.world(self._cell).robot.state()
+        return _world(self).robot.state()
 
     def enable(self) -> None:
-        _registry.world(self._cell).robot.enable()
+        _world(self).robot.enable()
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        return _registry.world(self._cell).robot.command(q, qd)
+        return _world(self).robot.command(q, qd)
 
 
 class _Head(_Port):
     __slots__ = ()
 
     def command_pan(self, angle: float) -> None:
-        _registry.world(self._cell).robot.command_pan(angle)
+        _world(self).robot.command_pan(angle)
 
 
 class _Sided(_Port):
     __slots__ = ("side",)
 
-    def __init__(self, cell: int, side: Side) -> None:
-        super().__init__(cell)
+    def __init__(self, side: Side) -> None:
         self.side = side
 
 
 class _Gripper(_Sided):
     __slots__ = ("max_opening",)
 
-    def __init__(self, cell: int, side: Side) -> None:
-        super().__init__(cell, side)
+    def __init__(self, side: Side) -> None:
+        super().__init__(side)
         self.max_opening = MAX_OPENING
 
     def calibrate(self) -> None:
-        _registry.world(self._cell).gripper(self.side).calibrate()
+        _world(self).gripper(self.side).calibrate()
 
     def command(self, opening: float, force: float) -> None:
-        _registry.world(self._cell).gripper(self.side).command(opening, force)
+        _world(self).gripper(self.side).command(opening, force)
 
     def state(self) -> GripperState:
-        return _registry.world(self._cell).gripper(self.side).state()
+        return _world(self).gripper(self.side).state()
 
 
 class _Tactile(_Sided):
     __slots__ = ()
 
     def reading(self) -> TactileReading:
-        world = _registry.world(self._cell)
+        world = _world(self)
         return world.tactile(self.side).reading(world.now())
 
 
@@ -102,46 +94,54 @@ class _Camera(_Port):
     __slots__ = ()
 
     def capture(self) -> CameraFrame:
-        return _registry.world(self._cell).capture()
+        return _world(self).capture()
 
     def glimpse(self) -> CameraFrame:
-        return _registry.world(self._cell).glimpse()
+        return _world(self).glimpse()
 
 
 class _Stop(_Port):
     __slots__ = ()
 
     def trigger(self, reason: str) -> None:
-        _registry.world(self._cell).robot.trigger_stop(reason)
+        _world(self).robot.trigger_stop(reason)
 
     def state(self) -> StopState:
-        return _registry.world(self._cell).robot.stop_state()
+        return _world(self).robot.stop_state()
 
     def reset(self) -> None:
-        _registry.world(self._cell).robot.reset_stop()
+        _world(self).robot.reset_stop()
 
 
 class _Attendant(_Port):
     __slots__ = ()
 
     def lay_garment(self) -> None:
-        _registry.world(self._cell).lay_garment()
+        _world(self).lay_garment()
 
     def bring_board(self, place: BoardPlace) -> None:
-        _registry.world(self._cell).bring_board(place)
+        _world(self).bring_board(place)
 
 
-def ports_of(cell: int, command_timeout: float) -> Ports:
-    """The ports of the cell with this number. command_timeout [s]: of its arms."""
-    return Ports(
+def ports_of(world: World) -> Ports:
+    """The ports of a world, until it is unbound."""
+    ports = Ports(
         driver="sim",
         simulated=True,
-        clock=_Clock(cell),
-        arms=_Arms(cell, command_timeout),
-        head=_Head(cell),
-        grippers={side: _Gripper(cell, side) for side in Side},
-        tactile={side: _Tactile(cell, side) for side in Side},
-        camera=_Camera(cell),
-        stop=_Stop(cell),
-        attendant=_Attendant(cell),
+        clock=_Clock(),
+        arms=_Arms(world.command_timeout),
+        head=_Head(),
+        grippers={side: _Gripper(side) for side in Side},
+        tactile={side: _Tactile(side) for side in Side},
+        camera=_Camera(),
+        stop=_Stop(),
+        attendant=_Attendant(),
     )
+    hands = (*ports.grippers.values(), *ports.tactile.values())
+    bind((ports.clock, ports.arms, ports.head, *hands, ports.camera, ports.stop, ports.attendant), world)
+    return ports
+
+
+def _world(port: _Port) -> World:
+    world: World = world_behind(port)
+    return world

@@ -45,7 +45,7 @@ __all__ = ["STEP_RATE", "World"]
 STEP_RATE = 240
 """Physics steps in a second."""
 STEPS_A_FRAME = STEP_RATE // FRAME_RATE
-WITNESS_RATE = 12
+WATCH_RATE = 12
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
 """While a hand holds cloth, its fingers push away cloth only this far above the tips: what hangs about the
@@ -102,8 +102,7 @@ class World:
         self._fold = 0
         self._lifted = False
         self._pace: tuple[float, float] | None = None
-        self.witness: Callable[[Truth], None] | None = None
-        """Is told what is really so, WITNESS_RATE times a second: the record of truth."""
+        self._watcher: Callable[[Truth], None] | None = None
         self._client = pb.connect(pb.DIRECT)
         pb.setTimeStep(1.0 / STEP_RATE, physicsClientId=self._client)
         pb.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
@@ -214,8 +213,8 @@ class World:
             hand.gripper.step(t, dt)
         if self._steps % STEPS_A_FRAME == 0:
             self._frame(t)
-        if self.witness is not None and self._steps % (STEP_RATE // WITNESS_RATE) == 0:
-            self.witness(replace(self.truth(), stamp=t))
+        if self._watcher is not None and self._steps % (STEP_RATE // WATCH_RATE) == 0:
+            self._watcher(replace(self.truth(), stamp=t))
 
     def _arm_faults(self, t: float) -> None:
         if self.faults.empty:
@@ -435,6 +434,10 @@ class World:
             self._camera.sequence = plain["pictures"]
 
     # what only the scorer asks -----------------------------------------------------------------------
+
+    def watch(self, tell: Callable[[Truth], None] | None) -> None:
+        """Have `tell` told the truth, WATCH_RATE times a second; None: no more."""
+        self._watcher = tell
 
     def truth(self) -> Truth:
         garment = self.garment

@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from cell.cli import main
+from cell.hardware.driver import OpenCell
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord
 from cell.recording.transcript.replay_ports import Halt
@@ -110,9 +111,9 @@ class GivesUp:
     def __init__(self) -> None:
         self.commands = CommandQueue()
 
-    def begin(self, ports: Ports, commands: CommandQueue) -> Ports:
+    def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
         self.commands = commands
-        return replace(ports, simulated=False, clock=WallClock(ports.clock))
+        return replace(cell.ports, simulated=False, clock=WallClock(cell.ports.clock))
 
     def entered(self, t: float, step: Step) -> None:
         if step.effect is Effect.CHOOSE_TRAJECTORY:

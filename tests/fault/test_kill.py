@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from cell.recording.journal import Journal
-from cell.simulation import Fault, FaultKind, inject
+from cell.simulation import Fault, FaultKind
 from robots.errors import StorageError
 from tests.runs import PLAIN, Onlooker, fold_request
 
@@ -139,7 +139,8 @@ def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
 def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
     request = fold_request(killed["folder"])
     assert request.logs == killed["logs"]
-    result = Onlooker().fold(request, lambda ports: inject(ports, Fault(FaultKind.NO_GARMENT)))
+    onlooker = Onlooker()
+    result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
     assert result.state == "not_folded"
     with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
         assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]

@@ -17,7 +17,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.journal import Journal
-from cell.simulation import Fault, FaultKind, inject
+from cell.simulation import Fault, FaultKind
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.states.recovery_table import Adjustment
@@ -84,7 +84,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
 
 def test_no_garment(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    result = onlooker.fold(request, lambda ports: inject(ports, Fault(FaultKind.NO_GARMENT)))
+    result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert result.failure["kind"] == "no_garment" and result.failure["hint"]
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN, Event.LOOK_AGAIN, Event.GIVE_UP]
@@ -96,7 +96,7 @@ def test_no_garment(tmp_path: Path) -> None:
 def test_a_broken_camera_is_looked_through_again_and_then_given_up(kind: FaultKind, tmp_path: Path) -> None:
     """It breaks after the picture of the empty table. A frozen one would show that table for ever."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: inject(ports, Fault(kind))
+    onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(Fault(kind))
     result = onlooker.fold(request)
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert 1 <= onlooker.events(Effect.CHOOSE_RECOVERY).count(Event.LOOK_AGAIN) <= 4
@@ -107,8 +107,8 @@ def test_a_broken_camera_is_looked_through_again_and_then_given_up(kind: FaultKi
 
 def test_a_camera_that_comes_back_is_believed_again(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.AWAIT_GARMENT] = lambda ports, commands, n: inject(
-        ports, Fault(FaultKind.CAMERA_BLACK, duration=0.9)
+    onlooker.after[Effect.AWAIT_GARMENT] = lambda ports, commands, n: onlooker.inject(
+        Fault(FaultKind.CAMERA_BLACK, duration=0.9)
     )
     onlooker.after[Effect.PLAN_FOLDS] = abort
     onlooker.fold(request)
@@ -120,8 +120,8 @@ def test_a_camera_that_fails_during_a_fold_costs_neither_the_fold_nor_the_judgem
     """The pictures on the way are for the record. Afterwards the folded garment is looked at, not taken for a
     smaller one that lies flat."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.LIFT] = lambda ports, commands, n: inject(
-        ports, Fault(FaultKind.CAMERA_SILENT, duration=6.0)
+    onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
+        Fault(FaultKind.CAMERA_SILENT, duration=6.0)
     )
     onlooker.after[Effect.INSPECT] = abort
     onlooker.fold(request)
@@ -132,8 +132,8 @@ def test_a_camera_that_fails_during_a_fold_costs_neither_the_fold_nor_the_judgem
 
 def test_a_camera_that_fails_before_the_garment_is_laid_photographs_the_empty_table_later(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.PREPARE] = lambda ports, commands, n: inject(
-        ports, Fault(FaultKind.CAMERA_BLACK, duration=0.8)
+    onlooker.after[Effect.PREPARE] = lambda ports, commands, n: onlooker.inject(
+        Fault(FaultKind.CAMERA_BLACK, duration=0.8)
     )
     onlooker.after[Effect.PLAN_FOLDS] = abort
     onlooker.fold(request)
@@ -228,7 +228,7 @@ def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
     onlooker.after[Effect.GRASP] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
     fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1)
-    result = onlooker.fold(request, lambda ports: inject(ports, fault))
+    result = onlooker.fold(request, lambda ports: onlooker.inject(fault))
     assert onlooker.kinds()[0] == "missed_grasp"
     at = onlooker.performed.index((Effect.GRASP, Event.FAILED))
     following = [effect for effect, _ in onlooker.performed[at + 1 : at + 6]]

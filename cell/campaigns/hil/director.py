@@ -17,12 +17,13 @@ import numpy as np
 
 from cell.campaigns.hil.clock import PunctualClock
 from cell.campaigns.hil.script import Action, Script
-from cell.simulation import Fault, inject, truth
+from cell.hardware.driver import OpenCell
+from cell.simulation import Fault
 from cell.states.commands import CommandQueue, Said
 from cell.states.context import Result
 from cell.states.observers import FAILING, Step
 from cell.states.transition_table import TERMINAL, Event, State
-from robots.errors import FailureKind
+from robots.errors import FailureKind, InternalError
 from robots.ports import Array, Ports
 
 __all__ = ["Director", "Seen"]
@@ -66,7 +67,7 @@ class Director:
         self._due: list[tuple[float, Action]] = []
         self._faults: list[tuple[Fault, Action]] = []
         self._rest, self._tell = rest, tell
-        self._ports: Ports | None = None
+        self._cell: OpenCell | None = None
         self._commands = CommandQueue()
         self._began = 0.0
         self._states: list[State] = []
@@ -80,9 +81,10 @@ class Director:
         self._trouble: list[str] = []
         self._guard: threading.Timer | None = None
 
-    def begin(self, ports: Ports, commands: CommandQueue) -> Ports:
+    def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
         """The ports as the executive gets them: the same, with a clock on whose way the script is carried out."""
-        self._ports, self._commands, self._began = ports, commands, ports.clock.now()
+        ports = cell.ports
+        self._cell, self._commands, self._began = cell, commands, ports.clock.now()
         self._schedule(lambda action: action.when.time_s)
         self._due += [(self._began + self._limit, GIVE_UP), (self._began + self._limit + GRACE_S, HALT)]
         self._guard = threading.Timer(HUNG_FACTOR * (self._limit + GRACE_S), ports.stop.trigger, [HUNG])
@@ -146,26 +148,28 @@ class Director:
                 self._due.append((self._began + at, action))
 
     def _do(self, t: float, action: Action) -> None:
-        assert self._ports is not None
+        assert self._cell is not None
         if action.fault is not None:
             fault = action.fault.at(t)
             self._faults.append((fault, action))
-            inject(self._ports, fault)
+            if self._cell.simulated is None:
+                raise InternalError("only a simulated cell can be made to fail")
+            self._cell.simulated.faults.add(fault)
         elif action.say is not None:
             self._overdue = self._overdue or action is GIVE_UP
             self._said.append((self._commands.put(action.say), action))
         elif action.stop is not None:
-            self._ports.stop.trigger(action.stop)
+            self._cell.ports.stop.trigger(action.stop)
         elif action.tell is not None:
             self._tell(action.tell)
 
     def _look_at_the_end(self) -> None:
-        ports = self._ports
-        assert ports is not None
+        assert self._cell is not None
+        ports, simulated = self._cell.ports, self._cell.simulated
         astray = float(np.abs(ports.arms.state().q - self._rest).max())
         openings = [gripper.state().opening for gripper in ports.grippers.values()]
         self._parked = astray < AT_REST and min(openings) > OPEN
-        happened = [fault for _, fault in truth(ports).faults] if self._faults else []
+        happened = [fault for _, fault in simulated.truth.now().faults] if simulated and self._faults else []
         not_so = []
         for fault, action in self._faults:  # equal ones are told apart by their number
             if fault in happened:

@@ -12,25 +12,23 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
-from cell.simulation import _registry
+from cell.simulation.binding import bind, unbind, world_behind
+from cell.simulation.door import SimulatedCell
 from cell.simulation.faults import Fault
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.truth import Truth
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
-from robots.ports import BoardPlace, Clock, Ports
-
-if TYPE_CHECKING:
-    from cell.simulation.world import World
+from robots.ports import BoardPlace
 
 __all__ = ["emulated_cell"]
 
@@ -46,50 +44,32 @@ _starting = threading.Lock()
 @contextmanager
 def emulated_cell(
     settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
-) -> Iterator[Ports]:
-    """The ports of a simulated cell, over ROS. limits: of the driver's set-points.
+) -> Iterator[SimulatedCell]:
+    """A simulated cell whose ports are the driver's, over ROS. limits: of the driver's set-points.
 
-    Raises ConfigurationError: no ROS, or what `open_cell` refuses.
+    Raises ConfigurationError: no ROS, or what `open_simulated_cell` refuses.
     """
     _start_master()
     with ExitStack() as closing:
         world = _World(settings, seed, ros)
         closing.callback(world.close)
-        number = _registry.register(cast("World", world))  # what scorer, scripts and ledger ask it for
-        closing.callback(_registry.forget, number)
+        attendant = _Attendant()
+        bind([attendant], world)
+        closing.callback(unbind, world)
         ports = closing.enter_context(
-            connected(ros, limits, lambda _: _Attendant(number), driver="emulator", simulated=True)
+            connected(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
         )
-        yield replace(ports, clock=_NumberedClock(number, ports.clock))
+        yield SimulatedCell.of(ports, world)
 
 
-@dataclass(frozen=True)
-class _NumberedClock:
-    """The driver's clock, by which the scorer and the scripts find the world (`_registry`)."""
-
-    _cell: int
-    _clock: Clock
-
-    def now(self) -> float:
-        return self._clock.now()
-
-    def sleep_until(self, t: float) -> None:
-        self._clock.sleep_until(t)
-
-
-@dataclass(frozen=True)
 class _Attendant:
-    _cell: int
+    __slots__ = ("__weakref__",)
 
     def lay_garment(self) -> None:
-        _world(self._cell).ask("lay_garment")
+        world_behind(self).ask("lay_garment")
 
     def bring_board(self, place: BoardPlace) -> None:
-        _world(self._cell).ask("bring_board", place)
-
-
-def _world(cell: int) -> _World:
-    return cast("_World", _registry.world(cell))
+        world_behind(self).ask("bring_board", place)
 
 
 class _World:
@@ -106,8 +86,6 @@ class _World:
         self._connection: Connection = ours
         self._asking = threading.Lock()
         self.faults = _Faults(self)
-        self.witness: Any = None
-        """Nobody is told on the way: only the end is scored."""
         try:
             ours.send((settings, seed, ros.camera))
             self._answer(START_S)
@@ -117,6 +95,9 @@ class _World:
 
     def truth(self) -> Truth:
         return self.ask("truth")
+
+    def watch(self, tell: Callable[[Truth], None] | None) -> None:
+        """Nobody is told on the way: only the end is scored."""
 
     def checkpoint(self) -> bytes:
         return self.ask("checkpoint")

@@ -11,16 +11,16 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
+from contextlib import ExitStack
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
-from cell import simulation
+from cell.simulation import SimulatedCell, open_simulated_cell
 from robots.baxter.emulator.emulator import Emulator
 from robots.baxter.ros.node import open_node
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import CellError
-from robots.ports import Ports
 
 __all__ = ["main"]
 
@@ -38,28 +38,27 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     connection = Connection(int(sys.argv[1]))
     settings, seed, topics = connection.recv()
-    try:
-        ports = simulation.open_cell(settings, seed)
-    except CellError as error:
-        connection.send(error)
-        return
-    gc.collect()
-    gc.freeze()
-    try:
-        _serve(connection, ports, topics)
-    finally:
-        simulation.close_cell(ports)
+    with ExitStack() as closing:
+        try:
+            cell = closing.enter_context(open_simulated_cell(settings, seed))
+        except CellError as error:
+            connection.send(error)
+            return
+        gc.collect()
+        gc.freeze()
+        _serve(connection, cell, topics)
 
 
-def _serve(connection: Connection, ports: Ports, topics: CameraTopics) -> None:
+def _serve(connection: Connection, cell: SimulatedCell, topics: CameraTopics) -> None:
+    ports = cell.ports
     node = open_node("baxter_emulator")
     emulator = Emulator(ports, node, topics, patience=PATIENCE_S)
     over = threading.Event()
     answers: Mapping[str, Callable[..., Any]] = {
-        "truth": lambda: simulation.truth(ports),
-        "inject": lambda fault: simulation.inject(ports, fault),
-        "checkpoint": lambda: simulation.checkpoint(ports),
-        "restore": lambda saved: simulation.restore(ports, saved),
+        "truth": cell.truth.now,
+        "inject": cell.faults.add,
+        "checkpoint": cell.checkpoint.save,
+        "restore": cell.checkpoint.restore,
         "lay_garment": ports.attendant.lay_garment,
         "bring_board": ports.attendant.bring_board,
     }

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.rerun import Recorder
-from cell.simulation import Truth, truth, witness
+from cell.simulation.door import TruthSource
 from cell.simulation.scoring.score import score_plan
+from cell.simulation.truth import Truth
 from cell.states.fold_request import FoldRequest
-from robots.ports import Array, Ports, Side
+from robots.ports import Array, Side
 
 __all__ = ["Witness"]
 
@@ -22,17 +23,17 @@ KEPT = 2000
 class Witness:
     """Watches one simulated cell from its opening on."""
 
-    def __init__(self, ports: Ports, recorder: Recorder, request: FoldRequest) -> None:
-        self._ports, self._recorder, self._request = ports, recorder, request
+    def __init__(self, truth: TruthSource, recorder: Recorder, request: FoldRequest) -> None:
+        self._truth, self._recorder, self._request = truth, recorder, request
         self.key_frames: list[tuple[float, Array, dict[Side, Array]]] = []
         """(cell time, vertices, tool positions) while a hand holds cloth, for the report's pictures."""
         self.triangles: NDArray[np.int32] | None = None
-        witness(ports, self._saw)
+        truth.watch(self._saw)
 
     def score(self) -> dict[str, Any] | None:
         """The final figures (design: the score), None when no garment was laid."""
-        witness(self._ports, None)
-        garment = truth(self._ports).garment
+        self._truth.watch(None)
+        garment = self._truth.now().garment
         if garment is None:
             return None
         named = garment.name if self._request.garment == "auto" else self._request.garment

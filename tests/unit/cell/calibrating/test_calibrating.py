@@ -86,7 +86,7 @@ def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
 
     def say(text: str) -> None:
         if "point 1" in text:
-            held[0].stop.trigger("a test")
+            held[0].ports.stop.trigger("a test")
 
     request = CalibrationRequest("table", 0, "sim", load_settings(), tmp_path, False, say)
     end = calibrate(

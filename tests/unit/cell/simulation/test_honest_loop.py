@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
-INNER = {"_registry", "camera", "garment", "ports", "robot", "world"}
+INNER = {"binding", "camera", "garment", "ports", "robot", "world"}
 
 
 def imported(path: Path) -> set[str]:
@@ -39,4 +39,4 @@ def test_skills_calibration_and_robots_do_not_know_the_simulation() -> None:
 
 
 def test_the_search_finds_what_it_looks_for() -> None:
-    assert "cell.simulation._registry" in imported(ROOT / "cell" / "simulation" / "ports.py")
+    assert "cell.simulation.binding" in imported(ROOT / "cell" / "simulation" / "ports.py")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-import cell.simulation.scoring.truth_recorder as module
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.recording.rerun import Recorder
 from cell.simulation.scoring.truth_recorder import Witness
 from cell.simulation.truth import GarmentTruth
 from skills.cloth.mesh import mesh_from_contour
@@ -20,9 +20,7 @@ from skills.planning.plan import plan_folds
 
 
 @pytest.mark.parametrize("name", ["mine", "small_towel"])
-def test_a_file_of_ones_own_is_scored_by_its_own_plan(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_file_of_ones_own_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> None:
     """Of one fold only: judged by the shipped plan it would lie half a towel off."""
     data = yaml.safe_load(shipped_garment_path("small_towel").read_text())
     data |= {"plan": data["plan"][:1], "edge_pairs": [[["far_left", "near_left"], ["far_right", "near_right"]]]}
@@ -35,9 +33,8 @@ def test_a_file_of_ones_own_is_scored_by_its_own_plan(
     laid = GarmentTruth(
         garment.name, folded, mesh.triangles, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1
     )
-    monkeypatch.setattr(module, "witness", lambda *_: None)
-    monkeypatch.setattr(module, "truth", lambda _: SimpleNamespace(garment=laid))
+    truth: Any = SimpleNamespace(watch=lambda tell: None, now=lambda: SimpleNamespace(garment=laid))
     request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
-    figures = Witness(None, None, request).score()  # type: ignore[arg-type]
+    figures = Witness(truth, Recorder.silent(), request).score()
     assert figures is not None and figures["passed"] and figures["layers"] == 2
     assert np.isclose(figures["drift_m"], 0.0, atol=1e-3)

@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +15,16 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.transcript.port_recorder import Stenographer
-from cell.simulation import (
-    Fault,
-    FaultKind,
-    SimulationSettings,
-    checkpoint,
-    close_cell,
-    inject,
-    open_cell,
-    restore,
-    truth,
-)
+from cell.simulation import Fault, FaultKind, SimulationSettings, open_simulated_cell
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
+from cell.simulation.truth import Truth
 from cell.simulation.world import World
 from cell.states.commands import CommandQueue
 from robots.baxter.model import load_model
 from robots.depth_averaging import EVERY_S, EXPOSURES
-from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError
-from robots.ports import Array, Ports, Side
+from robots.errors import ConfigurationError, DriverError, FailureKind
+from robots.ports import Array, Side
 from skills.motion.kinematics.ik import solve_pose
 from skills.vocabulary import tool_rotation
 
@@ -47,9 +39,17 @@ class Bench:
     """A cell and the few motions that the tests make with it."""
 
     def __init__(self, settings: SimulationSettings, seed: int = 1) -> None:
-        self.ports = open_cell(settings, seed)
+        self._open = ExitStack()
+        self.cell = self._open.enter_context(open_simulated_cell(settings, seed))
+        self.ports = self.cell.ports
         self.q = self.ports.arms.state().q.copy()
         self.height = settings.table.height
+
+    def close(self) -> None:
+        self._open.close()
+
+    def truth(self) -> Truth:
+        return self.cell.truth.now()
 
     def ready(self) -> Bench:
         self.ports.arms.enable()
@@ -112,12 +112,12 @@ def opened() -> Iterator[Any]:
 
     yield build
     for bench in benches:
-        close_cell(bench.ports)
+        bench.close()
 
 
 def corner(bench: Bench) -> Array:
     """A place 15 mm inside the towel's far left corner."""
-    garment = truth(bench.ports).garment
+    garment = bench.truth().garment
     assert garment is not None
     return garment.keypoints["far_left"] + 0.02 * np.array([-1.0, -1.0])
 
@@ -152,7 +152,7 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
     bench, stenographer = opened(), Stenographer(tmp_path if taken_down else None)
     heard = stenographer.between(bench.ports, CommandQueue()).ports
     heard.attendant.lay_garment()
-    garment = truth(bench.ports).garment
+    garment = bench.truth().garment
     assert garment is not None
     found = list(reachable(heard))
     assert stenographer.close() is None
@@ -165,13 +165,6 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
     world = World.__new__(World)
     world.ports = bench.ports  # type: ignore[attr-defined]
     assert any(v is world for v in reachable({"a": [world]}))  # and it would find one
-
-
-def test_only_simulated_ports_have_a_truth(opened: Any) -> None:
-    ports = opened().ports
-    stranger = Ports(**{**vars(ports), "clock": object()})
-    with pytest.raises(InternalError):
-        truth(stranger)
 
 
 # the clock ------------------------------------------------------------------------------------------
@@ -207,7 +200,7 @@ def play(settings: SimulationSettings, seed: int, looking: bool = False) -> tupl
         bench.move(bench.q + 0.1, 1.0)
         for k in range(3):
             if looking:
-                truth(ports)
+                bench.truth()
             ports.grippers[Side.LEFT].command(0.01 * k, 5.0)
             bench.hold(0.1)
             state = ports.arms.state()
@@ -215,11 +208,11 @@ def play(settings: SimulationSettings, seed: int, looking: bool = False) -> tupl
         if settings.render:
             frame = ports.camera.capture()
             out += [frame.rgb.tobytes(), frame.depth.tobytes()]
-        garment = truth(ports).garment
+        garment = bench.truth().garment
         assert garment is not None
         return (*out, garment.vertices.tobytes())
     finally:
-        close_cell(ports)
+        bench.close()
 
 
 def test_a_run_is_a_function_of_its_seed_bit_for_bit() -> None:
@@ -261,7 +254,7 @@ def test_arms_follow_within_their_error_and_report_what_was_sent(opened: Any) ->
 
 def test_encoders_do_not_know_the_bias(opened: Any) -> None:
     bench = opened()
-    T = truth(bench.ports).tools[Side.LEFT]
+    T = bench.truth().tools[Side.LEFT]
     from skills.motion.kinematics.ik import tool_pose
 
     believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3]
@@ -327,12 +320,12 @@ def test_stop_from_another_thread_brakes_at_a_bounded_rate(opened: Any) -> None:
 
 def test_a_sudden_drop_lowers_the_tool_and_passes(opened: Any) -> None:
     bench = opened(QUIET).ready()
-    before = truth(bench.ports).tools[Side.LEFT][2]
-    inject(bench.ports, Fault(FaultKind.SUDDEN_DROP, side=Side.LEFT, size=0.03, duration=0.4))
+    before = bench.truth().tools[Side.LEFT][2]
+    bench.cell.faults.add(Fault(FaultKind.SUDDEN_DROP, side=Side.LEFT, size=0.03, duration=0.4))
     heights = []
     for _ in range(20):
         bench.hold(0.03)
-        heights.append(truth(bench.ports).tools[Side.LEFT][2])
+        heights.append(bench.truth().tools[Side.LEFT][2])
     assert 0.015 < before - min(heights) < 0.045
     assert abs(heights[-1] - before) < 0.002
 
@@ -342,10 +335,10 @@ def test_a_sudden_drop_lowers_the_tool_and_passes(opened: Any) -> None:
 
 def test_the_table_is_empty_until_the_attendant_lays_the_garment(opened: Any) -> None:
     bench = opened()
-    assert truth(bench.ports).garment is None
+    assert bench.truth().garment is None
     bench.ports.attendant.lay_garment()
     assert bench.ports.clock.now() == pytest.approx(5.0)
-    garment = truth(bench.ports).garment
+    garment = bench.truth().garment
     assert garment is not None
     assert garment.vertices[:, 2].max() < 0.01
     assert np.abs(garment.vertices[:, :2] - garment.material).max() < 0.005
@@ -354,11 +347,11 @@ def test_the_table_is_empty_until_the_attendant_lays_the_garment(opened: Any) ->
 
 def test_no_garment_is_laid_when_that_is_the_fault(opened: Any) -> None:
     bench = opened()
-    inject(bench.ports, Fault(FaultKind.NO_GARMENT))
+    bench.cell.faults.add(Fault(FaultKind.NO_GARMENT))
     bench.ports.attendant.lay_garment()
-    assert truth(bench.ports).garment is None
+    assert bench.truth().garment is None
     bench.ports.attendant.lay_garment()
-    assert truth(bench.ports).garment is not None
+    assert bench.truth().garment is not None
 
 
 def test_a_pinch_takes_the_corner_lifts_it_and_lets_it_go(opened: Any) -> None:
@@ -367,19 +360,19 @@ def test_a_pinch_takes_the_corner_lifts_it_and_lets_it_go(opened: Any) -> None:
     ports.attendant.lay_garment()
     point = corner(bench)
     bench.pinch(Side.LEFT, point)
-    garment = truth(ports).garment
-    assert garment is not None and truth(ports).held[Side.LEFT]
+    garment = bench.truth().garment
+    assert garment is not None and bench.truth().held[Side.LEFT]
     state = ports.grippers[Side.LEFT].state()
     assert state.opening == pytest.approx(garment.thickness, abs=1e-3)
     assert ports.tactile[Side.LEFT].reading().grip == pytest.approx(12.0, rel=0.15)
     tip = ports.tactile[Side.LEFT].reading().tip
     bench.move(bench.above(Side.LEFT, point, 0.12, np.pi / 2), 1.5)
-    lifted = truth(ports).garment
+    lifted = bench.truth().garment
     assert lifted is not None and lifted.vertices[:, 2].max() > 0.10
     assert ports.tactile[Side.LEFT].reading().tip.max() < tip.max()  # off the table
     ports.grippers[Side.LEFT].command(0.03, 12.0)
     bench.hold(1.2)
-    fallen = truth(ports)
+    fallen = bench.truth()
     assert not fallen.held[Side.LEFT]
     assert fallen.garment is not None and fallen.garment.vertices[:, 2].max() < 0.06
 
@@ -388,7 +381,7 @@ def test_tips_pressed_too_high_hold_nothing(opened: Any) -> None:
     bench = opened(seed=2).ready()
     bench.ports.attendant.lay_garment()
     bench.pinch(Side.LEFT, corner(bench), height=0.015)
-    assert not truth(bench.ports).held[Side.LEFT]
+    assert not bench.truth().held[Side.LEFT]
     assert bench.ports.grippers[Side.LEFT].state().opening < 1e-3
     assert bench.ports.tactile[Side.LEFT].reading().grip < 0.3
 
@@ -396,26 +389,26 @@ def test_tips_pressed_too_high_hold_nothing(opened: Any) -> None:
 def test_a_missed_grasp_is_missed_once(opened: Any) -> None:
     bench = opened(seed=2).ready()
     ports = bench.ports
-    inject(ports, Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
+    bench.cell.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
     ports.attendant.lay_garment()
     bench.pinch(Side.LEFT, corner(bench))
-    assert not truth(ports).held[Side.LEFT]
+    assert not bench.truth().held[Side.LEFT]
     bench.pinch(Side.LEFT, corner(bench))
-    assert truth(ports).held[Side.LEFT]
-    assert [fault.kind for _, fault in truth(ports).faults] == [FaultKind.MISSED_GRASP]
+    assert bench.truth().held[Side.LEFT]
+    assert [fault.kind for _, fault in bench.truth().faults] == [FaultKind.MISSED_GRASP]
 
 
 def test_a_dropped_corner_is_noticed_by_the_pads(opened: Any) -> None:
     bench = opened(seed=2).ready()
     ports = bench.ports
-    inject(ports, Fault(FaultKind.DROPPED_CORNER, side=Side.LEFT, size=0.05))
+    bench.cell.faults.add(Fault(FaultKind.DROPPED_CORNER, side=Side.LEFT, size=0.05))
     ports.attendant.lay_garment()
     point = corner(bench)
     bench.pinch(Side.LEFT, point)
-    assert truth(ports).held[Side.LEFT]
+    assert bench.truth().held[Side.LEFT]
     bench.move(bench.above(Side.LEFT, point, 0.12, np.pi / 2), 1.5)
     bench.hold(0.3)
-    assert not truth(ports).held[Side.LEFT]
+    assert not bench.truth().held[Side.LEFT]
     assert ports.grippers[Side.LEFT].state().opening < 1e-3
     assert ports.tactile[Side.LEFT].reading().grip < 0.5
 
@@ -461,11 +454,11 @@ def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
     bench = opened(QUIET, seed=5).ready()
     bench.ports.attendant.lay_garment()
     bench.pinch(Side.LEFT, corner(bench))
-    saved = checkpoint(bench.ports)
-    before, q = truth(bench.ports), bench.ports.arms.state().q
+    saved = bench.cell.checkpoint.save()
+    before, q = bench.truth(), bench.ports.arms.state().q
     other = opened(QUIET, seed=5)
-    restore(other.ports, saved)
-    after = truth(other.ports)
+    other.cell.checkpoint.restore(saved)
+    after = other.truth()
     assert before.garment is not None and after.garment is not None
     np.testing.assert_array_equal(after.garment.vertices, before.garment.vertices)
     assert other.ports.clock.now() == bench.ports.clock.now()
@@ -474,7 +467,7 @@ def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
     with pytest.raises(DriverError):  # nothing re-arms by itself
         other.ports.arms.command(q, np.zeros(14))
     other.wait(0.5)
-    assert truth(other.ports).held[Side.LEFT]
+    assert other.truth().held[Side.LEFT]
 
 
 # bad input ------------------------------------------------------------------------------------------
@@ -485,13 +478,16 @@ def test_refuses_what_it_cannot_be() -> None:
         SimulationSettings(world="clay")
     with pytest.raises(ConfigurationError):
         SimulationSettings(fabric="invisible")
-    with pytest.raises(ConfigurationError):
-        open_cell(SimulationSettings(garment="nobodys_towel", render=False), 1)
+    with (
+        pytest.raises(ConfigurationError),
+        open_simulated_cell(SimulationSettings(garment="nobodys_towel", render=False), 1),
+    ):
+        pass
 
 
 def test_a_closed_cell_refuses_and_closes_twice(opened: Any) -> None:
     bench = opened()
-    close_cell(bench.ports)
-    close_cell(bench.ports)
+    bench.close()
+    bench.close()
     with pytest.raises(DriverError):
         bench.ports.clock.now()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from served import Program, Serve
 
-from cell.simulation import SimulationSettings, close_cell, open_cell
+from cell.simulation import SimulationSettings, open_simulated_cell
 from robots.ports import Ports
 from tests.fakes import FakeCell
 
@@ -46,6 +46,4 @@ def cell() -> FakeCell:
 
 @pytest.fixture
 def simulated(last: ExitStack) -> Ports:
-    ports = open_cell(QUIET, 1)
-    last.callback(close_cell, ports)
-    return ports
+    return last.enter_context(open_simulated_cell(QUIET, 1)).ports

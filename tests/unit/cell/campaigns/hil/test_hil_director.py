@@ -15,6 +15,7 @@ from cell.campaigns.hil.clock import PunctualClock
 from cell.campaigns.hil.director import Director
 from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
+from cell.hardware.driver import OpenCell
 from cell.states.commands import CommandQueue
 from cell.states.context import Context, Result
 from cell.states.fold_request import FoldResult
@@ -41,7 +42,7 @@ def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
 def begun(*actions: dict[str, Any], **expect: Any) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
     cell, commands, told = FakeCell(), CommandQueue(), []
     director = Director(a_script(*actions, **expect), np.zeros(14), told.append)
-    return director, director.begin(cell.ports(), commands), cell, commands, told
+    return director, director.begin(OpenCell(cell.ports()), commands), cell, commands, told
 
 
 def enter(director: Director, state: State, cell: FakeCell) -> None:
@@ -165,10 +166,9 @@ FAILED = Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "look aga
 
 def played(monkeypatch: pytest.MonkeyPatch, script: Script, *, away: float = 0.0) -> Director:
     """A run that folds, after one missed grasp."""
-    monkeypatch.setattr(directing, "truth", lambda ports: pytest.fail("no fault was asked for"))
     cell, commands = FakeCell(np.full(14, away)), CommandQueue()
     director = Director(script, np.zeros(14), lambda line: None)
-    director.begin(cell.ports(), commands)
+    director.begin(OpenCell(cell.ports()), commands)
     for state in (State.LOOKING, State.GRASPING, State.RECOVERING, State.GRASPING, State.FOLDED):
         enter(director, state, cell)
         event = Event.FAILED if state is State.GRASPING and director.seen().failures == () else Event.DONE
