@@ -1,15 +1,16 @@
 """The pure machine over cell/states/transition_table.py: an event goes in, the effect to perform comes out.
 
-One thread, no clock, no I/O, nothing done inside callbacks. `transitions` validates the triggers and
-draws the chart. What happens outside the working flow (stop, crash, abort, pause) is added here once,
-for every working state.
+One thread, no clock, no I/O, nothing done inside callbacks. `transitions` is the machine: it holds the rows, knows
+what may follow, moves, and draws the chart (chart.py). What happens outside the working flow (stop, crash, abort,
+pause) is added here once, for every working state.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
-from transitions import Machine, MachineError
+from transitions import Machine, Transition
 
 from cell.states.observers import Step
 from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
@@ -49,28 +50,33 @@ class _Model:
     trigger: object = field(default=None, repr=False)
 
 
+class _Transition(Transition):
+    """A row of the table: it carries the effect."""
+
+    def __init__(self, *args: Any, effect: Effect, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.effect = effect
+
+
+class _Machine(Machine):
+    transition_cls = _Transition
+
+
 class Executive:
     """Walks the table. `handle` raises InternalError for an event that the state does not know."""
 
     def __init__(self, rows: tuple[Row, ...] = TRANSITIONS) -> None:
-        self._rows = {(r.state, r.event): r for r in complete_table(rows)}
-        if len(self._rows) != len(complete_table(rows)):
-            raise InternalError("two rows of the table share a state and an event")
         self._model = _Model()
         self._interrupted: tuple[State, Effect] | None = None
         self._effect = Effect.NOTHING
-        self._machine = Machine(
-            model=self._model,
-            states=[s.value for s in State],
-            transitions=[
-                {"trigger": r.event.value, "source": r.state.value, "dest": r.target.value}
-                for r in self._rows.values()
-            ],
-            initial=State.IDLE.value,
-            auto_transitions=False,
-            send_event=False,
-            model_override=False,
-        )
+        self._machine = _Machine(
+            model=self._model, states=[s.value for s in State], initial=State.IDLE.value,
+            auto_transitions=False, send_event=False, model_override=False,
+        )  # fmt: skip
+        for row in complete_table(rows):
+            if self._transition(row.state, row.event):
+                raise InternalError(f"two rows of the table share the state '{row.state}' and event '{row.event}'")
+            self._machine.add_transition(row.event.value, row.state.value, row.target.value, effect=row.effect)
 
     @property
     def state(self) -> State:
@@ -92,16 +98,17 @@ class Executive:
             self._machine.set_state(target.value, self._model)
             self._interrupted, self._effect = None, effect
             return Step(source, event, target, effect)
-        row = self._rows.get((source, event))
+        row = self._transition(source, event)
         if row is None:
             raise InternalError(
                 f"event '{event}' in state '{source}'", f"known there: {', '.join(self.allowed()) or 'none'}"
             )
         if event is Event.PAUSE:
             self._interrupted = (source, self._effect)
-        try:
-            self._model.trigger(event.value)  # type: ignore[operator]
-        except MachineError as e:  # the chart and our rows are built from one table
-            raise InternalError(str(e)) from e
+        self._model.trigger(event.value)  # type: ignore[operator]
         self._effect = row.effect
-        return Step(source, event, row.target, row.effect)
+        return Step(source, event, self.state, row.effect)
+
+    def _transition(self, state: State, event: Event) -> _Transition | None:
+        row = next(iter(self._machine.get_transitions(event.value, state.value)), None)
+        return row if isinstance(row, _Transition) else None

@@ -30,6 +30,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from cell.operator.console.board import Board
+from cell.states.chart import marked_chart
 from cell.states.commands import ANSWERS, CommandQueue
 from robots.errors import DriverError, StorageError
 from robots.ports import Stop
@@ -119,7 +120,8 @@ class _Page:
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(self._viewer).replace("<", "\\u003c")
-        return HTMLResponse(PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer), headers=HEADERS)
+        page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
+        return HTMLResponse(page, headers=HEADERS)
 
     async def link(self, link: WebSocket) -> None:
         """One page's link. It is closed when either side of it fails: a page that hears nothing must know."""

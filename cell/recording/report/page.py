@@ -19,6 +19,8 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from cell.states.chart import marked_chart
+from cell.states.transition_table import State
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array
 
@@ -105,6 +107,8 @@ class RunRecord:
     garment: str
     result: str
     """'folded', 'not_folded' or 'fault'."""
+    state: State | None = None
+    """In which the machine ended; None: no chart is shown."""
     seed: int | None = None
     driver: str = "sim"
     simulated: bool = True
@@ -153,6 +157,7 @@ def render(run: RunRecord) -> str:
         run=run,
         verdict=RESULTS.get(run.result, words(run.result)),
         stages=stages(run),
+        chart=run.state and Markup(marked_chart(run.state, [State(name) for name in run.stage_times_s])),
         settings=flatten(run.settings),
     )
 

@@ -59,6 +59,7 @@ def report(
         run_id=folder.name,
         garment=result.garment,
         result=result.result,
+        state=end.state,
         seed=result.seed,
         driver=result.driver,
         simulated=result.simulated,

@@ -13,7 +13,7 @@ from cell.operator.progress.compiling import PARTS, compiling_told
 
 USE = """
 import numpy as np
-from cell.operator.terminal.progress.compiling import compiling_told
+from cell.operator.progress.compiling import compiling_told
 from skills.motion.kinematics.ik import _pose_error
 with compiling_told(print):
     _pose_error(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))

@@ -1,0 +1,96 @@
+"""The chart of the states, drawn by the machine's own library: `foldcell chart` writes cell/states/chart.svg anew.
+
+Rows that hold in every working state (stop, crash, abort, pause, a journal that takes no more lines) are left out,
+and where a failure leads is told by a state's colour instead of an arrow. Both are said below the chart.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from transitions.extensions import GraphMachine
+
+from cell.states.transition_table import TERMINAL, TRANSITIONS, Event, State
+from robots.errors import ConfigurationError
+
+__all__ = ["draw_chart"]
+
+ON_FAILURE = {
+    State.RECOVERING: ("#2f6fd0", "#eaf1fb"),
+    State.CLEARING: ("#c0392b", "#fbeceb"),
+    State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
+}
+"""Border and ground of the states whose failure leads there."""
+LEGEND = (
+    "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
+    "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"
+    "Between two effects a run may be paused; resume enters the state anew.\\l"
+)
+
+
+NODE = {
+    "style": "rounded,filled", "shape": "rectangle", "peripheries": "1",
+    "color": "#7b8492", "fillcolor": "#f6f7f9",
+    "fontname": "sans-serif", "fontsize": "14", "height": "0.3", "margin": "0.12,0.05",
+}  # fmt: skip
+EDGE = {"color": "#7b8492", "fontname": "sans-serif", "fontsize": "11", "arrowsize": "0.7"}
+LOOKS = {
+    "default": NODE,
+    "active": NODE,
+    "end": {**NODE, "color": "#1c2026", "peripheries": "2"},
+    **{to.value: {**NODE, "color": line, "fillcolor": ground} for to, (line, ground) in ON_FAILURE.items()},
+}
+
+
+class _Chart(GraphMachine):
+    machine_attributes: dict[str, str] = {  # noqa: RUF012 (as the library declares it)
+        **GraphMachine.machine_attributes,
+        "rankdir": "TB", "fontname": "sans-serif", "fontsize": "13", "labelloc": "b", "labeljust": "l",
+        "nodesep": "0.28", "ranksep": "0.32", "bgcolor": "transparent",
+    }  # fmt: skip
+    style_attributes: dict[str, Any] = {  # noqa: RUF012
+        "node": LOOKS,
+        "edge": {"default": EDGE},
+        "graph": {"default": {}},
+    }
+
+
+def draw_chart() -> str:
+    """The table as SVG; each state's group has the id `state-NAME`. Raises ConfigurationError where Graphviz is
+    missing, which only whoever draws the chart anew needs."""
+    rows = [row for row in TRANSITIONS if row.event is not Event.FAILED]
+    chart = _Chart(
+        states=[s.value for s in State], initial=State.IDLE.value, auto_transitions=False,
+        graph_engine="graphviz", title=LEGEND,
+    )  # fmt: skip
+    for row in rows:
+        chart.add_transition(row.event.value, row.state.value, row.target.value)
+    on_failure = {row.state: row.target for row in TRANSITIONS if row.event is Event.FAILED}
+    graph = chart.model_graphs[id(chart)]
+    for state in State:
+        leads = on_failure.get(state)
+        graph.set_node_style(
+            state.value, "end" if state in TERMINAL else leads.value if leads in ON_FAILURE else "default"
+        )
+    try:
+        svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
+    except (ImportError, OSError) as e:
+        raise ConfigurationError(
+            f"the chart cannot be drawn: {e}", "install Graphviz (`dot`) and `pip install foldcell[docs]`"
+        ) from e
+    return _with_ids(svg)
+
+
+def _with_ids(svg: str) -> str:
+    """Every state's group named by its state, words for underscores, and a size that its frame decides."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(
+        r'<g id="[^"]*" class="node">\s*<title>(\w+)</title>',
+        r'<g id="state-\1" class="state"><title>\1</title>',
+        svg,
+    )
+    svg = re.sub(r'<svg width="[^"]*" height="[^"]*"', '<svg class="states"', svg)
+    svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
+    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # the legend's words stand below the chart already
+    return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)

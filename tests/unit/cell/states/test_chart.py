@@ -1,0 +1,49 @@
+"""The chart that reports and the operator's page show is that of the table."""
+
+import re
+from html import unescape
+
+import pytest
+
+from cell.states.chart import CHART, marked_chart
+from cell.states.transition_table import TRANSITIONS, Event, State
+
+AGAIN = "the table has changed: draw the chart again with `foldcell chart`"
+
+
+def drawn_rows() -> set[tuple[str, str, str]]:
+    """(state, event, target) of every arrow in the shipped picture."""
+    arrows = re.findall(r'class="edge">\s*<title>(.*?)</title>(.*?)</g>', CHART.read_text(), re.S)
+    return {
+        (*unescape(ends).split("->"), event.strip().replace(" ", "_"))
+        for ends, body in arrows
+        for label in re.findall(r"<text[^>]*>(.*?)</text>", body)
+        for event in label.split("|")
+    }
+
+
+def test_every_row_but_those_of_failures_is_an_arrow() -> None:
+    rows = {(r.state.value, r.target.value, r.event.value) for r in TRANSITIONS if r.event is not Event.FAILED}
+    assert drawn_rows() == rows, AGAIN
+
+
+def test_every_state_has_its_place() -> None:
+    assert set(re.findall(r'id="state-(\w+)"', CHART.read_text())) == {s.value for s in State}, AGAIN
+
+
+def test_where_a_failure_leads_is_told_by_colour() -> None:
+    """All states of one colour, and no others, fail into the same state."""
+    colour = dict(re.findall(r'id="state-(\w+)".*?<path fill="(#\w+)" stroke="#', CHART.read_text(), re.S))
+    failing = {r.state.value: r.target for r in TRANSITIONS if r.event is Event.FAILED}
+    led = {state: failing[state] for state in failing if failing[state] is not State.FAULT}
+    for state, target in led.items():
+        alike = {other for other, ground in colour.items() if ground == colour[state]}
+        assert alike == {other for other, to in led.items() if to is target}, AGAIN
+
+
+@pytest.mark.parametrize("present", list(State))
+def test_a_page_marks_the_present_state_and_those_that_were_passed(present: State) -> None:
+    marked = dict(re.findall(r'id="state-(\w+)" class="([^"]*)"', marked_chart(present, [State.IDLE, present])))
+    assert {name for name, look in marked.items() if "present" in look} == {present.value}
+    passed = {name for name, look in marked.items() if "passed" in look}
+    assert passed == ({"idle"} if present is not State.IDLE else set())
