@@ -13,7 +13,7 @@ PARTS = {
     "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
-"""By package. What is compiled elsewhere takes a second."""
+"""By package, with the rooms in it. What is compiled elsewhere takes a second."""
 
 
 @contextmanager
@@ -29,7 +29,7 @@ class _Listener(Listener):
         self._left = dict(PARTS)
 
     def on_start(self, event: Event) -> None:
-        package = event.data["dispatcher"].py_func.__module__.rpartition(".")[0]
+        package = ".".join(event.data["dispatcher"].py_func.__module__.split(".")[:2])
         text = self._left.pop(package, None)
         if text is not None:
             self._say(text)
