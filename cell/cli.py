@@ -135,6 +135,7 @@ def build_parser() -> argparse.ArgumentParser:
         _reset,
         _bench,
         _doctor,
+        _chart,
     ):
         add(commands)
     return parser
@@ -515,6 +516,14 @@ def _bench(commands: Commands) -> None:
 def _doctor(commands: Commands) -> None:
     parser = _add(commands, "doctor", "doctor", "what is installed, what is missing, and what to do")
     _logs_option(parser)
+    _json_option(parser)
+
+
+def _chart(commands: Commands) -> None:
+    parser = _add(
+        commands, "chart", "chart", "draw the states and what leads where (needs Graphviz)"
+    )
+    parser.add_argument("--output", type=Path, metavar="SVG", help="(the one that report and page show)")
     _json_option(parser)
 
 

@@ -1,0 +1,20 @@
+"""`foldcell chart`: the states and what leads from one to another, drawn from the table by `transitions`."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.executive.chart import draw_chart
+from cell.states.chart import CHART
+from cell.subcommands.output import print_json
+from cell.support.files.whole_file import write_whole
+
+__all__ = ["run"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the SVG. Without --output it replaces the one that reports and the operator's page show."""
+    path = options.output or CHART
+    write_whole(path, draw_chart())
+    print_json({"chart": str(path)}) if options.json else print(path)
+    return 0
