@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.cli import main
+from cell.commands.main import main
 from cell.hardware.driver import OpenCell
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord

@@ -36,7 +36,7 @@ expect:
 def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
     """In a process of its own: it is a ROS node for as long as it lives."""
     done = subprocess.run(
-        [sys.executable, "-m", "cell.cli", *arguments, "--driver", "emulator", "--json"],
+        [sys.executable, "-m", "cell.commands.main", *arguments, "--driver", "emulator", "--json"],
         capture_output=True, text=True, timeout=500, cwd=Path(__file__).parents[2], check=False,
         env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that it must leave alone
     )  # fmt: skip

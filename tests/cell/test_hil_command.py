@@ -15,7 +15,7 @@ import pytest
 
 from cell.campaigns.hil.performing import Performance
 from cell.campaigns.hil.script import Script
-from cell.cli import main
+from cell.commands.main import main
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -86,7 +86,7 @@ def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
             os.kill(os.getpid(), number)
         return Performance(script, ("it did not pass",), None, 1.0)
 
-    monkeypatch.setattr("cell.subcommands.hil.perform_script", perform)
+    monkeypatch.setattr("cell.commands.run.hil.perform_script", perform)
     junit = tmp_path / "hil.xml"
     scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
     code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
@@ -101,7 +101,7 @@ def test_a_kill_loses_nothing_that_was_performed(tmp_path: Path) -> None:
     bad.write_text(STOPPED, encoding="utf-8")
     logs = tmp_path / "logs"
     scripts = [str(bad), str(SHIPPED / "folds_unhurt.yaml")]
-    line = [sys.executable, "-m", "cell.cli", "hil", *scripts, "--logs", str(logs)]
+    line = [sys.executable, "-m", "cell.commands.main", "hil", *scripts, "--logs", str(logs)]
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as campaign:
         assert campaign.stdout is not None
         next(told for told in campaign.stdout if told.startswith("  2/2"))
@@ -114,6 +114,6 @@ def test_a_kill_loses_nothing_that_was_performed(tmp_path: Path) -> None:
 def test_nobody_reading_changes_no_exit_code(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
-    hil = f"{sys.executable} -m cell.cli hil {bad} {bad} --logs {tmp_path / 'logs'}"
+    hil = f"{sys.executable} -m cell.commands.main hil {bad} {bad} --logs {tmp_path / 'logs'}"
     line = f"{hil} | true; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], stderr=subprocess.DEVNULL).returncode == 2

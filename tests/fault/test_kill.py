@@ -27,7 +27,7 @@ LONGEST_S = 240.0
 
 
 def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cell.cli", *line]
+    command = [sys.executable, "-m", "cell.commands.main", *line]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 
@@ -60,7 +60,8 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     settings.write_text(yaml.safe_dump(dict(PLAIN)), encoding="utf-8")
     line = ["fold", "small_towel", "--seed", "1", "--cell", str(settings), "--logs", str(logs)]
     with (folder / "output").open("w") as output:
-        process = subprocess.Popen([sys.executable, "-m", "cell.cli", *line], stdout=output, stderr=output)
+        command = [sys.executable, "-m", "cell.commands.main", *line]
+        process = subprocess.Popen(command, stdout=output, stderr=output)
     try:
         deadline = time.monotonic() + LONGEST_S
         while under_way(logs) != "grasp":

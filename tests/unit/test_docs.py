@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.cli import build_parser
+from cell.commands.main import build_parser
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments
 from cell.control import streaming as execution

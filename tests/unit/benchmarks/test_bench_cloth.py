@@ -13,7 +13,7 @@ import benchmarks.cloth as bench
 from benchmarks.cloth.results import page
 from benchmarks.cloth.scenes import MATERIAL, TOWEL, frames_of, mirrored, shirt_folds, towel_half, towel_mesh
 from benchmarks.cloth.strain import TURN, edge_strains, on_the_line, reach, turns
-from cell.cli import main
+from cell.commands.main import main
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour

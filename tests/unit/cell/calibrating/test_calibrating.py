@@ -14,7 +14,7 @@ from calibration.effects import Grip, Listen, Reach, Touch
 from calibration.table import TableSettings, calibrate_table
 from cell.calibrating.reaching import holding_board
 from cell.calibrating.session import CalibrationRequest, calibrate
-from cell.cli import main
+from cell.commands.main import main
 from cell.config.calibration_file import (
     calibration_text,
     load_camera_calibration,

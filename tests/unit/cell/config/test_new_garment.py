@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.cli import main
+from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
 
 OWN = {  # a T-shirt of one's own [m]: longer, narrower, with shorter sleeves than the shipped one

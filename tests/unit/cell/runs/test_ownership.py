@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.cli import main
+from cell.commands.main import main
 from cell.config.cell_settings import load_settings
 from cell.recording.journal import Journal
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell

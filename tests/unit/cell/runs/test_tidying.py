@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.cli import main
+from cell.commands.main import main
 from cell.recording.journal import Journal, RunJournal
 from cell.runs.tidying import HEAVY, heavy_runs, lighten
 from robots.errors import StorageError

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.cli import main
+from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
 from cell.simulation import SimulationSettings, check_settings
 from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body

@@ -1,0 +1,72 @@
+"""`foldcell calibrate board`: the sheet to print that camera and hand-eye are calibrated with."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from calibration.board import BOARD, DICTIONARY
+from calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
+from cell.calibrating.sheet_file import SHEET_FORMATS
+from cell.commands.options import Commands, add_command, json_option
+from cell.commands.output import print_json
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
+
+__all__ = ["add_actions", "run"]
+
+
+def add_actions(actions: Commands) -> None:
+    """The sheet to print; no cell takes part."""
+    board = add_command(
+        actions, "board", "write the calibration board as a page to print, A4 and true to scale", run
+    )
+    board.set_defaults(action="board")
+    board.add_argument(
+        "--output", type=Path, required=True, metavar="FILE", help="the page: .pdf, or .png of 304.8 dots an inch"
+    )
+    json_option(board)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the sheet and say what is on it. Nothing moves; no cell is opened."""
+    path = options.output
+    write = SHEET_FORMATS.get(path.suffix.lower())
+    if write is None:
+        hint = "give --output a name that ends in .pdf or .png"
+        raise ConfigurationError(f"{path} is neither PDF nor PNG", hint)
+    write_whole(path, write(draw_sheet(), PIXELS_PER_MM))
+    told = _figures() | {"file": str(path.absolute())}
+    if options.json:
+        print_json({"calibration": "board", **told})
+        return 0
+    for name, value in told.items():
+        print(f"  {name:<28} {_shown(value)}")
+    print(
+        f"  next: print it at 100 % (not 'fit to page'), measure the line of {RULER_MM} mm and the pattern, cut"
+        f" the card\n  to {_shown(told['card_mm'])} mm and glue it flat on a stiff plate with a tab"
+        " (docs/operating.md, Print the board)"
+    )
+    return 0
+
+
+def _figures() -> dict[str, Any]:
+    """What is printed, in millimetres."""
+    square = 1e3 * BOARD.square
+    return {
+        "type": f"ChArUco, {BOARD.columns} x {BOARD.rows} squares",
+        "dictionary": DICTIONARY,
+        "square_mm": round(square, 3),
+        "marker_mm": round(1e3 * BOARD.marker, 3),
+        "pattern_mm": [round(BOARD.columns * square, 3), round(BOARD.rows * square, 3)],
+        "card_mm": [round(1e3 * length, 3) for length in BOARD.size],
+        "tab_mm": round(1e3 * BOARD.tab, 3),
+        "page_mm": list(PAGE),
+        "dpi": round(25.4 * PIXELS_PER_MM, 1),
+        "ruler_mm": RULER_MM,
+    }
+
+
+def _shown(value: Any) -> str:
+    return " x ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value)

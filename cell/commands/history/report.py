@@ -1,0 +1,97 @@
+"""`foldcell report RUN`: what happened, from the ledger, and where the report page is."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from cell.commands.history.runs import run_figures
+from cell.commands.options import json_option, logs_option, run_name
+from cell.commands.output import print_json
+from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord
+from cell.runs.resumable import resumable
+from cell.support.files.paths import command_for, ledger_path, logs_directory
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    run_name(parser)
+    logs_option(parser)
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    logs = logs_directory(options.logs)
+    with Journal.open(ledger_path(logs), readonly=True) as journal:
+        record = journal.run(options.name)
+        figures = run_figures(journal, record)
+        entries = journal.entries(record.id)
+        figures["resumable"] = resumable(journal, record.id)
+    page = record.directory / "report.html"
+    figures |= {
+        "summary": record.summary,
+        "effects": _effects(entries),
+        "report": str(page) if page.is_file() else None,
+    }
+    if options.json:
+        print_json(figures)
+        return 0
+    print(f"{record.id}: {record.status}")
+    for effect in figures["effects"]:
+        print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
+    if record.status == "interrupted":
+        print("  the process ended here without ending the run (killed, machine down, or the ledger's disk full)")
+    if reason := record.summary.get("reason"):
+        print(f"  nothing was begun: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
+    if figures["resumable"]:
+        print(f"go on   {command_for(f'resume {record.id}', record.directory.parent)}")
+    print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
+    return 0
+
+
+def _no_page(record: RunRecord) -> str:
+    """Why there is no page, and what there is instead."""
+    recorded = (record.directory / "run.rrd").is_file()
+    command = command_for(f"replay {record.id}", record.directory.parent)
+    replay = f"\n        {command} opens what was recorded" if recorded else ""
+    if record.status == "running":
+        return f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run as it goes{replay}"
+    if record.status == NOT_BEGUN:
+        return "none: nothing was done"
+    if record.status == "interrupted":
+        return f"none: the run was cut off before it was written{replay}"
+    if not (record.directory / "result.json").is_file():
+        return "none: it is written after the run's end (this moment, or something cut that off)"
+    return f"none: see {record.directory}"
+
+
+def _effects(entries: list[Entry]) -> list[dict[str, Any]]:
+    """Every effect in order, with what came of it."""
+    results = {e.answers: e for e in entries if e.kind == "result"}
+    effects = []
+    for begun in (e for e in entries if e.kind == "intent"):
+        ended = results.get(begun.sequence)
+        effects.append(
+            {
+                "name": begun.name,
+                "state": begun.state,
+                "begun_s": begun.cell_time,
+                "ended_s": ended.cell_time if ended else None,
+                "event": ended.payload.get("event") if ended else None,
+                "failure": ended.payload.get("kind") if ended else None,
+                "what": ended.payload.get("what") if ended else None,
+            }
+        )
+    return effects
+
+
+def _ending(effect: dict[str, Any]) -> str:
+    if effect["ended_s"] is None:
+        return "begun, not finished"
+    took = f"{effect['ended_s'] - effect['begun_s']:.1f} s"
+    if effect["failure"]:
+        return f"{took}  {effect['failure']}: {effect['what']}"
+    event = effect["event"]
+    return took if event in (None, "done") else f"{took}  {event}"

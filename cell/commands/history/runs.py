@@ -1,0 +1,105 @@
+"""`foldcell runs`: the ledger's runs and what is true of each now."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from cell.commands.options import count, json_option, logs_option
+from cell.commands.output import print_json, print_table
+from cell.recording.checkpoint.run_checkpoint import has_belief
+from cell.recording.journal import Journal, RunRecord
+from cell.support.files.paths import command_for, ledger_path, logs_directory
+
+__all__ = ["add_options", "run", "run_figures"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    parser.add_argument("--last", type=count, metavar="N", help="only the last N")
+    logs_option(parser)
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    logs = logs_directory(options.logs)
+    rows = _read(ledger_path(logs), options.last)
+    if options.json:
+        print_json({"logs": str(logs), "runs": rows})
+        return 0
+    if not rows:
+        print(f"no runs yet in {logs}")
+        return 0
+    table = [
+        (
+            r["run"],
+            r["garment"],
+            r["seed"],
+            r["driver"],
+            _when(r["started"]),
+            r["robot_time_s"],
+            r["wall_time_s"],
+            _how(r),
+        )
+        for r in rows
+    ]
+    print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
+    if rows[-1]["status"] == "interrupted" and has_belief(Path(rows[-1]["run_dir"])):
+        last = Path(rows[-1]["run_dir"])
+        print(f"go on with the last one: {command_for(f'resume {last.name}', last.parent)}")
+    return 0
+
+
+def _read(ledger: Path, last: int | None) -> list[dict[str, Any]]:
+    if not ledger.exists():
+        return []
+    with Journal.open(ledger, readonly=True) as journal:
+        records = journal.runs()
+        return [run_figures(journal, r) for r in (records[-last:] if last else records)]
+
+
+def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
+    """One run as a flat object; `last_intent` says what was under way where a run has no end."""
+    figures: dict[str, Any] = {
+        "run": record.id,
+        "status": record.status,
+        "garment": record.garment,
+        "seed": record.seed,
+        "driver": record.driver,
+        "started": record.started,
+        "ended": record.ended,
+        "pid": record.pid,
+        "robot_time_s": record.summary.get("robot_time_s"),
+        "wall_time_s": record.summary.get("wall_time_s"),
+        "reason": (record.summary.get("reason") or {}).get("what"),
+        "failure": (record.summary.get("failure") or {}).get("kind"),
+        "run_dir": str(record.directory),
+        "last_intent": None,
+    }
+    if record.ended is None:
+        intent = journal.last_intent(record.id)
+        if intent is not None:
+            figures["last_intent"] = {
+                "name": intent.begun.name,
+                "state": intent.begun.state,
+                "cell_time_s": intent.begun.cell_time,
+                "finished": intent.result is not None,
+            }
+    return figures
+
+
+def _when(started: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(started))
+
+
+def _how(row: dict[str, Any]) -> str:
+    intent = row["last_intent"]
+    if intent is None:
+        why = row["reason"] or (row["failure"] or "").replace("_", " ")
+        return str(row["status"]) + (f": {why}" if why else "")
+    where = "after" if intent["finished"] else "during"
+    return f"{row['status']} {where} {intent['name']} at {intent['cell_time_s']:.1f} s" + (
+        f" (process {row['pid']})" if row["status"] == "running" else ""
+    )

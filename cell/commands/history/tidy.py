@@ -1,0 +1,54 @@
+"""`foldcell tidy`: free the disk of old runs' recordings."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.commands.options import count, json_option, logs_option
+from cell.commands.output import print_json, print_table
+from cell.runs.tidying import heavy_runs, lighten
+from cell.support.files.paths import logs_directory
+
+__all__ = ["add_options", "run"]
+
+MEBI = 2.0**20
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    parser.add_argument("--keep", type=count, default=50, metavar="N", help="leave the newest N as they are (50)")
+    parser.add_argument(
+        "--unfinished", action="store_true", help="also of runs that could still be gone on with (resume)"
+    )
+    parser.add_argument("--yes", action="store_true", help="remove them; without it they are only listed")
+    logs_option(parser)
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Shows what would go; removes it with --yes."""
+    logs = logs_directory(options.logs)
+    heavy = heavy_runs(logs, options.keep, options.unfinished)
+    if options.yes:
+        for each in heavy:
+            lighten(each)
+    total = sum(each.bytes for each in heavy)
+    if options.json:
+        print_json(
+            {
+                "logs": str(logs),
+                "removed": bool(options.yes),
+                "bytes": total,
+                "runs": [{"run": each.run.id, "bytes": each.bytes} for each in heavy],
+            }
+        )
+        return 0
+    if not heavy:
+        print(f"nothing to remove in {logs} beyond the newest {options.keep} runs")
+        return 0
+    print_table(("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy])
+    if options.yes:
+        print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the ledger stay")
+    else:
+        print(f"{total / MEBI:.0f} MiB would go (recordings, pictures, transcripts); --yes removes them")
+    return 0

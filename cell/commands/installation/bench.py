@@ -1,0 +1,110 @@
+"""`foldcell bench NAME`: figures of one part, its peers' beside them, and the machine they were measured on."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from cell.commands.options import json_option
+from cell.commands.output import print_json, print_table, progress_stream
+from cell.config.garments.garment_file import load_garment
+from robots.errors import ConfigurationError
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    names = ["cell", "cloth", "execution", "motion", "optimise", "perception"]
+    parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
+    parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
+    parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
+    parser.add_argument("--only", metavar="PART,...", help="of cloth: these parts")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="of cloth: put each part's figures down there, go on from there"
+    )
+    parser.add_argument("--garment", metavar="A,B", help="only these, by name or file (optimise)")
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run benchmarks/NAME.py: measure(tell, *, peers, quick) -> flat figures, each with its unit in its name."""
+    try:
+        bench = importlib.import_module(f"benchmarks.{options.name}")
+    except ModuleNotFoundError as e:
+        if e.name not in ("benchmarks", f"benchmarks.{options.name}"):
+            raise
+        raise ConfigurationError(
+            "the benchmarks are not installed", hint="run this command in a clone of the repository"
+        ) from e
+    out = progress_stream(options.json)
+    more = _garments(options) | _parts(bench, options)
+    figures: Mapping[str, Any] = bench.measure(
+        lambda line: print(line, file=out, flush=True), peers=options.peers, quick=options.quick, **more
+    )
+    if options.json:
+        print_json({**figures, "quick": options.quick, "machine": _machine()})
+    else:
+        flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
+        if flat:
+            print_table(("figure", "value"), flat)
+        for key, value in figures.items():
+            _print_rows(key, value)
+    return 0
+
+
+def _print_rows(name: str, rows: Any) -> None:
+    """A figure that is a list of rows, as a table of its own; what a row nests is in the JSON only."""
+    if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
+        return
+    columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
+    print(f"\n{name}")
+    print_table(columns, [[_shown(row.get(key)) for key in columns] for row in rows])
+
+
+def _garments(options: argparse.Namespace) -> dict[str, Any]:
+    """The garments to measure, where the benchmark can be told and is."""
+    if options.garment is None:
+        return {}
+    if options.name != "optimise":
+        raise ConfigurationError(f"--garment is not for bench {options.name}", "bench optimise takes it")
+    names = options.garment.split(",")
+    for name in names:
+        load_garment(name)
+    return {"garments": names}
+
+
+def _parts(bench: ModuleType, options: argparse.Namespace) -> dict[str, Any]:
+    """--only and --keep, which benches that have PARTS take."""
+    if not (options.only or options.keep):
+        return {}
+    if not hasattr(bench, "PARTS"):
+        raise ConfigurationError(f"bench {options.name} has no parts", "give neither --only nor --keep")
+    return {"only": options.only.split(",") if options.only else (), "keep": options.keep}
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "cpu": _cpu_name(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _cpu_name() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor()

@@ -1,0 +1,28 @@
+"""`foldcell chart`: the states and what leads from one to another, drawn from the table by `transitions`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cell.commands.options import json_option
+from cell.commands.output import print_json
+from cell.executive.chart import draw_chart
+from cell.states.chart import CHART
+from cell.support.files.whole_file import write_whole
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    parser.add_argument("--output", type=Path, metavar="SVG", help="(the one that report and page show)")
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the SVG. Without --output it replaces the one that reports and the operator's page show."""
+    path = options.output or CHART
+    write_whole(path, draw_chart())
+    print_json({"chart": str(path)}) if options.json else print(path)
+    return 0

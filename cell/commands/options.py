@@ -1,0 +1,86 @@
+"""Flags that several commands share, and the types of their values."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+Commands = argparse._SubParsersAction  # the only name that argparse has for it
+Run = Callable[[argparse.Namespace], int]
+
+
+def add_command(commands: Commands, name: str, about: str, run: Run | None = None) -> argparse.ArgumentParser:
+    """A command or an action of one. run: what it does with its options, -> exit code."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=about, description=about[:1].upper() + about[1:] + ".", allow_abbrev=False
+    )
+    if run is not None:
+        parser.set_defaults(run=run)
+    return parser
+
+
+def json_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line of standard output")
+
+
+def logs_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--logs", type=folder, metavar="DIR", help="where runs are kept (else FOLDCELL_LOGS)")
+
+
+def cell_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--cell", type=Path, metavar="FILE", help="settings of the cell; else the shipped ones")
+
+
+def seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > 2**31 - 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no seed; a whole number from 0 to {2**31 - 1} is")
+    return int(text)
+
+
+def folder(text: str) -> Path:
+    """As `--logs "$UNSET"` gives it, an empty name would be the folder that one happens to be in."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of a folder is expected, this is empty")
+    return Path(text)
+
+
+def count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 to 10000 is expected")
+    return int(text)
+
+
+def port(text: str) -> int:
+    if not text.isdecimal() or not (int(text) == 0 or 1024 <= int(text) <= 65_535):
+        raise argparse.ArgumentTypeError(f"{text!r} is no port; a whole number from 1024 to 65535 is, or 0")
+    return int(text)
+
+
+def driver_option(parser: argparse.ArgumentParser, real: bool = True) -> None:
+    robot = ", or the robot (ROS_MASTER_URI)" if real else ""
+    parser.add_argument(
+        "--driver", choices=["sim", "emulator", *(["ros"] if real else [])], default="sim",
+        help=f"what moves: the simulated cell, the same behind ROS in real time{robot}",
+    )  # fmt: skip
+
+
+def driver_options(parser: argparse.ArgumentParser, real: bool = True) -> None:
+    driver_option(parser, real)
+    parser.add_argument(
+        "--world", choices=["xpbd", "mujoco"], default="xpbd",
+        help="what the simulated cloth is: our solver, or MuJoCo (towels; slow; needs the extra peers)",
+    )  # fmt: skip
+
+
+def run_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("garment", metavar="GARMENT", help="name or file of the garment expected, or auto")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the simulated cell (0)")
+    driver_options(parser)
+    cell_option(parser)
+    logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
+
+
+def run_name(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="RUN", help="id or the beginning of one, a run's folder, or last")

@@ -1,0 +1,147 @@
+"""`foldcell hil`: scripted runs, each held to what its script expects."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.hil.junit import junit_text
+from cell.campaigns.hil.performing import Performance, check_script, perform_script
+from cell.campaigns.hil.script import Script, read_script
+from cell.commands.options import cell_option, driver_options, json_option, logs_option
+from cell.commands.output import print_json, progress_stream
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.driver import is_simulated
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
+from cell.support.process.lock import OwnerLock
+from cell.support.process.terminations import BY_SIGNAL, Terminated
+from robots.errors import ConfigurationError
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    parser.add_argument("scripts", nargs="+", type=Path, metavar="SCRIPT", help="YAML files, or folders of them")
+    driver_options(parser)
+    cell_option(parser)
+    logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the runs in a Rerun viewer as they go")
+    parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="the results for a build server, as JUnit XML")
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """0 when every script passed, 2 when one did not, 3 when a cell came to a fault that was not expected.
+
+    All scripts are read and checked before the first run begins. A signal ends the run under way, and no other
+    begins. Whatever ends the campaign, what was performed is told and kept."""
+    settings = load_settings(options.cell)
+    scripts = [read_script(path) for path in _files(options.scripts)]
+    for script in scripts:
+        check_script(script, settings, options.driver)
+    if options.junit is not None and not options.junit.absolute().parent.is_dir():
+        raise ConfigurationError(f"{options.junit}: there is no such folder", "make it, or give another --junit")
+    logs = prepare_logs(logs_directory(options.logs))
+    with _owned(logs, options.driver):
+        return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
+
+
+def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path) -> int:
+    done: list[Performance] = []
+    ended_by: int | None = None
+    try:
+        ended_by = _perform(options, settings, scripts, folder, done)
+    except KeyboardInterrupt as e:  # between two runs; while one is under way signals are its own, and stop it
+        ended_by = e.number if isinstance(e, Terminated) else signal.SIGINT
+    finally:  # also when a bug ends it
+        left = scripts[len(done) :]
+        figures = _figures(done, left, options.driver)
+        if options.json:
+            print_json({**figures, "directory": str(folder)})
+        else:
+            _summary(done, left, folder)
+        _keep(folder, figures)
+        if options.junit is not None:
+            write_whole(options.junit, junit_text(done, left))
+    if ended_by is not None:
+        return BY_SIGNAL + ended_by
+    return 3 if any(p.faulty for p in done) else 2 if any(not p.passed for p in done) else 0
+
+
+def _perform(
+    options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path,
+    done: list[Performance],
+) -> int | None:  # fmt: skip
+    """Each script in turn, added to `done`; -> the signal that ended a run, if one did."""
+    out = progress_stream(options.json)
+    for number, script in enumerate(scripts, 1):
+        print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
+        performance = perform_script(
+            script, settings, folder, driver=options.driver, world=options.world, live=options.live,
+            realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
+        )  # fmt: skip
+        done.append(performance)
+        _keep(folder, _figures(done, scripts[number:], options.driver))  # now: a kill must not lose it
+        print(_outcome(performance), file=out, flush=True)
+        if performance.result is not None and performance.result.signal is not None:
+            return performance.result.signal
+    return None
+
+
+def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
+    """One owner a cell, also between two runs; each simulated run has a cell of its own."""
+    return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
+
+
+def _files(given: list[Path]) -> list[Path]:
+    """The scripts, and those in the folders, that were named."""
+    files: list[Path] = []
+    for path in given:
+        inside = sorted(p for p in path.iterdir() if p.suffix in (".yaml", ".yml")) if path.is_dir() else [path]
+        if not inside:
+            raise ConfigurationError(f"{path} holds no script", "scripts are YAML files; see docs/operating.md")
+        files += inside
+    return files
+
+
+def _figures(done: list[Performance], left: list[Script], driver: str) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "simulated": is_simulated(driver),
+        "passed": sum(p.passed for p in done),
+        "failed": sum(not p.passed for p in done),
+        "not_performed": [str(script.path) for script in left],
+        "scripts": [p.as_json() for p in done],
+    }
+
+
+def _keep(folder: Path, figures: dict[str, Any]) -> None:
+    write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
+
+
+def _outcome(p: Performance) -> str:
+    times = f"{p.result.robot_time_s:.1f} s robot, {p.seconds:.1f} s wall" if p.result else "no run"
+    lines = [f"         {'passed' if p.passed else 'FAILED'}  ({times})"]
+    lines += [f"         - {what}" for what in p.broken]
+    if p.broken and p.result:
+        lines.append(f"         {p.result.run_dir}/report.html")
+    return "\n".join(lines)
+
+
+def _summary(done: list[Performance], left: list[Script], folder: Path) -> None:
+    failed = [p.script.name for p in done if not p.passed]
+    names = f"; not: {', '.join(failed)}" if failed else ""
+    lines = [f"\n{len(done) - len(failed)} of {len(done)} passed{names}"]
+    if left:
+        lines.append(f"not performed: {', '.join(script.name for script in left)}")
+    lines.append(f"details  {folder / 'hil.json'}")
+    print("\n".join(lines), flush=True)

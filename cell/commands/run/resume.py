@@ -1,0 +1,37 @@
+"""`foldcell resume RUN`: go on with a run that was killed, stopped or ended before the garment was folded."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from cell.commands.options import json_option, logs_option, run_name
+from cell.commands.run.fold import tell
+from cell.recording.journal import Journal
+from cell.support.files.paths import ledger_path, logs_directory, prepare_logs
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    run_name(parser)
+    logs_option(parser)
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
+    parser.add_argument("--approve", action="store_true", help="ask before each fold, though the run did not")
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """What is left of the run is read and checked before the cell is opened."""
+    from cell.runs.checkpoint_writer import interrupted_run
+    from cell.runs.fold_run import fold_once
+
+    logs = logs_directory(options.logs)
+    changes: dict[str, Any] = {"quiet": options.json, "live": options.live}
+    if options.approve:
+        changes["approve"] = True
+    with Journal.open(ledger_path(logs), readonly=True) as journal:
+        interrupted = interrupted_run(journal, options.name, logs, **changes)
+    prepare_logs(logs)
+    return tell(fold_once(interrupted.request, interrupted=interrupted), options.json)

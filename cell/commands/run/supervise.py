@@ -1,0 +1,19 @@
+"""`foldcell supervise`: a fold under an operator's eyes."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.commands.options import json_option, port, run_options
+from cell.commands.run.fold import run
+
+__all__ = ["add_options"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    run_options(parser)
+    parser.add_argument("--no-page", dest="page", action="store_false", help="do not serve the operator's page")
+    parser.add_argument("--page-port", type=port, default=0, metavar="N", help="of the page (a free one)")
+    parser.set_defaults(approve=True, realtime=True)
+    json_option(parser)

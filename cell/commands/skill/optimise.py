@@ -1,0 +1,171 @@
+"""`foldcell optimise GARMENT`: trajectories of its folds, for this cell or any other robot."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cell.commands.options import cell_option, count, json_option
+from cell.commands.output import print_json, progress_stream
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.operator.progress.bar import ProgressBar
+from cell.operator.progress.compiling import compiling_told
+from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
+from robots.errors import ConfigurationError
+from skills.cloth.mesh import mesh_from_contour
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.optimise import ClothPredictor, optimise_fold
+from skills.trajectory.paths import lifted, tool_paths
+from skills.vocabulary import FoldStep, GarmentState, Outcome, ToolPath
+
+__all__ = ["add_options", "export_text", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    parser.add_argument("garment", metavar="GARMENT", help="name or file")
+    parser.add_argument("--step", type=count, metavar="N", help="only the N-th fold, from 1 (all)")
+    parser.add_argument(
+        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+    )
+    parser.add_argument("--budget", type=count, metavar="N", help="simulations of one fold (of the settings)")
+    parser.add_argument("--export", type=Path, metavar="FILE", help="tool poses and times, as .csv or .json")
+    cell_option(parser)
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """0 when every fold was optimised, 2 when one could not be."""
+    settings = load_settings(options.cell)
+    garment = load_garment(options.garment, settings.surface)
+    speed = min(garment.max_tool_speed, settings.motion.tool_speed)
+    _check_export(options.export)
+    if options.step is not None and options.step > len(garment.plan):
+        raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no --step {options.step}")
+    method = options.method or settings.optimiser.method
+    budget = options.budget or (None if method == "initial" else settings.optimiser.simulations)
+    out = progress_stream(options.json)
+
+    state = garment.flat_state(*garment.poses.middle)
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+    vertices = mesh.lay_flat(garment.material.thickness)
+    predict = ClothPredictor()
+    bar = ProgressBar(out)
+    told: list[dict[str, Any]] = []
+    paths: dict[str, dict[str, ToolPath]] = {}
+    steps = _steps(state, garment)[: options.step]
+    with compiling_told(bar.line):
+        for step in steps:
+            wanted = options.step in (None, step.index + 1)
+            began = time.monotonic()
+            bar.restart()
+            outcome = optimise_fold(
+                step, mesh, vertices, garment.material,
+                method if wanted else "initial", budget if wanted else None,
+                threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
+                progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
+            )  # fmt: skip
+            if wanted or outcome.failure:
+                told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
+                bar.line(_line(told[-1]))
+            if outcome.failure:
+                break
+            arcs = tool_paths(outcome.unwrap(), step)
+            timed = {side: lifted(path, settings.grasp.lift_height) for side, path in arcs.items()}
+            if wanted:
+                paths[step.name] = {side.value: path for side, path in timed.items()}
+            if step is not steps[-1]:
+                vertices = predict(mesh, vertices, garment.material, timed)
+    bar.clear()
+    if options.export is not None:
+        write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())
+        print(f"tool poses and times  {options.export}", file=out)
+    if options.json:
+        export = str(options.export) if options.export else None
+        print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
+    return 2 if any(s["failure"] for s in told) else 0
+
+
+def _steps(state: GarmentState, garment: Garment) -> tuple[FoldStep, ...]:
+    planned = plan_folds(state, garment)
+    if planned.failure:
+        raise ConfigurationError(f"{garment.name}: {planned.failure.what}", planned.failure.hint)
+    return planned.unwrap()
+
+
+def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float) -> None:
+    bar.update(done, budget, f"simulations of fold {step.index + 1} {step.name}: best D {1e3 * best:.1f} mm")
+
+
+def _check_export(path: Path | None) -> None:
+    if path is None:
+        return
+    if path.suffix not in (".csv", ".json"):
+        raise ConfigurationError(f"--export {path}: a file ending in .csv or .json is expected")
+    if not path.absolute().parent.is_dir():
+        raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
+
+
+def _figures(step: FoldStep, outcome: Outcome, lift_height: float, wall_time_s: float) -> dict[str, Any]:
+    trajectory = outcome.value
+    return {
+        "name": step.name,
+        "step": step.index + 1,
+        **outcome.notes,
+        "lift_m": lift_height,
+        "duration_s": trajectory.duration if trajectory else None,
+        "wall_time_s": wall_time_s,
+        "control_points_m": trajectory.control_points if trajectory else None,
+        "failure": outcome.failure,
+    }
+
+
+def _line(figures: dict[str, Any]) -> str:
+    name = f"fold {figures['step']} {figures['name']}: "
+    if figures["failure"]:
+        return name + str(figures["failure"])
+    first, best = 1e3 * figures["dissimilarity_initial_m"], 1e3 * figures["dissimilarity_m"]
+    return (
+        f"{name}D {first:.1f} -> {best:.1f} mm (predicted)"
+        f" in {figures['simulations']} simulations, {figures['wall_time_s']:.1f} s"
+    )
+
+
+COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
+    """Tool poses over time, from the grasp through the straight lift to the release: position of the tool centre
+    point and orientation (quaternion, scalar last) of the tool frame in the table frame (robots/ports.py)."""
+    rows: list[tuple[Any, ...]] = [
+        (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
+        for fold, arms in paths.items()
+        for arm, path in arms.items()
+        for t, p, q in zip(path.t, path.position, _quaternions(path), strict=True)
+    ]
+    if suffix == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(rows)
+        return text.getvalue()
+    folds: dict[str, dict[str, list]] = {}
+    for fold, arm, *numbers in rows:
+        folds.setdefault(fold, {}).setdefault(arm, []).append(numbers)
+    value = {"schema": 1, "garment": garment, "frame": "table", "columns": COLUMNS[2:], "folds": folds}
+    return json.dumps(to_json(value)) + "\n"
+
+
+def _quaternions(path: ToolPath) -> Any:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(path.rotation).as_quat()

@@ -1,0 +1,246 @@
+"""Bad input through the real commands, nothing faked: 64, a message that helps, and not a byte written.
+
+What single readers refuse stands in test_config.py and test_garments.py; here it is that a command stops in time.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from cell.commands.main import main
+from cell.config.calibration_file import calibration_text
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import shipped_garment_path
+from cell.hardware.camera import camera_calibration
+from cell.support.process.lock import OwnerLock
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the user stands; logs would go to a folder that does not exist yet."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
+    return tmp_path
+
+
+@pytest.fixture
+def refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs a line that must be refused, and returns its message."""
+
+    def run(line: str, *parts: str) -> str:
+        before = contents(folder)
+        assert main(line.split()) == 64
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err + captured.out
+        assert captured.err.startswith("foldcell: ")
+        for part in parts:
+            assert part in captured.err
+        assert contents(folder) == before, "something was written"
+        if "--json" in line:
+            answer = json.loads(captured.out.rstrip("\n").split("\n")[-1])
+            assert answer["exit_code"] == 64 and answer["error"] in captured.err
+        return captured.err
+
+    return run
+
+
+def contents(folder: Path) -> dict[str, Any]:
+    """Every name below a folder, with the bytes and the time of what is a file."""
+    return {
+        str(p.relative_to(folder)): (p.stat().st_mtime_ns, p.read_bytes()) if p.is_file() else None
+        for p in sorted(folder.rglob("*"))
+    }
+
+
+# garments
+
+
+@pytest.mark.parametrize(
+    "command", ["fold", "fold --json", "supervise", "optimise", "garment show", "library build"]
+)
+def test_an_unknown_garment(refused: Callable[..., str], command: str) -> None:
+    name, *options = command.split(" --")
+    refused(" ".join([name, "medium_towl", *(f"--{o}" for o in options)]), "medium_towl", "medium_towel")
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        ({"colour": "red"}, ["colour", "not known"]),
+        ({"titel": "A towel"}, ["titel", "'title'"]),
+        ({"layers": 0}, ["layers", "0"]),
+        ({"max_tool_speed": 350}, ["max_tool_speed", "350", "metres"]),
+        ({"keypoints": {"near_right": [-150, -210], "far_right": [150, -210]}}, ["keypoints", "150", "metres"]),
+    ],
+)
+def test_a_garment_file_that_is_wrong(
+    refused: Callable[..., str], folder: Path, change: dict[str, Any], parts: list[str]
+) -> None:
+    garment = yaml.safe_load(shipped_garment_path("small_towel").read_text(encoding="utf-8")) | change
+    (folder / "mine.yaml").write_text(yaml.safe_dump(garment), encoding="utf-8")
+    refused("fold mine.yaml --seed 1", "mine.yaml", *parts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["title: 2020-99-99", "title: " + "[" * 5000, "layers: " + "9" * 5000, "title: a\ntitle: b", "- a\n- b", "\0"],
+    ids=["a date that is none", "nested", "a number without end", "a key twice", "a list", "no text"],
+)
+@pytest.mark.parametrize("command", ["fold mine.yaml", "calibrate friction mine.yaml --height 0.3 --length 1"])
+def test_a_garment_file_that_is_no_good_yaml(
+    refused: Callable[..., str], folder: Path, command: str, text: str
+) -> None:
+    (folder / "mine.yaml").write_text(text)
+    refused(command, "mine.yaml")
+
+
+@pytest.mark.parametrize("name", ["./nofile.yaml", "./folder.yaml", "./odd.yaml"])
+def test_a_garment_file_to_measure_that_is_none(refused: Callable[..., str], folder: Path, name: str) -> None:
+    (folder / "folder.yaml").mkdir()
+    (folder / "odd.yaml").write_text("material: {friction_angle_deg: [1, 2]}")
+    refused(f"calibrate friction {name} --height 0.3 --length 0.8", name.removeprefix("./"))
+
+
+@pytest.mark.parametrize(
+    "files",
+    ["--depth depth.png --reference empty.png", "--reference-depth depth.png"],
+)
+@pytest.mark.parametrize("command", ["perceive picture.png", "garment new picture.png --like small_towel"])
+def test_an_empty_table_of_which_a_part_is_missing(
+    refused: Callable[..., str], folder: Path, command: str, files: str
+) -> None:
+    for name, picture in (("picture", (480, 640, 3)), ("empty", (480, 640, 3)), ("depth", (480, 640))):
+        kind = np.uint8 if len(picture) == 3 else np.uint16
+        cv2.imwrite(f"{name}.png", np.full(picture, 128, kind))
+    refused(f"{command} --unit m {files}", "--reference-depth")
+
+
+@pytest.mark.parametrize("kind", ["empty", "several arrays", "text"])
+def test_a_depth_file_that_is_no_array(refused: Callable[..., str], folder: Path, kind: str) -> None:
+    cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
+    with Path("depth.npy").open("wb") as file:
+        if kind == "several arrays":
+            np.savez(file, a=np.zeros(3), b=np.zeros(3))
+        elif kind == "text":
+            file.write(b"not an array")
+    refused("perceive picture.png --unit m --depth depth.npy", "depth.npy", "array")
+
+
+def test_a_surface_that_the_garment_was_never_measured_on(refused: Callable[..., str], folder: Path) -> None:
+    (folder / "cell.yaml").write_text("surface: ice\n")
+    message = refused("fold small_towel --cell cell.yaml", "ice", "bare_table")
+    assert "surface" in message
+
+
+# settings
+
+
+SETTINGS = [
+    ("tabel: {height: 0}", ["cell.yaml:1", "unknown key 'tabel'", "did you mean 'table'"]),
+    ("grasp:\n  grip_froce: 10", ["cell.yaml:2", "unknown key 'grasp.grip_froce'", "'grip_force'"]),
+    ("table:\n  height: -100", ["cell.yaml:2", "table.height", "-0.6 to 0.5 m", "millimetres", "-0.1"]),
+    ("motion: {approach_height: 100}", ["motion.approach_height", "millimetres", "0.1"]),
+    ("recovery: {attempts_per_step: -1}", ["recovery.attempts_per_step", "0 to 20"]),
+    ("camera: {calibration: none.yaml}", ["cell.yaml:1", "camera.calibration", "none.yaml"]),
+]
+
+
+@pytest.mark.parametrize(("text", "parts"), SETTINGS)
+def test_settings_that_are_wrong(refused: Callable[..., str], folder: Path, text: str, parts: list[str]) -> None:
+    (folder / "cell.yaml").write_text(text)
+    refused("fold small_towel --cell cell.yaml --json", *parts)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["supervise small_towel", "trials --garments small_towel --n 1", "optimise small_towel --export out.csv",
+     "library build small_towel", "perceive picture.png"],
+)  # fmt: skip
+def test_every_command_that_takes_settings_refuses_them(
+    refused: Callable[..., str], folder: Path, line: str
+) -> None:
+    (folder / "cell.yaml").write_text("table: {height: 820}")
+    (folder / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    refused(f"{line} --cell cell.yaml", "table.height", "millimetres")
+
+
+@pytest.mark.parametrize("line", ["fold small_towel --cell none.yaml", "fold small_towel --cell ."])
+def test_settings_that_cannot_be_read(refused: Callable[..., str], line: str) -> None:
+    refused(line)
+
+
+def truncated(text: str) -> bytes:
+    return text[: len(text) // 2].encode()
+
+
+def in_millimetres(text: str) -> bytes:
+    data = yaml.safe_load(text)
+    for row in data["T_table_camera"][:3]:
+        row[3] *= 1000
+    return yaml.safe_dump(data).encode()
+
+
+@pytest.mark.parametrize("spoil", [truncated, in_millimetres, lambda _: b"\x89PNG\xff\x00", lambda _: b"", None])
+def test_a_calibration_that_cannot_be_used(
+    refused: Callable[..., str], folder: Path, spoil: Callable[[str], bytes] | None
+) -> None:
+    """The message names the settings file with its line, the key, and the calibration file."""
+    (folder / "cell.yaml").write_text("# mine\ncamera:\n  calibration: camera.yaml\n")
+    if spoil is None:
+        (folder / "camera.yaml").mkdir()
+    else:
+        text = calibration_text(camera_calibration(load_settings()))
+        (folder / "camera.yaml").write_bytes(spoil(text))
+    refused("fold small_towel --cell cell.yaml --json", "cell.yaml:3", "camera.calibration", "camera.yaml")
+
+
+# logs
+
+
+@pytest.mark.parametrize("logs", ["a_file", "a_file/logs", "/proc/logs", "/proc/1/task/logs"])
+def test_logs_that_cannot_be_written(refused: Callable[..., str], folder: Path, logs: str) -> None:
+    """Also for root, whom no permission binds."""
+    (folder / "a_file").write_text("in the way")
+    refused(f"fold small_towel --logs {logs}", logs, "--logs DIR")
+
+
+def test_logs_named_by_the_environment(
+    refused: Callable[..., str], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "a_file").write_text("in the way")
+    monkeypatch.setenv("FOLDCELL_LOGS", str(folder / "a_file" / "logs"))
+    refused("fold small_towel --json", "a_file", "FOLDCELL_LOGS")
+
+
+def test_a_cell_that_is_in_use(refused: Callable[..., str], folder: Path) -> None:
+    (folder / "logs").mkdir()
+    with OwnerLock(folder / "logs" / "cell.lock") as owner:
+        refused("fold small_towel", "in use by process", str(owner.path))
+
+
+@pytest.mark.parametrize("kind", ["text", "another program's"])
+def test_a_ledger_that_is_not_ours_is_left_alone(
+    folder: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    ledger = folder / "logs" / "ledger.db"
+    ledger.parent.mkdir()
+    if kind == "text":
+        ledger.write_text("shopping list: " + "milk, " * 200)
+    else:
+        with sqlite3.connect(ledger) as other:
+            other.execute("CREATE TABLE recipes (name TEXT)")
+        other.close()
+    before = ledger.read_bytes()
+    assert main(["fold", "small_towel"]) == 64
+    assert str(ledger) in capsys.readouterr().err
+    assert ledger.read_bytes() == before
+    assert {p.name for p in ledger.parent.iterdir()} <= {"ledger.db", "cell.lock"}

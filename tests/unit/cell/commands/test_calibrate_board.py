@@ -1,0 +1,118 @@
+"""`foldcell calibrate board`: what is printed is found by the calibrations' detector, at the size it states."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.board import BOARD, Board, find_board
+from calibration.board_sheet import draw_sheet
+from cell.commands.main import main
+
+
+def written(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert main(["calibrate", "board", "--output", str(path), "--json"]) == 0
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def png(path: Path) -> tuple[np.ndarray, float]:
+    """(h, w) picture, and the length of a pixel that the file states [mm]."""
+    content = path.read_bytes()
+    at = content.index(b"pHYs")
+    across, down, unit = struct.unpack(">IIB", content[at + 4 : at + 13])
+    assert across == down and unit == 1 and at < content.index(b"IDAT")
+    assert struct.unpack(">I", content[at + 13 : at + 17])[0] == zlib.crc32(content[at : at + 13])
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    return picture, 1e3 / across
+
+
+def corners_mm(picture: np.ndarray, pixel: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices and places (n, 2) [mm] of the corners that the calibrations find."""
+    view = find_board(cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB))
+    assert view is not None
+    return view.index, view.pixels * pixel
+
+
+def test_the_printed_board_is_found_at_its_stated_size(tmp_path: Path, capsys) -> None:
+    told = written(tmp_path / "board.png", capsys)
+    picture, pixel = png(tmp_path / "board.png")
+    assert told["dpi"] == pytest.approx(25.4 / pixel, abs=0.05) and told["file"].endswith("board.png")
+    assert [n * pixel for n in picture.shape[::-1]] == pytest.approx([297, 210]) == told["page_mm"]
+    assert set(np.unique(picture)) == {0, 255}
+
+    index, places = corners_mm(picture, pixel)
+    assert sorted(index) == list(range((BOARD.columns - 1) * (BOARD.rows - 1)))
+    meant = 1e3 * BOARD.corners[index, :2]
+    gaps = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (places, meant)]
+    assert np.abs(gaps[0] - gaps[1]).max() < 0.02
+    assert (places - meant).mean(axis=0) == pytest.approx([297 / 2, 210 / 2], abs=0.1), "in the page's middle"
+    assert told["square_mm"] == 36.0 and told["pattern_mm"] == [7 * 36.0, 5 * 36.0]
+
+
+def test_the_ruler_is_as_long_as_it_says(tmp_path: Path, capsys) -> None:
+    told = written(tmp_path / "board.png", capsys)
+    picture, pixel = png(tmp_path / "board.png")
+    below = picture[round((210 + told["pattern_mm"][1]) / 2 / pixel) + 10 :, :]
+    line = below[int(np.argmax((below == 0).sum(axis=1)[: round(9 / pixel)]))]  # above the line to cut along
+    x = np.flatnonzero(line == 0)
+    run = max(np.split(x, np.flatnonzero(np.diff(x) > 1) + 1), key=len)
+    assert (run[-1] - run[0]) * pixel == pytest.approx(told["ruler_mm"], abs=0.35), "with half a pen at each end"
+    upper = below[: round(3.8 / pixel)]  # over the line: the two long ticks
+    first, last = ((upper[:, i : i + 200] == 0).any(axis=0).nonzero()[0].mean() + i for i in (200, 1350))
+    assert (last - first) * pixel == pytest.approx(told["ruler_mm"], abs=0.05)
+
+
+def test_text_and_ruler_are_no_trouble_as_a_camera_sees_them() -> None:
+    sheet = draw_sheet()
+    small = cv2.resize(sheet, (640, round(640 * 210 / 297)), interpolation=cv2.INTER_AREA)
+    index, places = corners_mm(small, 297 / 640)
+    assert len(index) == 24
+    assert np.abs(places - places.mean(axis=0) - 1e3 * BOARD.corners[index, :2]).max() < 0.2
+
+
+def test_the_pdf_is_the_same_page(tmp_path: Path, capsys) -> None:
+    written(tmp_path / "board.pdf", capsys)
+    content = (tmp_path / "board.pdf").read_bytes()
+    box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)
+    drawn = re.search(rb"q ([\d.]+) 0 0 ([\d.]+) 0 0 cm", content)
+    assert box and drawn and box.groups() == drawn.groups(), "the picture fills the page"
+    assert [float(n) * 25.4 / 72 for n in box.groups()] == pytest.approx([297, 210], abs=1e-3)
+    assert b"/PrintScaling /None" in content
+
+    start = int(re.search(rb"startxref\n(\d+)\n%%EOF", content)[1])
+    assert content[start:].startswith(b"xref\n0 6\n")
+    for number, at in enumerate(re.findall(rb"(\d{10}) 00000 n ", content[start:]), 1):
+        assert content[int(at) :].startswith(b"%d 0 obj" % number)
+
+    head = re.search(rb"/Width (\d+) /Height (\d+) .*?/Length (\d+) >>\nstream\n", content)
+    w, h, length = (int(n) for n in head.groups())
+    bits = np.frombuffer(zlib.decompress(content[head.end() : head.end() + length]), np.uint8).reshape(h, -1)
+    assert (np.unpackbits(bits, axis=1)[:, :w] * 255 == draw_sheet()).all()
+
+
+@pytest.mark.parametrize(("name", "word"), [("board.svg", "PDF"), ("no/such/folder/board.pdf", "No such")])
+def test_what_cannot_be_written_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
+    assert main(["calibrate", "board", "--output", str(tmp_path / name), "--json"]) == 64
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert word in told["error"] and told["hint"] and list(tmp_path.iterdir()) == []
+
+
+def test_people_are_told_what_to_do_with_it(tmp_path: Path, capsys) -> None:
+    assert main(["calibrate", "board", "--output", str(tmp_path / "board.png")]) == 0
+    said = capsys.readouterr().out
+    for word in ("DICT_4X4_50", "36", "304.8", "100 %", "100 mm", "276 x 204 mm", "tab"):
+        assert word in said
+
+
+def test_a_board_too_large_for_the_page_is_refused() -> None:
+    with pytest.raises(ValueError, match="does not fit"):
+        draw_sheet(Board(columns=9))

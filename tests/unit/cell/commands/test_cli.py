@@ -1,0 +1,792 @@
+"""The commands as a user meets them: names, exit codes, messages, the last JSON line; the run itself is faked."""
+
+import errno
+import io
+import json
+import os
+import subprocess
+import sys
+import time
+import types
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import cv2
+import numpy as np
+import pytest
+
+from cell.commands.main import build_parser, main
+from cell.recording.journal import Journal
+from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
+
+FIGURES: dict[str, Any] = {
+    "garment": "medium_towel",
+    "seed": 3,
+    "driver": "sim",
+    "result": "folded",
+    "score": {"passed": True, "iou": 0.95, "edges_m": 0.01, "drift_m": 0.02, "height_m": 0.012},
+    "steps": [
+        {
+            "name": "half",
+            "done": True,
+            "accepted": True,
+            "source": "library",
+            "observed_iou": 0.93,
+            "observed_height_m": 0.0182,
+            "pressed_from_m": [0.0265],
+            "attempts": 1,
+            "recoveries": [],
+        }
+    ],
+    "robot_time_s": 61.5,
+    "wall_time_s": 20.0,
+    "stage_times_s": {},
+    "run_dir": "/logs/run",
+}
+
+
+@dataclass(frozen=True)
+class Request:
+    garment: str
+    seed: int
+    driver: str
+    settings: Any
+    settings_path: Path | None
+    logs: Path
+    live: bool
+    approve: bool
+    realtime: bool
+    world: str
+    quiet: bool
+    page: bool = False
+    page_port: int = 0
+
+
+@dataclass(frozen=True)
+class Result:
+    figures: dict[str, Any]
+    exit_code: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        return self.figures
+
+
+class FakeRun:
+    """Stands in for cell.runs.fold_run: keeps what was asked, answers what it is told to, or raises it."""
+
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+        self.answer: Result | BaseException = Result(FIGURES)
+
+    def fold_once(self, request: Request) -> Result:
+        self.requests.append(request)
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeRun:
+    run = FakeRun()
+    module = types.ModuleType("cell.runs.fold_run")
+    module.FoldRequest = Request  # type: ignore[attr-defined]
+    module.fold_once = run.fold_once  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "cell.runs.fold_run", module)
+    monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
+    return run
+
+
+def last_json(text: str) -> dict[str, Any]:
+    value = json.loads(text.rstrip("\n").split("\n")[-1])
+    assert isinstance(value, dict)
+    return value
+
+
+# the command line itself
+
+
+def test_help_names_every_command() -> None:
+    answer = subprocess.run([sys.executable, "-m", "cell.commands.main", "--help"], capture_output=True, text=True)
+    assert answer.returncode == 0
+    for name in [
+        "fold",
+        "supervise",
+        "hil",
+        "trials",
+        "perceive",
+        "optimise",
+        "library",
+        "garment",
+        "runs",
+        "report",
+        "replay",
+        "doctor",
+    ]:
+        assert f"\n    {name}" in answer.stdout
+
+
+def test_help_imports_nothing_heavy() -> None:
+    script = (
+        "from cell.commands.main import main; main(['--help']); import sys; print(*sys.modules, file=sys.stderr)"
+    )
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stderr.split()
+    assert {"numpy", "pydantic", "cv2", "numba", "rerun", "sqlite3"}.isdisjoint(loaded)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "dance",
+        "fold",
+        "fold medium_towel --sed 3",
+        "fold medium_towel --seed -1",
+        "fold medium_towel --seed three",
+        "fold medium_towel --seed 99999999999",
+        "fold medium_towel --logs=",
+        "fold medium_towel --driver pr2",
+        "fold medium_towel large_towel",
+        "trials --n 0",
+        "garment",
+        "garment check",
+        "report",
+        "runs --last none",
+    ],
+)
+def test_a_bad_line_is_a_usage_error(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 64
+    captured = capsys.readouterr()
+    assert "foldcell" in captured.err and "Traceback" not in captured.err
+
+
+def test_a_bad_line_with_json_still_ends_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fold", "--json"]) == 64
+    assert last_json(capsys.readouterr().out)["exit_code"] == 64
+
+
+def test_every_command_has_its_module() -> None:
+    """A command that is listed can be called."""
+    lines = (
+        "fold g", "supervise g", "trials", "perceive i.png", "optimise g", "library build", "library show",
+        "garment list", "garment check f", "garment show g", "runs", "report r", "replay r", "doctor",
+        "calibrate table", "calibrate camera", "calibrate hand-eye", "calibrate tactile",
+    )  # fmt: skip
+    for line in lines:
+        options = build_parser().parse_args(line.split())
+        assert callable(options.run)
+
+
+# fold and supervise
+
+
+def test_fold_hands_the_request_on(fake: FakeRun, tmp_path: Path) -> None:
+    settings = tmp_path / "cell.yaml"
+    settings.write_text("motion: {velocity_scale: 0.5}")
+    line = f"fold medium_towel --seed 7 --cell {settings} --logs {tmp_path / 'here'} --live --realtime --json"
+    assert main(line.split()) == 0
+    (request,) = fake.requests
+    assert (request.garment, request.seed, request.driver, request.world) == ("medium_towel", 7, "sim", "xpbd")
+    assert request.settings.motion.velocity_scale == 0.5 and request.settings_path == settings
+    assert request.logs == tmp_path / "here" and request.logs.is_dir()
+    assert request.live and request.realtime and not request.approve and request.quiet
+
+
+def test_supervise_is_fold_with_approval_in_real_time(fake: FakeRun) -> None:
+    assert main(["supervise", "medium_towel"]) == 0
+    (request,) = fake.requests
+    assert request.approve and request.realtime and request.page and not request.quiet
+    main(["fold", "medium_towel", "--approve", "--realtime"])
+    main(["supervise", "medium_towel", "--no-page"])
+    for other in fake.requests[1:]:
+        assert other == replace(request, settings=other.settings, page=False)
+    main(["supervise", "medium_towel", "--page-port", "8080"])
+    assert fake.requests[-1].page_port == 8080
+    assert main(["supervise", "medium_towel", "--page-port", "80"]) == 64
+
+
+def test_json_is_the_last_line(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["fold", "medium_towel", "--json"])
+    assert last_json(capsys.readouterr().out) == FIGURES
+
+
+def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["fold", "medium_towel"])
+    text = capsys.readouterr().out
+    for part in ("folded", "simulated", "0.950", "61.5 s", "/logs/run/report.html", "/logs/run/run.rrd"):
+        assert part in text
+    assert "half: library, observed overlap 0.930, 18 mm high, pressed from 26 mm" in text
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_the_summary_tells_what_the_recording_lacks(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, there: bool
+) -> None:
+    """And where it is only if there is one."""
+    if there:
+        (tmp_path / "run.rrd").touch()
+    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7, "live_dropped": 0}
+    fake.answer = Result({**FIGURES, "recording": lost, "run_dir": str(tmp_path)})
+    main(["fold", "medium_towel"])
+    text = capsys.readouterr().out
+    assert "not kept   the run cannot be decided again from here on: disk full" in text
+    assert "not kept   7 entries of the recording" in text
+    assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
+
+
+def test_the_summary_tells_which_figure_missed_its_limit(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = {"iou": 0.9, "edges_m": 0.03, "height_m": 0.0195, "drift_rad": 0.1745}
+    score = {"passed": False, "iou": 0.95, "edges_m": 0.01, "height_m": 0.0241, "drift_rad": 0.2, "limits": limits}
+    fake.answer = Result({**FIGURES, "score": score})
+    main(["fold", "vest"])
+    assert (
+        "not passed (height 24.1 mm, passes to 19.5; turn 11.5 degrees, passes to 10.0), IoU 0.950"
+        in capsys.readouterr().out
+    )
+
+
+def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
+    fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
+    assert main(["fold", "vest"]) == 2
+    assert "nothing lies on the table (lay the garment)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"done": False, "accepted": False}, "half: not accepted, observed overlap 0.930, 18 mm high"),
+        ({"done": False, "accepted": None, "observed_iou": None}, "half: not finished, 18 mm high"),
+        ({"done": False, "accepted": None, "source": None, "attempts": 0}, "half: not made"),
+        ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
+    ],
+)
+def test_the_summary_tells_how_far_a_fold_came(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
+) -> None:
+    fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
+    main(["fold", "vest"])
+    assert told in capsys.readouterr().out
+
+
+def test_a_run_that_saw_little_has_a_summary_too(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "steps": []}, 2)
+    assert main(["fold", "auto"]) == 2
+    assert "NOT FOLDED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("code", [0, 2, 3, 130, 143])
+def test_the_runs_exit_code_is_the_commands(fake: FakeRun, code: int) -> None:
+    fake.answer = Result(FIGURES, code)
+    assert main(["fold", "medium_towel", "--json"]) == code
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ConfigurationError("a bad file", "mend it"), 64),
+        (StorageError("a full disk", "free some space"), 64),
+        (DriverError(FailureKind.CAMERA_FAULT, "no camera", "plug it in"), 3),
+        (InternalError("a broken rule", "report it"), 3),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_known_errors_are_messages(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], error: BaseException, code: int
+) -> None:
+    fake.answer = error
+    assert main(["fold", "medium_towel", "--json"]) == code
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err + captured.out
+    answer = last_json(captured.out)
+    assert answer["exit_code"] == code
+    if not isinstance(error, KeyboardInterrupt):
+        assert error.what in captured.err and error.hint in captured.err  # type: ignore[attr-defined]
+        assert answer["error"] == error.what  # type: ignore[attr-defined]
+
+
+def test_an_unknown_error_leaves_its_traceback_in_a_file(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    fake.answer = ZeroDivisionError("of course")
+    assert main(["fold", "medium_towel"]) == 3
+    captured = capsys.readouterr()
+    assert "this is a bug in foldcell: ZeroDivisionError: of course" in captured.err
+    assert "Traceback" not in captured.err
+    (kept,) = (tmp_path / "logs").glob("crash-*.txt")
+    assert str(kept) in captured.err
+    assert "Traceback" in kept.read_text() and "fold_once" in kept.read_text()
+
+
+# bad input: a clear message, 64, nothing moves, nothing is left behind
+
+
+def bad_input(capsys: pytest.CaptureFixture[str], fake: FakeRun, line: list[str], *parts: str) -> None:
+    assert main(line) == 64
+    message = capsys.readouterr().err
+    for part in parts:
+        assert part in message
+    assert "Traceback" not in message
+    assert fake.requests == []
+
+
+def test_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bad_input(capsys, fake, ["fold", "medium_towl"], "medium_towl", "did you mean medium_towel")
+    assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("tabel: {height: 0}", "unknown key 'tabel'"),
+        ("table: {height: 820}", "looks like millimetres"),
+        ("camera: {calibration: broken.yaml}", "broken.yaml"),
+        ("camera: {calibration: none.yaml}", "none.yaml"),
+    ],
+)
+def test_bad_settings(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, part: str
+) -> None:
+    (tmp_path / "broken.yaml").write_bytes(b"\xff\x00\xfe")
+    (tmp_path / "cell.yaml").write_text(text)
+    bad_input(capsys, fake, ["fold", "medium_towel", "--cell", str(tmp_path / "cell.yaml")], "cell.yaml", part)
+    assert not (tmp_path / "logs").exists()
+
+
+def test_read_only_logs(fake: FakeRun, capsys: pytest.CaptureFixture[str], lockable: Any) -> None:
+    with lockable.read_only():
+        for logs in (lockable.folder, lockable.folder / "new"):
+            bad_input(capsys, fake, ["fold", "medium_towel", "--logs", str(logs)], str(logs), "--logs DIR")
+    assert list(lockable.folder.iterdir()) == []
+
+
+# runs, report, replay
+
+
+@pytest.fixture
+def ledger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three runs: one folded, one killed in the middle of a grasp, one under way (its lock is held)."""
+    monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path))
+    journal = Journal.open(tmp_path / "ledger.db")
+    first = journal.begin_run(garment="medium_towel", seed=1, driver="sim", wall_clock=lambda: 1e9)
+    look = first.intent(0.0, "looking", "look")
+    first.result(look, 0.5, {"event": "done"})
+    grasp = first.intent(0.5, "grasping", "grasp")
+    first.result(grasp, 2.0, {"event": "failed", "kind": "missed_grasp", "what": "nothing between the pads"})
+    first.end("folded", {"robot_time_s": 61.5, "wall_time_s": 20.25})
+    (first.directory / "report.html").write_text("<html></html>")
+    (first.directory / "run.rrd").write_bytes(b"RRF2")
+    second = journal.begin_run(garment="large_towel", seed=2, driver="sim", wall_clock=lambda: 1.1e9)
+    second.intent(12.5, "grasping", "grasp")
+    second.abandon()
+    third = journal.begin_run(garment="small_towel", seed=3, driver="sim", wall_clock=lambda: 1.2e9)
+    monkeypatch.setattr(sys.modules[__name__], "_kept_alive", (journal, third), raising=False)
+    return tmp_path
+
+
+def test_runs_tells_how_each_ended(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["runs"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert "medium_towel" in lines[1] and lines[1].endswith("folded") and "61.5" in lines[1]
+    assert lines[2].endswith("interrupted during grasp at 12.5 s")
+    assert lines[3].endswith("running")
+
+
+def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Journal.open(tmp_path / "ledger.db") as journal:
+        run = journal.begin_run(garment="vest", seed=1, driver="sim")
+        run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
+    assert main(["runs", "--logs", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("not_folded: no garment")
+    main(["runs", "--logs", str(tmp_path), "--json"])
+    assert last_json(capsys.readouterr().out)["runs"][0]["failure"] == "no_garment"
+
+
+def test_runs_as_json(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["runs", "--json", "--last", "2"])
+    runs = last_json(capsys.readouterr().out)["runs"]
+    assert [r["status"] for r in runs] == ["interrupted", "running"]
+    assert runs[0]["last_intent"] == {"name": "grasp", "state": "grasping", "cell_time_s": 12.5, "finished": False}
+    assert runs[1]["pid"] == os.getpid()
+
+
+def test_runs_without_any(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["runs", "--logs", str(tmp_path / "none")]) == 0
+    assert "no runs yet" in capsys.readouterr().out
+    assert not (tmp_path / "none").exists()
+
+
+def test_report_of_a_run(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", "2001"]) == 0
+    text = capsys.readouterr().out
+    assert "folded" in text and "report.html" in text
+    assert "missed_grasp: nothing between the pads" in text
+
+
+def test_report_of_an_interrupted_run(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", "2004", "--json"]) == 0
+    answer = last_json(capsys.readouterr().out)
+    assert answer["status"] == "interrupted" and answer["report"] is None
+    assert answer["effects"][-1]["ended_s"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "says", "not_says"),
+    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
+     ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
+)  # fmt: skip
+def test_why_there_is_no_page(
+    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
+) -> None:
+    (run,) = ledger.glob(f"{name}*")
+    (run / "run.rrd").write_bytes(b"RRF2")
+    assert main(["report", name]) == 0
+    text = capsys.readouterr().out
+    assert all(part in text for part in says) and not_says not in text
+
+
+def test_replay_says_where_the_recording_is(
+    ledger: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert main(["replay", "2001"]) == 0
+    text = capsys.readouterr().out
+    assert "run.rrd" in text and "no display" in text
+
+
+def test_replay_without_a_recording(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", "2004"]) == 64
+    assert "has no recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
+def test_a_run_that_cannot_be_decided_again(
+    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
+) -> None:
+    assert main(["replay", name, "--decide", "--json"]) == 64
+    told = capsys.readouterr()
+    assert says in told.err and "Traceback" not in told.err
+    assert says in last_json(told.out)["error"] and last_json(told.out)["hint"]
+
+
+@pytest.mark.parametrize("command", ["report", "replay"])
+def test_a_run_that_is_not_there(ledger: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+    assert main([command, "nonsense"]) == 64
+    assert "there is no run 'nonsense'" in capsys.readouterr().err
+
+
+def test_output_that_nobody_reads_is_no_error(ledger: Path) -> None:
+    command = f"{sys.executable} -m cell.commands.main runs --logs {ledger} | true; exit ${{PIPESTATUS[0]}}"
+    answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert answer.returncode == 0 and answer.stderr == ""
+
+
+def test_output_that_cannot_be_written_is_told(ledger: Path) -> None:
+    """Not as a bug, nor as a traceback with an exit code of Python's own."""
+    command = f"{sys.executable} -m cell.commands.main runs --logs {ledger} --json > /dev/full"
+    answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert answer.returncode == 64
+    assert answer.stderr.startswith("foldcell: standard output cannot be written: No space left on device")
+    assert not list(ledger.glob("crash-*"))
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
+def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: str) -> None:
+    for line, code in (("runs", 0), ("report nonsense", 64)):
+        command = f"{sys.executable} -m cell.commands.main {line} --logs {ledger} {closed}"
+        assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
+    assert not list(ledger.glob("crash-*"))
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("line", ["runs --help", "garment list"])
+def test_who_waits_for_a_reader_can_be_ended(line: str, unbuffered: str) -> None:
+    """A pager that stands: by its signal, not with a traceback. What waits in a buffer is not waited for again."""
+    reader, full = os.pipe()
+    try:
+        os.set_blocking(full, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(full, bytes(4096))
+        os.set_blocking(full, True)
+        command = [sys.executable, "-m", "cell.commands.main", *line.split()]
+        environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+        waiting = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True, env=environment)
+        try:
+            until = time.monotonic() + 30.0
+            while "pipe_write" not in Path(f"/proc/{waiting.pid}/wchan").read_text() and time.monotonic() < until:
+                time.sleep(0.05)
+            waiting.terminate()
+            assert waiting.communicate(timeout=20.0)[1] == "foldcell: ended by SIGTERM\n"
+            assert waiting.returncode == 143
+        finally:
+            waiting.kill()
+            waiting.communicate()
+    finally:
+        os.close(reader)
+        os.close(full)
+
+
+def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
+    child = "import os; os.write(1, b'into the first file that is opened')"
+    script = f"""
+import subprocess, sys
+from cell.support.process.standard_streams import lasting_streams
+with lasting_streams():
+    sys.exit(subprocess.run([sys.executable, "-c", {child!r}]).returncode)
+"""
+    command = ["bash", "-c", '"$0" -c "$1" >&- 2>&- <&-', sys.executable, script]
+    assert subprocess.run(command).returncode == 0
+
+
+def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -> None:
+    """A name with an umlaut in a terminal of another code page was called a bug, and the result was lost."""
+    script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
+    folder = tmp_path / "Wäsche"
+    folder.mkdir()
+    with Journal.open(folder / "ledger.db") as journal:
+        journal.begin_run(garment="./Größe.yaml", seed=1, driver="sim").end("not_folded")
+    for how in ([], ["--json"]):
+        command = [sys.executable, "-c", script, "runs", "--logs", str(folder), *how]
+        ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+        told = subprocess.run(command, env=ascii_only, capture_output=True, text=True)
+        assert (told.returncode, told.stderr) == (0, "")
+        if how:
+            assert json.loads(told.stdout)["logs"] == str(folder)
+        else:
+            assert r"./Gr\xf6\xdfe.yaml" in told.stdout
+
+
+@pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
+def test_a_run_keeps_its_exit_code_whoever_reads(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
+) -> None:
+    """`foldcell fold vest | head` of a garment that was not folded has not gone well."""
+    gone = io.StringIO()
+    monkeypatch.setattr(gone, "write", Mock(side_effect=OSError(error, "gone")))
+    monkeypatch.setattr(sys, "stdout", gone)
+    fake.answer = Result({**FIGURES, "result": "not_folded"}, 2)
+    assert main(["fold", "vest"]) == 2
+    assert main(["fold", "vest", "--json"]) == 2
+
+
+# garments
+
+
+def test_garment_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["garment", "list", "--json"]) == 0
+    names = [g["name"] for g in last_json(capsys.readouterr().out)["garments"]]
+    assert "medium_towel" in names
+
+
+def test_garment_check_draws_what_is_good_and_names_what_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("title: 3\n")
+    assert main(["garment", "check", "medium_towel", str(bad), "--draw", str(tmp_path)]) == 64
+    text = capsys.readouterr().out
+    assert "medium_towel: good" in text and text.count("bad.yaml: ") == 1
+    picture = cv2.imread(str(tmp_path / "medium_towel.png"))
+    assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # a panel for each fold
+    colours = {tuple(c) for c in picture.reshape(-1, 3)}
+    assert {(240, 226, 214), (44, 52, 208)} <= colours  # cloth and fold line (BGR)
+
+
+def test_garment_show(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["garment", "show", "medium_towel"]) == 0
+    text = capsys.readouterr().out
+    assert "near_left" in text and "bare_table" in text and "assumed" in text
+
+
+# perceive
+
+
+def picture(path: Path, garment: bool) -> Path:
+    """A table as the nominal camera sees it: even grey, with the medium towel as an even dark rectangle."""
+    from cell.config.cell_settings import load_settings
+    from cell.config.garments.garment_file import load_garment
+    from cell.hardware.camera import camera_calibration
+
+    calibration = camera_calibration(load_settings())
+    rng = np.random.default_rng(0)
+    image = np.clip(rng.normal(170, 2, (480, 640, 3)), 0, 255).astype(np.uint8)
+    if garment:
+        corners = load_garment("medium_towel").place(0.58, 0.0)
+        T = np.linalg.inv(calibration.T_table_camera)
+        p = np.column_stack([corners, np.zeros(len(corners)), np.ones(len(corners))]) @ T.T
+        uv = p[:, :3] @ calibration.intrinsics.matrix.T
+        cv2.fillPoly(image, [np.round(uv[:, :2] / uv[:, 2:]).astype(np.int32)], (60, 90, 150), cv2.LINE_AA)
+    cv2.imwrite(str(path), image)
+    return path
+
+
+def test_perceive_finds_the_key_points_of_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, empty = picture(tmp_path / "towel.png", True), picture(tmp_path / "empty.png", False)
+    assert main(["perceive", str(image), "--reference", str(empty), "--garment", "medium_towel", "--json"]) == 0
+    answer = last_json(capsys.readouterr().out)
+    found = {name: np.array(p) for name, p in answer["keypoints_m"].items()}
+    expected = np.array([[0.38, -0.3], [0.78, -0.3], [0.78, 0.3], [0.38, 0.3]])
+    points = np.array(list(found.values()))
+    nearest = [np.linalg.norm(points - e, axis=1).min() for e in expected]
+    assert max(nearest) < 0.01
+    assert cv2.imread(answer["overlay"]).shape == (480, 640, 3)
+    assert Path(answer["overlay"]).parent == tmp_path
+
+
+def test_perceive_without_a_garment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    empty = picture(tmp_path / "empty.png", False)
+    assert main(["perceive", str(empty), "--reference", str(empty), "--json"]) == 2
+    assert last_json(capsys.readouterr().out)["recognised"] is False
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.png"]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no picture", b"\x89PNG\r\n\x1a\n broken"])
+def test_perceive_refuses_what_is_no_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+) -> None:
+    if content is not None:
+        (tmp_path / "image.png").write_bytes(content)
+    assert main(["perceive", str(tmp_path / "image.png")]) == 64
+    assert "image.png" in capsys.readouterr().err
+
+
+def test_perceive_refuses_a_picture_of_another_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64, 3), np.uint8))
+    assert main(["perceive", str(tmp_path / "small.png")]) == 64
+    assert "64 x 48" in capsys.readouterr().err
+
+
+def test_depth_files(tmp_path: Path) -> None:
+    from cell.commands.skill.perceive import _read_depth
+
+    cv2.imwrite(str(tmp_path / "d.png"), np.array([[1100, 0]], np.uint16))
+    np.save(tmp_path / "d.npy", np.array([[1.1, 0.0]]))
+    for name in ("d.png", "d.npy"):
+        depth = _read_depth(tmp_path / name)
+        assert depth[0, 0] == pytest.approx(1.1) and np.isnan(depth[0, 1])
+    cv2.imwrite(str(tmp_path / "rgb.png"), np.zeros((2, 2, 3), np.uint8))
+    np.save(tmp_path / "int.npy", np.array([[1100]]))
+    for name in ("rgb.png", "int.npy"):
+        with pytest.raises(ConfigurationError, match="16-bit millimetres"):
+            _read_depth(tmp_path / name)
+
+
+# optimise's export
+
+
+def test_exported_poses_read_back_as_the_tool_paths() -> None:
+    import csv
+
+    from scipy.spatial.transform import Rotation
+
+    from cell.commands.skill.optimise import export_text
+    from skills.vocabulary import ToolPath
+
+    t = np.linspace(0, 1, 5)
+    angle = 0.3 * t
+    path = ToolPath(t, np.column_stack([t, 2 * t, 0 * t]), angle, 0.5 * angle, 0.2 * angle)
+    rows = list(csv.DictReader(export_text("g", {"half": {"left": path}}, ".csv").splitlines()))
+    assert [float(r["y_m"]) for r in rows] == pytest.approx(list(2 * t))
+    assert {(r["fold"], r["arm"]) for r in rows} == {("half", "left")}
+    read = Rotation.from_quat([[float(r[k]) for k in ("qx", "qy", "qz", "qw")] for r in rows])
+    assert np.allclose(read.as_matrix(), path.rotation, atol=1e-5)
+    value = json.loads(export_text("g", {"half": {"left": path}}, ".json"))
+    assert np.allclose(np.array(value["folds"]["half"]["left"])[:, 1:4], path.position)
+
+
+@pytest.mark.parametrize("line", ["--export out.txt", "--export none/out.csv", "--step 9"])
+def test_optimise_refuses_before_it_works(
+    line: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["optimise", "medium_towel", *line.split()]) == 64
+    assert "foldcell: " in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+# trials
+
+
+def test_trials_make_the_table(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+
+    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    assert main(["trials", "--garments", "medium_towel", "--n", "3", "--json"]) == 0
+    answer = last_json(capsys.readouterr().out)
+    (row,) = answer["garments"]
+    assert (row["runs"], row["folded"]) == (3, 3)
+    assert row["interval"] == pytest.approx([0.4385, 1.0], abs=1e-4)
+    assert sorted(r.seed for r in fake.requests) == [1, 2, 3]
+    assert json.loads((Path(answer["directory"]) / "trials.json").read_text())["garments"] == answer["garments"]
+
+
+def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same seeds over again are no more evidence: the interval would be too narrow."""
+    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    assert main(["trials", "--garments", "medium_towel, small_towel,medium_towel", "--n", "2"]) == 0
+    runs = sorted((r.garment, r.seed) for r in fake.requests)
+    assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
+
+
+def test_runs_of_a_campaign_know_the_users_library_and_nothing_of_each_other(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    (tmp_path / "library.json").write_text("the user's")
+    assert main(["trials", "--garments", "medium_towel", "--n", "3", "--logs", str(tmp_path)]) == 0
+    logs = [r.logs for r in fake.requests]
+    assert len(set(logs)) == 3 and tmp_path not in logs
+    assert [(folder / "library.json").read_text() for folder in logs] == ["the user's"] * 3
+
+
+def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    lines = iter(["the first run"])
+
+    def line(_: object) -> str:
+        try:
+            return next(lines)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr("cell.commands.run.trials._line", line)
+    assert main(["trials", "--garments", "medium_towel", "--n", "9", "--workers", "1"]) == 130
+    (file,) = tmp_path.rglob("trials.json")
+    kept = json.loads(file.read_text())
+    assert len(kept["runs"]) == 2 and kept["garments"][0]["folded"] == 2
+    assert len(kept["not_performed"]) == 7
+
+
+def test_a_worker_that_died_is_told_beside_the_table(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    fake.answer = BrokenExecutor("a worker was killed")
+    assert main(["trials", "--garments", "medium_towel", "--n", "2"]) == 3
+    assert "2 runs were not performed" in capsys.readouterr().out
+
+
+def test_trials_of_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trials", "--garments", "medium_towel,sock"]) == 64
+    assert fake.requests == []
+
+
+# the library
+
+
+def test_library_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "library.json").write_text("{broken")
+    assert main(["library", "show", "--logs", str(tmp_path), "--json"]) == 0
+    answer = last_json(capsys.readouterr().out)
+    assert any("library.json" in line for line in answer["refused"])

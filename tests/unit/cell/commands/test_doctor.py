@@ -1,0 +1,115 @@
+"""The doctor finds what is wrong, says what helps, and never falls ill."""
+
+import json
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.commands.installation import checks as doctor
+from cell.commands.installation.checks import Check, Verdict, examine, pinned_versions, required_packages
+from cell.commands.main import main
+from robots.errors import ConfigurationError
+
+
+def by_name(checks: list[Check]) -> dict[str, Check]:
+    return {c.name: c for c in checks}
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Loading every compiled module takes seconds: one test does it."""
+    if "native" not in request.node.name:
+        monkeypatch.setattr(doctor, "NATIVE", ("json",))
+
+
+def test_this_machine_is_well(tmp_path: Path) -> None:
+    checks = examine(tmp_path)
+    assert [c for c in checks if c.verdict is Verdict.BAD] == []
+    names = by_name(checks)
+    for name in (
+        "python",
+        "numpy",
+        "pin",
+        "Baxter model",
+        "compile cache",
+        "logs",
+        "disk",
+        "memory",
+        "viewer",
+        "garments",
+    ):
+        assert name in names
+
+
+def test_native_modules_load() -> None:
+    (check,) = doctor._native_modules()
+    assert check.verdict is Verdict.GOOD
+
+
+def test_native_module_that_does_not_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "NATIVE", ("json", "no_such_module"))
+    (check,) = doctor._native_modules()
+    assert check.verdict is Verdict.BAD and "no_such_module" in check.found
+
+
+def test_other_versions_than_the_pinned_ones_are_told() -> None:
+    version = metadata.version("numpy")
+    assert doctor._package("numpy", version).verdict is Verdict.GOOD
+    other = doctor._package("numpy", "1.0.0")
+    assert other.verdict is Verdict.WARNING and "1.0.0" in other.hint
+    missing = doctor._package("surely-not-installed", "2.0")
+    assert missing.verdict is Verdict.BAD and "surely-not-installed==2.0" in missing.hint
+
+
+def test_constraints_are_read() -> None:
+    assert pinned_versions("# versions\nJinja2==3.1.6\ntyping_extensions == 4.0 # why\n\n") == {
+        "jinja2": "3.1.6",
+        "typing-extensions": "4.0",
+    }
+
+
+def test_what_developers_need_is_not_required_of_users() -> None:
+    packages = required_packages()
+    assert "numpy" in packages and "rerun-sdk" in packages
+    assert "pytest" not in packages
+
+
+def test_read_only_logs_are_bad(lockable: Any) -> None:
+    with lockable.read_only():
+        (check,) = doctor._logs(lockable.folder / "logs")
+    assert check.verdict is Verdict.BAD and "--logs DIR" in check.hint
+
+
+def test_a_broken_ledger_is_bad(tmp_path: Path) -> None:
+    (tmp_path / "ledger.db").write_bytes(b"x" * 5000)
+    checks = [c for c in examine(tmp_path) if c.verdict is Verdict.BAD]
+    assert len(checks) == 1 and "ledger.db" in checks[0].found + checks[0].hint
+
+
+def test_a_check_that_breaks_is_bad_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> list[Check]:
+        raise ConfigurationError("the model is gone", "install it")
+
+    monkeypatch.setattr(doctor, "_robot_model", broken)
+    checks = examine(tmp_path)
+    (bad,) = [c for c in checks if c.verdict is Verdict.BAD]
+    assert "the model is gone" in bad.found and bad.hint == "install it"
+    assert "viewer" in by_name(checks)
+
+
+def test_the_command_exits_with_the_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["doctor", "--logs", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["good"] is True
+    monkeypatch.setattr(doctor, "_python", lambda: [Check("python", Verdict.BAD, "2.7", "take a newer one")])
+    assert main(["doctor", "--logs", str(tmp_path)]) == 3
+    text = capsys.readouterr().out
+    assert "BAD" in text and "take a newer one" in text and "cannot run here" in text
+
+
+def test_the_doctor_changes_nothing(tmp_path: Path) -> None:
+    examine(tmp_path / "logs")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,74 @@
+"""`foldcell perceive` of photographs by a camera of which nothing is known, and the keys of its answer."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.perception.photograph_figures import look_at, worst_error
+from benchmarks.perception.photographs import photograph as drawn
+from cell.commands.main import main
+from cell.config.garments.garment_file import list_garments, load_garment
+
+KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
+
+
+def photograph(path: Path, size: tuple[int, int], garment: bool = True) -> np.ndarray:
+    """An even table with an even towel, and the towel's corners in pixels (4, 2)."""
+    w, h = size
+    image = np.clip(np.random.default_rng(0).normal(170, 2, (h, w, 3)), 0, 255).astype(np.uint8)
+    corners = np.array([[0.3, 0.25], [0.72, 0.22], [0.74, 0.71], [0.31, 0.75]]) * size
+    if garment:
+        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], (60, 90, 150), cv2.LINE_AA, 4)
+    cv2.imwrite(str(path), image)
+    return corners
+
+
+@pytest.mark.parametrize("size", [(1280, 960), (900, 700)])
+def test_a_photograph_is_measured_in_its_pixels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int]
+) -> None:
+    corners = photograph(tmp_path / "towel.png", size)
+    assert main(["perceive", str(tmp_path / "towel.png"), "--unit", "px", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert set(answer) >= KEYS and "keypoints_m" not in answer
+    assert answer["unit"] == "px" and answer["accepted"] and answer["category"] == "towel"
+    found = np.array(list(answer["keypoints"].values()))
+    assert max(np.linalg.norm(found - c, axis=1).min() for c in corners) < 0.01 * size[0]
+
+
+def test_what_is_refused_says_why_under_the_same_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photograph(tmp_path / "table.png", (640, 480), garment=False)
+    assert main(["perceive", str(tmp_path / "table.png"), "--unit", "px", "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert set(answer) >= KEYS
+    assert not answer["accepted"] and answer["reason"] == "no_garment" and answer["keypoints"] == {}
+
+
+def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photograph(tmp_path / "towel.png", (640, 480))
+    image = str(tmp_path / "towel.png")
+    assert main(["perceive", image, "--reference", image, "--unit", "px", "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["reason"] == "camera_fault" and "twice" in answer["failure"]["hint"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "error"), [("towel", 18, 0.02), ("skirt", 5, 0.03), ("shorts", 4, 0.05), ("vest", 42, 0.05)]
+)
+def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, error: float) -> None:
+    """Tilted, unevenly lit, vignetted, JPEG; error: over the garment's diagonal."""
+    picture = drawn(kind, seed)
+    seen = look_at(picture, [load_garment(name) for name in list_garments()]).unwrap()
+    assert seen.state.category == kind
+    points = {name: seen.view.to_image(p) for name, p in seen.state.keypoints.items()}
+    size = np.linalg.norm(np.ptp(picture.outline, axis=0))
+    assert worst_error(points, picture.points) < error * size
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("thrown", 7), ("hung", 8)])
+def test_what_does_not_lie_flat_is_refused_with_what_helps(kind: str, seed: int) -> None:
+    failure = look_at(drawn(kind, seed), [load_garment(name) for name in list_garments()]).failure
+    assert failure is not None and "spread" in failure.hint
