@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from cell.control.streaming import stopped
+from cell.control.checks import stopped
 from cell.executive.machine import Executive, Step
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import RunJournal
