@@ -20,7 +20,11 @@ from unittest.mock import patch
 import numpy as np
 
 from cell.config.cell_settings import load_settings
-from cell.control import streaming as execution
+from cell.control import loop
+from cell.control.checks import ExecutionLimits
+from cell.control.motion import Motion
+from cell.control.motions import standing, trajectory
+from cell.control.ticks import TICK_S
 from cell.runs.fold_run import FoldRequest, FoldResult, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
 from robots.baxter.model import load_model
@@ -88,14 +92,15 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
     sent: with ideal arms what is left is the encoders' error."""
     off: list[float] = []
     before: JointState | None = None
-    judged = execution.followed
+    streamed = False
+    judged = loop.followed
 
-    def followed(
-        ports: Ports, q: Array, sent: JointSetpoint, limits: execution.ExecutionLimits
-    ) -> Outcome[JointState]:
+    def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits) -> Outcome[JointState]:
         nonlocal before
         read = judged(ports, q, sent, limits)
-        if before is not None and sent.stamp - before.stamp < execution.TICK_S / 2:  # else the first of a motion
+        if not streamed:
+            return read
+        if before is not None and sent.stamp - before.stamp < TICK_S / 2:  # else the first of a motion
             for side in Side:
                 cut, chain = arm_slice(side), model.chains[side]
                 gap = tool_pose(chain, before.q[cut]) - tool_pose(chain, q[cut])
@@ -103,7 +108,24 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
         before = read.value
         return read
 
-    with patch.object(execution, "followed", followed):
+    def noted(motion: Callable[..., Motion[JointState]]) -> Callable[..., Motion[JointState]]:
+        """While this motion runs its set-points count; those of hands at work do not."""
+
+        def run(*given: Any) -> Motion[JointState]:
+            nonlocal streamed
+            streamed = True
+            try:
+                return (yield from motion(*given))
+            finally:
+                streamed = False
+
+        return run
+
+    with (
+        patch.object(loop, "followed", followed),
+        patch.object(trajectory, "follow", noted(trajectory.follow)),
+        patch.object(standing, "stand", noted(standing.stand)),
+    ):
         yield off
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cell.config.cell_settings import load_settings
-from cell.control.streaming import ExecutionLimits
+from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
 from cell.recording.rerun import Recorder

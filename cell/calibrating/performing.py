@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
 from cell.calibrating.reaching import reach, settled_joints, with_board
 from cell.calibrating.touching import touch_table
-from cell.control.streaming import stopped, wait
+from cell.control.checks import stopped
+from cell.control.motions.standing import wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.hands import command_grip
 from cell.executive.effects.seeing import capture
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import RunJournal
@@ -119,15 +119,15 @@ class Performer:
                     heard.append(reading)
             return None
 
-        failure = wait(cell.ports, max(effect.seconds, TICK_S), cell.execution, gather, cell.sent)
+        failure = wait(cell.loop, max(effect.seconds, TICK_S), gather)
         if failure:
             return Outcome(failure=failure)
         return Outcome(Heard({side: tuple(heard) for side, heard in readings.items()}))
 
     def _grip(self, effect: Grip) -> Outcome[bool]:
         cell = self._cell
-        command_grip(cell, effect.side, GripCommand(effect.opening, effect.force))
-        failure = wait(cell.ports, GRIP_S, cell.execution, sent=cell.sent)
+        cell.hands.command(effect.side, GripCommand(effect.opening, effect.force))
+        failure = wait(cell.loop, GRIP_S)
         return Outcome(failure=failure) if failure else Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:

@@ -11,9 +11,9 @@ import pinocchio as pin
 from calibration.board import BOARD
 from calibration.effects import Reach
 from cell.calibrating.touching import park_other
-from cell.control.streaming import fresh_state, wait
+from cell.control.checks import fresh_state
+from cell.control.motions.standing import wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.hands import telemetry
 from cell.executive.effects.moving import move
 from cell.hardware.assembly import SLACK
 from cell.hardware.workcell import Workcell
@@ -64,12 +64,12 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
     """The joints (14,) once the arms have come to rest, averaged over some readings."""
-    failure = wait(cell.ports, SETTLE_S, cell.execution, telemetry(cell), cell.sent)
+    failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
     if failure:
         return Outcome(failure=failure)
     readings = []
     for _ in range(READINGS):
-        failure = wait(cell.ports, TICK_S, cell.execution, sent=cell.sent)
+        failure = wait(cell.loop, TICK_S)
         if failure:
             return Outcome(failure=failure)
         readings.append(cell.ports.arms.state().q)

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.effects import Touch, Touched
-from cell.control.streaming import fresh_state, wait
-from cell.control.ticks import TICK_S
-from cell.executive.effects.hands import command_grip, each_hand, lowered, read_hand, telemetry, tool_height
+from cell.control.checks import fresh_state
+from cell.control.motion import Motion
+from cell.control.motions.descent import GuardedHand, guarded_descent
+from cell.control.motions.hands import each_hand
+from cell.control.motions.lowering import Lowering
+from cell.control.motions.standing import wait
 from cell.executive.effects.moving import move
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
-from robots.ports import Array, Side, arm_slice
-from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
+from robots.ports import JointState, Side, arm_slice
+from skills.grasping.descend import Contact, DescentGoal, start_descent
 from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import Zero, start_zero, zero
@@ -41,8 +44,8 @@ HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
     """Go there, touch, press slowly, rise to where the way down began. The hand rises after a failure too."""
-    command_grip(cell, effect.side, GripCommand(0.0, cell.grasp.release_force))
-    failure = wait(cell.ports, CLOSING_S, cell.execution, telemetry(cell), cell.sent)
+    cell.hands.command(effect.side, GripCommand(0.0, cell.grasp.release_force))
+    failure = wait(cell.loop, CLOSING_S, cell.hands.recording())
     failure = failure or park_other(cell, effect.side)
     if failure:
         return Outcome(failure=failure)
@@ -112,7 +115,7 @@ def _point(x: float, y: float, heading: float) -> ToolPath:
 
 def _touch_and_press(cell: Workcell, effect: Touch, way: Descent) -> Outcome[Touched]:
     side, settings = effect.side, cell.grasp
-    zeros = each_hand(cell, {side: start_zero(settings)}, lambda _, r, s: zero(r, s))
+    zeros = each_hand(cell.loop, cell.hands, {side: start_zero(settings)}, lambda _, r, s: zero(r, s))
     if zeros.failure:
         return Outcome(failure=zeros.failure)
     first = _descend(cell, side, way, settings, zeros.unwrap()[side], -effect.search, [])
@@ -142,55 +145,25 @@ def _descend(
     felt: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
     """Guarded, slowly all the way where the table may be, to rest; every new tactile reading goes to `felt`."""
-    hand = _Lowering(cell, side, way)
     settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
     goal = DescentGoal(contact=0.0, bottom=bottom)
-    begun = start_descent(settings, goal, zeroed, read_hand(cell, side, cell.ports.arms.state()))
-    height = before_last = begun.target
-    ended: Outcome[Contact] | None = None
 
-    def tick(_: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
-        nonlocal height, before_last, ended
-        if ended:
-            return ended if hand.rests else before
+    def feel(reading: HandReading) -> None:
         if not felt or reading.tactile.stamp > felt[-1].tactile.stamp:
             felt.append(reading)
-        command, after = descend(reading, before)
-        before_last, height = height, command.height
-        if isinstance(after, Outcome):
-            ended, height, before_last = after, hand.height, hand.height
-            return before
-        return after
 
-    return each_hand(cell, {side: begun}, tick, lambda _: hand.towards(height, (before_last - height) / TICK_S))
+    def begin(start: JointState) -> Motion[dict[Side, Contact]]:
+        q0 = start.q + cell.sent.offset(start.q)
+        above = np.array(q0)
+        above[arm_slice(side)] = way.q[0]
+        top = cell.hands.height(side, above)
+        lowering = Lowering(way, top, Follower(top - cell.hands.height(side, q0)))
+        state = start_descent(settings, goal, zeroed, cell.hands.read(side, start))
+        return guarded_descent(
+            cell.hands, cell.sent, start, {side: GuardedHand(lowering, state)}, settles=True, felt=feel
+        )
 
-
-class _Lowering:
-    """One hand's set-point on its straight way down, without jumps."""
-
-    def __init__(self, cell: Workcell, side: Side, way: Descent) -> None:
-        q = cell.ports.arms.state().q
-        self._q0, self._side, self._way = q + cell.sent.offset(q), side, way
-        top = np.array(self._q0)
-        top[arm_slice(side)] = way.q[0]
-        self._top = tool_height(cell, side, top)
-        self._hand = Follower(self._top - tool_height(cell, side, self._q0))
-
-    @property
-    def height(self) -> float:
-        """Of the set-point over the table [m]."""
-        return self._top - self._hand.position
-
-    @property
-    def rests(self) -> bool:
-        return abs(self._hand.velocity) < 1e-4 and abs(self._hand.acceleration) < 1e-2
-
-    def towards(self, height: float, speed: float) -> Array:
-        """(14,) a tick later, on its way to a height [m] that falls at `speed` [m/s]."""
-        self._hand = lowered(self._hand, self._top - height, speed)
-        q = np.array(self._q0)
-        q[arm_slice(self._side)] = self._way.at(self._hand.position)
-        return q
+    return cell.loop.run(begin)
 
 
 def _explained(failure: Failure, effect: Touch) -> Failure:
@@ -215,7 +188,7 @@ def _explained(failure: Failure, effect: Touch) -> Failure:
 
 
 def _height(cell: Workcell, side: Side) -> float:
-    return tool_height(cell, side, cell.ports.arms.state().q)
+    return cell.hands.height(side, cell.ports.arms.state().q)
 
 
 def _rise(cell: Workcell, side: Side, by: float) -> Failure | None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from cell.control.sent import Sent
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -22,8 +21,8 @@ class PathControl:
 
     commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
     the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the ledger: paused
-    and resumed, both written while the arms rest. sent: remembers the set-points. waited_s: cell time spent at
-    rest in a pause, summed over the motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
+    and resumed, both written while the arms rest. waited_s: cell time spent at rest in a pause, summed over the
+    motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
     """
 
     commands: CommandQueue | None
@@ -31,7 +30,6 @@ class PathControl:
     go: JointLimits
     tell: Callable[[str], None] = lambda _: None
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
-    sent: Sent = field(default_factory=Sent)
     waited_s: float = 0.0
     stop_s: float = STOP_TIME
 

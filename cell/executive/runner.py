@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from cell.control.streaming import stopped
+from cell.control.checks import stopped
 from cell.executive.machine import Executive
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import RunJournal

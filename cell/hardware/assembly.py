@@ -10,7 +10,7 @@ import numpy as np
 from cell.config.cell_settings import CellSettings
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.library.library_file import add_entry, entry_of, load_library
-from cell.control.streaming import ExecutionLimits
+from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
 from cell.recording.rerun import Recorder

@@ -10,8 +10,10 @@ from typing import TypeVar
 import numpy as np
 
 from cell.config.cell_settings import CellSettings
+from cell.control.checks import ExecutionLimits, stopped
+from cell.control.loop import ControlLoop
+from cell.control.motions.hands import Hands
 from cell.control.sent import Sent
-from cell.control.streaming import ExecutionLimits, stopped
 from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
 from robots.errors import DriverError, FailureKind
@@ -72,6 +74,15 @@ class Workcell:
     watched_stop: Stop | None = None
     """The stop as it is asked while a skill computes, at the pace of the wall's clock; None: that of the ports.
     What it says only ends the waiting: `ports.stop` is asked then, and by that it is decided."""
+
+    @property
+    def loop(self) -> ControlLoop:
+        """Sends the arms whatever they are sent."""
+        return ControlLoop(self.ports, self.execution, self.sent)
+
+    @property
+    def hands(self) -> Hands:
+        return Hands(self.ports, self.robot, self.table, self.recorder)
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
         """Run a skill on a worker while watching the stop; in simulation it takes its declared time at least.

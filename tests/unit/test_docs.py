@@ -13,12 +13,12 @@ import pytest
 from cell.commands.main import build_parser
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments
-from cell.control import streaming as execution
-from cell.control import ticks
+from cell.control import checks, ticks
 from cell.executive.effects import seeing
 from robots import setpoint
 from robots.baxter.ros import electric_gripper
 from robots.baxter.ros.ports import arms
+from skills.motion.timing import timing
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -171,6 +171,9 @@ def test_the_figures_that_safety_is_told_by_are_those_of_the_cell() -> None:
         "0.2 s and the brake": arms.COMMAND_TIMEOUT == 0.2,
         "not been heard of for 0.2 s": arms.COMMAND_TIMEOUT == 0.2,
         "one tick, 10 ms": ticks.TICK_S == 0.010,
+        "on the path 0.6 s more": timing.STOP_TIME == 0.6,
+        "`motion.state_age`, 0.1 s": shipped.motion.state_age == 0.1,
+        "0.002 rad off": checks.ExecutionLimits().sent == 0.002,
         "no further from the last one than the joints go in 40 ms at full speed": setpoint.JUMP_TIME == 0.040,
         "after one of more than 50 ms it runs up from rest": ticks.STALL_S == 0.050,
         "One of more than 2 s in the middle of a motion": ticks.LOST_S == 2.0,
@@ -182,4 +185,4 @@ def test_the_figures_that_safety_is_told_by_are_those_of_the_cell() -> None:
     }
     page = " ".join((ROOT / "docs" / "safety.md").read_text(encoding="utf-8").split())
     assert [words for words, holds in told.items() if words not in page or not holds] == []
-    assert execution.ExecutionLimits().stale_s <= arms.COMMAND_TIMEOUT
+    assert checks.ExecutionLimits().stale_s <= arms.COMMAND_TIMEOUT

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.streaming import stopped, wait
+from cell.control.checks import stopped
+from cell.control.motions.standing import wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.hands import telemetry
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.context import Context, Result
@@ -36,7 +36,7 @@ def choose_next(cell: Workcell, context: Context) -> Result:
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
-        failure = wait(cell.ports, dwell, cell.execution, telemetry(cell), cell.sent)
+        failure = wait(cell.loop, dwell, cell.hands.recording())
         if failure:
             return Result(Event.FAILED, context.with_failure(failure))
     record = {

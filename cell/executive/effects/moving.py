@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from cell.control.checks import come_to_rest, fresh_state, hold, stopped
+from cell.control.motions.hands import each_hand
+from cell.control.motions.standing import wait
+from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.streaming import come_to_rest, fresh_state, hold, stopped, stream, wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.hands import command_grip, each_hand, telemetry
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context, Result
 from cell.states.transition_table import Event
@@ -50,12 +52,12 @@ PREGRASP_OPENING = PadGeometry().stroke
 
 def pausable(cell: Workcell) -> PathControl:
     """For motions that the operator may pause or end on their way."""
-    return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note, cell.sent)
+    return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note)
 
 
 def unhindered(cell: Workcell) -> PathControl:
     """For motions that make the cell safe: only the stop ends them."""
-    return PathControl(None, cell.robot.protective, cell.limits, sent=cell.sent)
+    return PathControl(None, cell.robot.protective, cell.limits)
 
 
 def move(
@@ -71,7 +73,7 @@ def move(
     )  # fmt: skip
     if checked.failure:
         return checked.failure
-    return stream(cell.ports, trajectory, cell.execution, telemetry(cell), control or pausable(cell)).failure
+    return stream(cell.loop, trajectory, cell.hands.recording(), control or pausable(cell)).failure
 
 
 def prepare(cell: Workcell, context: Context) -> Result:
@@ -85,7 +87,7 @@ def prepare(cell: Workcell, context: Context) -> Result:
             gripper.calibrate()
         _open(cell)
         control = pausable(cell)
-        failure = wait(ports, HEAD_TURN_S, cell.execution, telemetry(cell), cell.sent) or _calibrated(cell)
+        failure = wait(cell.loop, HEAD_TURN_S, cell.hands.recording()) or _calibrated(cell)
         failure = failure or _park(cell, control)
         context = waited(context, control)
     return _ended(context, failure)
@@ -116,7 +118,7 @@ def approach(cell: Workcell, context: Context) -> Result:
     """To above the grasps, the hands that grasp as wide open as the prediction has them."""
     assert context.motion is not None
     for side in context.motion.postures:
-        command_grip(cell, side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, context.motion.approach, control=control)
     begun = replace(context, grasps=context.grasps + 1, before_fold=context.frame, carried=False)
@@ -132,7 +134,7 @@ def retreat(cell: Workcell, context: Context) -> Result:
     failure = move(cell, away.unwrap().retreat, fingertips=True, control=control)
     if failure is None:
         checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in context.zeros.items()}
-        failure = each_hand(cell, checks, lambda side, reading, state: check_stuck(reading, state)).failure
+        failure = each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
     failure = failure or move(cell, away.unwrap().park, control=control)
     return _ended(waited(context, control), failure)
 
@@ -171,7 +173,7 @@ def _ended(context: Context, failure: Failure | None) -> Result:
 
 def _open(cell: Workcell) -> None:
     for side, gripper in cell.ports.grippers.items():
-        command_grip(cell, side, GripCommand(gripper.max_opening, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(gripper.max_opening, cell.grasp.release_force))
 
 
 def waited(context: Context, control: PathControl) -> Context:
@@ -181,9 +183,9 @@ def waited(context: Context, control: PathControl) -> Context:
 
 def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
     _open(cell)
-    failure = wait(cell.ports, opening_s, cell.execution, telemetry(cell), cell.sent) or _calibrated(cell)
+    failure = wait(cell.loop, opening_s, cell.hands.recording()) or _calibrated(cell)
     if failure is None and _still_closed(cell) and any(g.state().moving for g in cell.ports.grippers.values()):
-        failure = wait(cell.ports, SLOW_OPENING_S, cell.execution, telemetry(cell), cell.sent)
+        failure = wait(cell.loop, SLOW_OPENING_S, cell.hands.recording())
     return failure or _still_closed(cell) or _park(cell, control)
 
 
@@ -200,7 +202,7 @@ def _calibrated(cell: Workcell) -> Failure | None:
                 f"the {' and the '.join(busy)} gripper is not calibrated after {CALIBRATION_S:.0f} s",
                 "see whether it is plugged in and free to move",
             )
-        failure = wait(cell.ports, TICK_S, cell.execution, sent=cell.sent)
+        failure = wait(cell.loop, TICK_S)
         if failure:
             return failure
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.control.streaming import stopped
+from cell.control.checks import stopped
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context, Result
 from cell.states.recovery_table import Adjustment

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.streaming import Tick, stream
+from cell.control.motion import Tick
+from cell.control.motions.hands import each_hand
+from cell.control.motions.pushes import Pushes
+from cell.control.motions.trajectory import stream
 from cell.executive.effects.drifting import moved_along
-from cell.executive.effects.hands import command_grip, each_hand, telemetry
 from cell.executive.effects.moving import move, pausable, waited
-from cell.executive.effects.pushing import Pushes
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context, Result
 from cell.states.transition_table import Event
@@ -67,12 +68,13 @@ def press(cell: Workcell, context: Context) -> Result:
     assert motion is not None and seen is not None
     context = replace(context, press_tries=context.press_tries + 1)
     for side in motion.postures:
-        command_grip(cell, side, GripCommand(OPENING, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, motion.approach, control=control)
     if failure:
         return Result(Event.FAILED, waited(context, control).with_failure(failure))
-    zeros = each_hand(cell, {s: start_zero(cell.grasp) for s in motion.postures}, lambda side, r, s: zero(r, s))
+    tares = {s: start_zero(cell.grasp) for s in motion.postures}
+    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: zero(r, s))
     if zeros.failure:
         return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
     context = waited(context, control)
@@ -83,7 +85,7 @@ def press(cell: Workcell, context: Context) -> Result:
     if arc.failure:
         return Result(Event.FAILED, context.with_failure(arc.failure))
     guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
-    moved = stream(cell.ports, arc.unwrap().fold, cell.execution, telemetry(cell, guard.look), control)
+    moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
     context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))
     ended = guard.pushed is not None
     record = {"hands": len(motion.postures), "strongest_n": guard.pushes.strongest, "stopped_by_force": ended}
@@ -161,7 +163,7 @@ class _Guard:
     """
 
     def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
-        self.pushes, self._most = Pushes(cell, zeros), cell.settings.pressing.force
+        self.pushes, self._most = Pushes(cell.hands, cell.grasp, zeros), cell.settings.pressing.force
         self.pushed: Failure | None = None
 
     def look(self, tick: Tick) -> Failure | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.streaming import fresh_state
+from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context, Result

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
+from cell.control.motions.hands import Hands, control_hands, each_hand
+from cell.control.motions.standing import wait
+from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
 from cell.control.sent import Sent, faded
-from cell.control.streaming import ExecutionLimits, stream, wait
-from cell.executive.effects import hands
-from cell.executive.effects.hands import each_hand
+from cell.hardware.workcell import Workcell
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.vocabulary import Outcome
@@ -33,6 +37,18 @@ def standing(seconds: float = 0.5) -> ArmTrajectory:
     return ArmTrajectory(t, zero, zero, zero)
 
 
+def still(work: Workcell, control: Any) -> Outcome[Any]:
+    """The left hand at work while the arms stand."""
+    return each_hand(work.loop, work.hands, {Side.LEFT: None}, control)
+
+
+def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outcome[Any]:
+    """The left hand at work while the arms go where they are told."""
+    return work.loop.run(
+        lambda start: control_hands(work.hands, work.sent, start, {Side.LEFT: None}, control, arms)
+    )
+
+
 def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
     share = np.array([faded(k) for k in range(40)])
     assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
@@ -41,15 +57,14 @@ def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
 @pytest.mark.parametrize("kind", ["stream", "wait", "hands"])
 def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, sent = FakeCell(), Sent(np.full(14, OFF))
+    work = fake_workcell(cell, sent=sent)
     if kind == "stream":
-        control = PathControl(None, None, None, sent=sent)
-        assert stream(cell.ports(), standing(), ExecutionLimits(), control=control).ok
+        assert stream(work.loop, standing(), None, PathControl(None, None, None)).ok
     elif kind == "wait":
-        assert wait(cell.ports(), 0.5, ExecutionLimits(), sent=sent) is None
+        assert wait(work.loop, 0.5) is None
     else:
-        monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
-        work = fake_workcell(cell, sent=sent)
-        ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(now) if now >= 0.5 else state)
+        monkeypatch.setattr(Hands, "read", lambda hands, side, state: hands.ports.clock.now())
+        ended = still(work, lambda side, now, state: Outcome(now) if now >= 0.5 else state)
         assert ended.ok
     assert cell.commands[0][1] == pytest.approx(OFF, abs=1e-6)
     assert cell.commands[-1][1] == pytest.approx(0.0, abs=1e-9)
@@ -69,14 +84,14 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
 def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
     spoil, kind, waiting: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
     cell.follows = False
     cell.at(0.3, lambda: spoil(cell))
     if waiting:
-        failure = wait(cell.ports(), 2.0, ExecutionLimits())
+        failure = wait(fake_workcell(cell).loop, 2.0)
     else:
-        failure = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state).failure
+        failure = still(fake_workcell(cell), lambda side, reading, state: state).failure
     assert failure is not None and failure.kind is kind and cell.now < 0.5
     if kind is FailureKind.TRACKING_ERROR:
         assert cell.commands[-1][1] == pytest.approx(cell.q), "they hold where they were pushed to"
@@ -85,11 +100,11 @@ def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
 @pytest.mark.parametrize("off", [0.03, 0.055])
 def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody pushed an arm in a pause: a way that was planned from elsewhere would begin with a jump."""
-    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
     cell.q = cell.q + off
     work = fake_workcell(cell)
-    began = each_hand(work, {Side.LEFT: None}, lambda side, now, state: state, lambda _: np.zeros(14))
+    began = moving(work, lambda side, now, state: state, lambda: np.zeros(14))
     assert began.failure is not None and began.failure.kind is FailureKind.START_MISMATCH
     assert cell.commands == []
 
@@ -97,12 +112,12 @@ def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypa
 @pytest.mark.parametrize("sag", [0.009, 0.018])
 def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arms that hang below their set-point are not elsewhere: their way begins at the set-point."""
-    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
     cell.follows = False
     cell.q = cell.q - sag
     work = fake_workcell(cell, sent=Sent(np.zeros(14)))
-    ended = each_hand(work, {Side.LEFT: None}, lambda side, now, state: Outcome(1), lambda _: np.zeros(14))
+    ended = moving(work, lambda side, now, state: Outcome(1), lambda: np.zeros(14))
     assert ended.ok and cell.commands[0][1] == pytest.approx(0.0)
 
 
@@ -110,14 +125,14 @@ def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypat
 def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
-    wait(cell.ports(), 0.1, ExecutionLimits(), sent=Sent(np.full(14, off)))
+    wait(fake_workcell(cell, sent=Sent(np.full(14, off))).loop, 0.1)
     assert np.abs(cell.commands[0][1]).max() == 0.0
 
 
 def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0
-    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    ended = still(fake_workcell(cell), lambda side, reading, state: state)
     assert ended.failure is not None and ended.failure.kind is FailureKind.STALE_STATE
     assert cell.commands == []
 
@@ -125,9 +140,9 @@ def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
 def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(hands, "read_hand", lambda *_: None)
+    monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
-    ended = each_hand(fake_workcell(cell), {Side.LEFT: None}, lambda side, reading, state: state)
+    ended = still(fake_workcell(cell), lambda side, reading, state: state)
     assert ended.failure is not None and ended.failure.kind is FailureKind.GRIPPER_FAULT
     assert 10.0 < cell.now < 60.0 and np.diff([t for t, _ in cell.commands]).max() < 0.2
 
@@ -137,15 +152,15 @@ def test_hands_are_told_the_speed_at_which_their_set_points_move(
     sag: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A robot that is fed its velocities forward would be kicked by any other."""
-    monkeypatch.setattr(hands, "read_hand", lambda work, side, state: work.ports.clock.now())
+    monkeypatch.setattr(Hands, "read", lambda hands, side, state: hands.ports.clock.now())
     cell, told = FakeCell(), []
     cell.q = cell.q - sag
     ports = cell.ports()
     command = ports.arms.command
     monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append((q, qd)), command(q, qd))[1])
     work = fake_workcell(cell, ports=ports, sent=Sent(np.zeros(14)))
-    slide = lambda _: np.full(14, 0.005 + 0.05 * cell.now)  # noqa: E731
-    assert each_hand(work, {Side.LEFT: 0}, lambda s, now, state: Outcome(1) if now > 0.5 else 0, slide).ok
+    slide = lambda: np.full(14, 0.005 + 0.05 * cell.now)  # noqa: E731
+    assert moving(work, lambda s, now, state: Outcome(1) if now > 0.5 else state, slide).ok
     q, qd = (np.array(part) for part in zip(*told, strict=True))
     assert qd[0] == pytest.approx(0.0)
     assert qd[1:] == pytest.approx(np.diff(q, axis=0) / 0.01)

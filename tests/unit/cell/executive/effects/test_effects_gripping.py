@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.executive.effects import gripping, hands, moving
+from cell.control.motions.hands import Hands
+from cell.control.motions.lowering import Lowering
+from cell.executive.effects import gripping, moving
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context
 from cell.states.transition_table import Event
@@ -32,7 +34,7 @@ WAY = Descent(np.linspace(0.0, 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 
 
 def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[FakeCell, Failure | None, Any]:
     """The left hand presses on what pushes back so hard, from where it has touched."""
-    monkeypatch.setattr(gripping, "_depth_at", lambda *_: TOUCHED)
+    monkeypatch.setattr(Hands, "depth", lambda *_: TOUCHED)
     cell = FakeCell(q=np.r_[WAY.at(TOUCHED), np.zeros(7)])
     workcell = fake_workcell(cell)
     depth = lambda: float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))  # noqa: E731
@@ -48,7 +50,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
     context: Any = SimpleNamespace(
         motion=SimpleNamespace(postures={Side.LEFT: posture}), count=lambda adjustment: 1
     )
-    failure = gripping._press(workcell, context, {Side.LEFT: WAY}, {Side.LEFT: Follower(TOUCHED)}, pushes)
+    failure = gripping._press(workcell, context, {Side.LEFT: Lowering(WAY, 0.05, Follower(TOUCHED))}, pushes)
     return cell, failure, pushes
 
 
@@ -106,7 +108,7 @@ def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, Contex
     """Both hands hold cloth, with the tips 20 cm over the table."""
     cell = FakeCell()
     cell.openings, cell.pads = dict.fromkeys(Side, THICK), dict.fromkeys(Side, GRIP)
-    monkeypatch.setattr(hands, "tool_height", lambda *_: 0.2)
+    monkeypatch.setattr(Hands, "height", lambda *_: 0.2)
     robot = SimpleNamespace(q_park=np.zeros(14), protective=LIMITS)
     unloaded = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
     held = Held(0.0, GRIP, THICK, LayerCount((0.0, 1.0), 1.0, 0.1))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.pressing as pressing
-import cell.executive.effects.pushing as pushing
 from cell.config.cell_settings import load_settings
+from cell.control.motions.hands import Hands
 from cell.control.path_clock import PathControl
 from cell.executive.effects.inspecting import inspect_fold, judged_as_before
 from cell.executive.effects.pressing import plan_pressing, press
@@ -324,7 +324,7 @@ def test_a_hand_that_is_pushed_hard_goes_hardly_deeper(
         gripper = GripperState(state.stamp, side, 0.03, 0.0, False, True)
         return HandReading(state.stamp, tactile, gripper, 0.05, np.zeros(7))
 
-    monkeypatch.setattr(pushing, "read_hand", read)
+    monkeypatch.setattr(Hands, "read", read)
     workcell.ports.arms.command(q[0], np.zeros(14))
     result = press(workcell, context)
     assert result.event is Event.DONE and result.record["stopped_by_force"]
@@ -352,8 +352,8 @@ def test_what_goes_wrong_while_a_pushed_hand_brakes_is_not_hidden(
     feel(monkeypatch, 30.0)
     lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
 
-    def stream(ports: Any, trajectory: Any, limits: Any, watch: Any, control: Any) -> Outcome[Any]:
-        assert watch(SimpleNamespace(t=0.0, state=ports.arms.state()))
+    def stream(loop: Any, trajectory: Any, watch: Any, control: Any) -> Outcome[Any]:
+        assert watch(SimpleNamespace(t=0.0, state=loop.ports.arms.state()))
         return Outcome(failure=lag)
 
     monkeypatch.setattr(pressing, "stream", stream)
@@ -393,13 +393,13 @@ def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> Context:
     monkeypatch.setattr(pressing, "move", lambda *_, **__: None)
     monkeypatch.setattr(pressing, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=still)))
 
-    def stream(ports: Any, trajectory: Any, limits: Any, watch: Any, control: Any) -> Outcome[Any]:
-        tick = SimpleNamespace(t=0.0, state=ports.arms.state())
+    def stream(loop: Any, trajectory: Any, watch: Any, control: Any) -> Outcome[Any]:
+        tick = SimpleNamespace(t=0.0, state=loop.ports.arms.state())
         failure = watch(tick)
         return Outcome(failure=failure) if failure else Outcome(tick.state)
 
     monkeypatch.setattr(pressing, "stream", stream)
-    monkeypatch.setattr(pressing, "telemetry", lambda cell, watch: watch)
+    monkeypatch.setattr(Hands, "recording", lambda hands, watch: watch)
     monkeypatch.setattr(pressing, "each_hand", lambda *_: Outcome({Side.LEFT: SimpleNamespace(tip=np.zeros(2))}))
     return replace(seen(0.030), press_motion=motion)  # type: ignore[arg-type]
 
@@ -409,4 +409,4 @@ def feel(monkeypatch: pytest.MonkeyPatch, force: float, stamp: float = 0.0) -> N
     tactile = TactileReading(stamp, Side.LEFT, np.zeros((2, 4, 3)), np.array([0.0, force]))
     gripper = GripperState(0.0, Side.LEFT, 0.03, 0.0, False, True)
     reading = HandReading(0.0, tactile, gripper, 0.05, np.zeros(7))
-    monkeypatch.setattr(pushing, "read_hand", lambda cell, side, state: reading)
+    monkeypatch.setattr(Hands, "read", lambda cell, side, state: reading)

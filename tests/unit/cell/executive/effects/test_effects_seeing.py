@@ -12,7 +12,7 @@ import pytest
 
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.control.streaming import Tick
+from cell.control.motion import Tick
 from cell.executive.effects.gripping import _photographer
 from cell.executive.effects.seeing import await_garment, look, photograph_table, recognise
 from cell.hardware.workcell import Workcell

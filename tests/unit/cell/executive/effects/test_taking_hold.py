@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cell.executive.effects.pushing as pushing
-from cell.executive.effects import gripping, hands
-from cell.executive.effects.pushing import Pushes
+from cell.control.motions.hands import Hands
+from cell.control.motions.pushes import Pushes
+from cell.executive.effects import gripping
 from cell.hardware.workcell import Workcell
 from cell.states.context import Context
 from cell.states.recovery_table import Adjustment
@@ -82,8 +82,7 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     """Both hands stand above two layers; `left`: what is otherwise under the left one."""
     cell = FakeCell(q=np.full(14, HOME))
     both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
-    for module in (hands, gripping):
-        monkeypatch.setattr(module, "tool_height", height)
+    monkeypatch.setattr(Hands, "height", height)
     work = fake_workcell(cell, ports=replace(cell.ports(), grippers=both, tactile=both))
     garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
     grasps = {side: SimpleNamespace(height=STACK, layers=LAYERS) for side in Side}
@@ -251,10 +250,11 @@ def test_a_push_is_what_a_tip_feels_more_than_in_the_air(monkeypatch: pytest.Mon
         gripper = GripperState(state.stamp, side, 0.03, 0.0, False, True)
         return HandReading(state.stamp, tactile, gripper, 0.05, np.zeros(7))
 
-    monkeypatch.setattr(pushing, "read_hand", read)
+    monkeypatch.setattr(Hands, "read", read)
     air = Zero(0.0, np.zeros((2, 4, 3)), np.array([2.0, -1.0]), 0.01)
     right = Zero(0.0, np.zeros((2, 4, 3)), np.array([0.5, 0.5]), 0.01)
-    pushes = Pushes(fake_workcell(FakeCell()), {Side.LEFT: air, Side.RIGHT: right})
+    work = fake_workcell(FakeCell())
+    pushes = Pushes(work.hands, work.grasp, {Side.LEFT: air, Side.RIGHT: right})
     assert pushes.look(state_of(0.0)) is None
     assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 0.0} and pushes.strongest == 0.0
     felt[Side.LEFT] = [2.5, 5.0]

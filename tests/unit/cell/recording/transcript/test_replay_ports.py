@@ -14,8 +14,12 @@ import numpy as np
 import pytest
 
 import robots.ports
+from cell.control.checks import ExecutionLimits
+from cell.control.loop import ControlLoop
+from cell.control.motions.standing import wait
+from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.streaming import ExecutionLimits, stream, wait
+from cell.control.sent import Sent
 from cell.hardware.workcell import Workcell
 from cell.recording.frame_store import FRAMES
 from cell.recording.transcript.port_recorder import Stenographer
@@ -57,9 +61,10 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     frame = ports.camera.capture()
     told.append((frame.stamp, frame.rgb.tobytes()))
     control = PathControl(commands, LIMITS, LIMITS, note=lambda name, values: told.append((name, values)))
-    moved = stream(ports, sweep(), ExecutionLimits(), control=control)
+    loop = ControlLoop(ports, ExecutionLimits(), Sent())
+    moved = stream(loop, sweep(), None, control)
     told.append(moved.failure or moved.unwrap().q.tobytes())
-    told.append(wait(ports, 0.1, ExecutionLimits()))
+    told.append(wait(loop, 0.1))
     for side in Side:
         told += [ports.tactile[side].reading().grip, ports.grippers[side].state()]
     told.append(commands.wait(frozenset({Event.RETRY}), 0.0))
@@ -114,7 +119,8 @@ def test_a_stop_comes_at_the_same_tick(tmp_path: Path) -> None:
     cell.at(0.5, lambda: ports.stop.trigger("the button"))
 
     def act(ports: Ports, commands: CommandQueue) -> tuple[Any, float]:
-        return stream(ports, sweep(), ExecutionLimits()).failure, ports.clock.now()
+        loop = ControlLoop(ports, ExecutionLimits(), Sent())
+        return stream(loop, sweep(), None, PathControl(None, LIMITS, LIMITS)).failure, ports.clock.now()
 
     failure, t = taken_down(tmp_path, cell, act)
     assert failure.kind is FailureKind.STOPPED and "the button" in failure.what

@@ -1,0 +1,69 @@
+"""Guarded descent as a motion: hands go straight down until their tips touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from cell.control.motion import Motion
+from cell.control.motions.hands import Hands, control_hands
+from cell.control.motions.lowering import Lowering, lowered_joints
+from cell.control.sent import Sent
+from cell.control.ticks import TICK_S
+from robots.ports import Array, JointState, Side
+from skills.grasping.descend import Contact, DescentState, descend
+from skills.grasping.hand_reading import HandReading
+from skills.vocabulary import Outcome
+
+__all__ = ["GuardedHand", "guarded_descent"]
+
+
+@dataclass(frozen=True, eq=False)
+class GuardedHand:
+    """A hand that goes down: its set-point, and what its controller knows at the start."""
+
+    lowering: Lowering
+    state: DescentState
+
+
+def guarded_descent(
+    hands: Hands,
+    sent: Sent,
+    start: JointState,
+    descending: Mapping[Side, GuardedHand],
+    settles: bool = False,
+    felt: Callable[[HandReading], None] = lambda reading: None,
+) -> Motion[dict[Side, Contact]]:
+    """Ends when all hands have touched, or with the first one's failure (skills.grasping.descend).
+
+    settles: a hand ends once its set-point has come to rest where it was at the touch; else it ends at the
+    touch, and its set-point goes to where the hand was measured while the other one still descends. felt: is
+    told of every reading up to the touch.
+    """
+    lowering = {side: hand.lowering for side, hand in descending.items()}
+    goals = {side: (hand.state.target, 0.0) for side, hand in descending.items()}
+    """Height of each hand's goal [m], and how fast it falls [m/s]."""
+    ended: dict[Side, Outcome[Contact]] = {}
+    q0 = start.q + sent.offset(start.q)
+
+    def control(side: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
+        if side in ended:
+            return ended[side] if lowering[side].rests else before
+        felt(reading)
+        command, after = descend(reading, before)
+        if not isinstance(after, Outcome):
+            goals[side] = command.height, (goals[side][0] - command.height) / TICK_S
+            return after
+        goals[side] = lowering[side].height if settles else command.height, 0.0
+        if not settles:
+            return after
+        ended[side] = after
+        return before
+
+    def arms() -> Array:
+        for side, (height, speed) in goals.items():
+            lowering[side].follow(lowering[side].top - height, speed)
+        return lowered_joints(q0, lowering)
+
+    states = {side: hand.state for side, hand in descending.items()}
+    return (yield from control_hands(hands, sent, start, states, control, arms))

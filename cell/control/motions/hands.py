@@ -1,0 +1,149 @@
+"""Both hands at work as a motion: on every tick each hand is read, and its controller decides.
+
+The controllers of skills.grasping are pure; this is where they meet the ports. Such a motion ends when every hand
+has ended, or with the first failure. It is not paused in the midst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from cell.control.loop import ControlLoop
+from cell.control.motion import Motion, SetPoint, Tick, Watch
+from cell.control.sent import Sent, faded
+from cell.control.ticks import TICK_S
+from robots.errors import Failure, FailureKind
+from robots.model import RobotModel
+from robots.ports import Array, GripperState, JointState, Ports, Side, TactileReading, arm_slice
+from skills.grasping.hand_reading import GripCommand, HandReading
+from skills.motion.kinematics.ik import tool_pose
+from skills.motion.moves.grasp import Descent
+from skills.vocabulary import Outcome, Table
+
+__all__ = ["Control", "Hands", "Telemetry", "commanding", "control_hands", "each_hand"]
+
+S = TypeVar("S")
+V = TypeVar("V")
+
+LONGEST_LOOP_S = 30.0
+
+
+class Telemetry(Protocol):
+    """Takes what was read, for the recording."""
+
+    def joints(self, state: JointState) -> None: ...
+
+    def tactile(self, reading: TactileReading) -> None: ...
+
+    def gripper(self, state: GripperState) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Hands:
+    """Both hands: their sensors, their pads, and how high they are."""
+
+    ports: Ports
+    robot: RobotModel
+    table: Table
+    telemetry: Telemetry
+
+    def height(self, side: Side, q: Array) -> float:
+        """Of a tool centre point over the table [m] at joints q (14,)."""
+        return float(tool_pose(self.robot.chains[side], q[arm_slice(side)])[2, 3] - self.table.height)
+
+    def depth(self, side: Side, way: Descent, q: Array) -> float:
+        """How far down its way a hand stands [m] at joints q (14,)."""
+        top = np.zeros(14)
+        top[arm_slice(side)] = way.q[0]
+        return self.height(side, top) - self.height(side, q)
+
+    def read(self, side: Side, state: JointState) -> HandReading:
+        """One hand's sensors, recorded. state: of the arms at the same moment."""
+        tactile, gripper = self.ports.tactile[side].reading(), self.ports.grippers[side].state()
+        self.telemetry.tactile(tactile)
+        self.telemetry.gripper(gripper)
+        height = self.height(side, state.q)
+        return HandReading(self.ports.clock.now(), tactile, gripper, height, state.effort[arm_slice(side)])
+
+    def command(self, side: Side, command: GripCommand) -> None:
+        gripper = self.ports.grippers[side]
+        gripper.command(min(command.opening, gripper.max_opening), command.force)
+
+    def recording(self, watch: Watch | None = None) -> Watch:
+        """A watch that records the arms and both hands, and then watches as `watch` does."""
+
+        def look(tick: Tick) -> Failure | None:
+            self.telemetry.joints(tick.state)
+            for side in Side:
+                self.telemetry.tactile(self.ports.tactile[side].reading())
+                self.telemetry.gripper(self.ports.grippers[side].state())
+            return watch(tick) if watch else None
+
+        return look
+
+
+Control = Callable[[Side, HandReading, S], S | Outcome[V]]
+"""One tick of a hand: (side, reading, state) -> its next state, or how it ended."""
+
+
+def commanding(
+    hands: Hands, controller: Callable[[HandReading, S], tuple[GripCommand, S | Outcome[V]]]
+) -> Control[S, V]:
+    """A hand whose controller also says what its gripper shall do."""
+
+    def control(side: Side, reading: HandReading, state: S) -> S | Outcome[V]:
+        command, after = controller(reading, state)
+        hands.command(side, command)
+        return after
+
+    return control
+
+
+def each_hand(
+    loop: ControlLoop, hands: Hands, states: Mapping[Side, S], control: Control[S, V]
+) -> Outcome[dict[Side, V]]:
+    """Run one controller a hand until all have ended, while the arms stand still. states: of the hands that work.
+
+    Failures: those of the loop; the first hand's that fails; GRIPPER_FAULT for one that never ends.
+    """
+    return loop.run(lambda start: control_hands(hands, loop.sent, start, states, control))
+
+
+def control_hands(
+    hands: Hands,
+    sent: Sent,
+    start: JointState,
+    states: Mapping[Side, S],
+    control: Control[S, V],
+    arms: Callable[[], Array] | None = None,
+) -> Motion[dict[Side, V]]:
+    """The motion. arms: the set-point (14,) to command, asked once a tick; None: the arms stand still.
+
+    It begins where the arms hang when they are sent to its first set-point.
+    """
+    running, values = dict(states), dict[Side, V]()
+    still = start.q
+    first = arms() if arms else still
+    offset, begins = sent.offset(first), first - sent.offset(still)
+    q = first + offset
+    for k in range(round(LONGEST_LOOP_S / TICK_S) - 1):
+        goal = (still if not arms else first if k == 0 else arms()) + faded(k) * offset
+        fed = yield SetPoint(goal, (goal - q) / TICK_S if arms else np.zeros_like(q), begins)
+        q = goal
+        hands.telemetry.joints(fed.state)
+        for side in tuple(running):
+            after = control(side, hands.read(side, fed.state), running[side])
+            if not isinstance(after, Outcome):
+                running[side] = after
+                continue
+            if after.failure:
+                return Outcome(failure=after.failure)
+            values[side] = after.unwrap()
+            del running[side]
+        if not running:
+            return Outcome(values)
+    return Outcome(failure=Failure(FailureKind.GRIPPER_FAULT, f"a hand has not ended in {LONGEST_LOOP_S:.0f} s"))

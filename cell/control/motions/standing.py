@@ -1,0 +1,33 @@
+"""Holding as a motion: the arms stand for some time, watched as in any other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.control.loop import ControlLoop
+from cell.control.motion import Motion, SetPoint, Tick, Watch
+from cell.control.sent import Sent, faded
+from cell.control.ticks import TICK_S
+from robots.errors import Failure
+from robots.ports import JointState
+from skills.vocabulary import Outcome
+
+__all__ = ["stand", "wait"]
+
+
+def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failure | None:
+    """Hold where the arms stand for some cell time. Ends early on a failure of the loop, or what `watch` returned.
+
+    Arms of which nothing recent is known are told nothing: the next motion refuses them.
+    """
+    return loop.run(lambda start: stand(loop.sent, start, seconds, watch), standing=True).failure
+
+
+def stand(sent: Sent, start: JointState, seconds: float, watch: Watch | None) -> Motion[JointState]:
+    offset, state = sent.offset(start.q), start
+    for k in range(max(1, round(seconds / TICK_S))):
+        state = (yield SetPoint(start.q + faded(k) * offset, np.zeros_like(start.q))).state
+        failure = watch(Tick((k + 1) * TICK_S, state)) if watch else None
+        if failure:
+            return Outcome(failure=failure)
+    return Outcome(state)

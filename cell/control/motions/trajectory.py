@@ -1,0 +1,54 @@
+"""A checked trajectory as a motion: followed along its path, at rest wherever it is held up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.control.loop import ControlLoop
+from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
+from cell.control.path_clock import PathClock, PathControl
+from cell.control.sent import faded
+from cell.control.ticks import TICK_S
+from robots.ports import ArmTrajectory, JointState
+from skills.vocabulary import Outcome
+
+__all__ = ["follow", "stream"]
+
+
+def stream(
+    loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
+) -> Outcome[JointState]:
+    """Send the trajectory and see it through. Returns the state in which the arms came to rest.
+
+    Failures: those of the loop, or what `watch` returned. A pause runs the motion's clock down: the arms rest on
+    the path, still watched, and go on when told to, if they stand where they came to rest. A watched failure, a
+    state that is too old and an abort bring the motion to rest on the path in the same way before it ends.
+    """
+    return loop.run(lambda _: follow(loop, trajectory, watch, control), control)
+
+
+def follow(
+    loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
+) -> Motion[JointState]:
+    """Ends when the arms are within `settled` of the trajectory's end, or settle_s after it."""
+    path, offset = PathClock(trajectory, control), loop.sent.offset(trajectory.q[0])
+    settling, failure, k = 0.0, None, 0
+    while True:
+        q, qd = path.setpoint()
+        fed = yield SetPoint(q + faded(k) * offset, qd, trajectory.q[0], path.t, path.resting, failure)
+        k += 1
+        if fed.order is Order.REST:
+            path.stop()
+        if fed.order is Order.GO:
+            path.go()
+        arrived = path.arrived
+        if not (fed.late and path.begin_again()):
+            path.advance()
+        if not fed.fresh:
+            continue
+        failure = watch(Tick(path.t, fed.state)) if watch else None  # also while it is brought to rest
+        settling += TICK_S if arrived and not failure else 0.0
+        off = float(np.abs(fed.state.q - trajectory.q[-1]).max())
+        near = off < loop.limits.settled or settling >= loop.limits.settle_s
+        if arrived and near and not failure:
+            return Outcome(fed.state)

@@ -1,0 +1,443 @@
+"""The control loop: every kind of motion is judged by the same rules, on every tick, by the loop alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.control.checks import ExecutionLimits
+from cell.control.loop import ControlLoop
+from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
+from cell.control.motions.descent import GuardedHand, guarded_descent
+from cell.control.motions.hands import Hands, each_hand
+from cell.control.motions.lowering import Lowering
+from cell.control.motions.press import press_down
+from cell.control.motions.pushes import Pushes
+from cell.control.motions.standing import wait
+from cell.control.motions.trajectory import stream
+from cell.control.path_clock import PathControl
+from cell.control.sent import Sent
+from cell.control.ticks import LOST_S, TICK_S
+from cell.states.commands import CommandQueue
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.model import JointLimits
+from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
+from skills.grasping.descend import DescentGoal, start_descent
+from skills.grasping.hand_reading import fault
+from skills.grasping.settings import GraspSettings
+from skills.grasping.tare import Zero
+from skills.motion.moves.grasp import Descent
+from skills.motion.timing.jerk_limiter import Follower
+from skills.vocabulary import Outcome
+from tests.fakes import FakeCell
+
+K = FailureKind
+LIMITS, GRASP, ONE = ExecutionLimits(), GraspSettings(), np.ones(14)
+JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
+KINDS = ("trajectory", "hold", "hands", "descent", "press")
+AT = 0.2
+"""When something goes wrong [s]: on the way in each kind of motion."""
+TOP = 0.05
+WAY = Descent(np.linspace(0.0, 0.3, 61)[:, None] * np.ones(7), np.linspace(0.0, 0.06, 61), 0.05)
+"""Each joint turns by 5 rad for a metre of the hand's way."""
+AIR = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+
+
+class Recorded:
+    """A telemetry that keeps nothing."""
+
+    def joints(self, state: JointState) -> None: ...
+
+    def tactile(self, reading: Any) -> None: ...
+
+    def gripper(self, state: Any) -> None: ...
+
+
+class OverTable(Hands):
+    """Hands whose height is told by the first joint of each arm."""
+
+    def height(self, side: Side, q: Array) -> float:
+        return TOP - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
+
+
+@dataclass
+class Bench:
+    """A fake cell and the loop that runs a motion with it."""
+
+    cell: FakeCell
+    ports: Ports
+    loop: ControlLoop
+
+    def run(self, kind: str, commands: CommandQueue | None = None) -> Outcome[Any]:
+        """One motion of that kind, of 0.4 s and more. Tactile cells that give no numbers end each of them."""
+        robot: Any = None
+        table: Any = None
+        hands = OverTable(self.ports, robot, table, Recorded())
+
+        def watch(tick: Tick) -> Failure | None:
+            return fault(hands.read(Side.LEFT, tick.state), GRASP)
+
+        if kind == "trajectory":
+            return stream(self.loop, sweep(), watch, PathControl(commands, JOINTS, JOINTS))
+        if kind == "hold":
+            failure = wait(self.loop, 0.6, watch)
+            return Outcome(failure=failure) if failure else Outcome("held")
+        if kind == "hands":
+            return each_hand(self.loop, hands, {Side.LEFT: 0}, counted)
+        if kind == "press":
+            lowering = {Side.LEFT: Lowering(WAY, TOP, Follower(0.01))}
+            pushes = Pushes(hands, GRASP, {Side.LEFT: AIR})
+            strokes = {Side.LEFT: (0.01, 0.02)}
+            return self.loop.run(
+                lambda start: press_down(hands, self.loop.sent, start, lowering, strokes, pushes, 25.0)
+            )
+
+        def begin(start: JointState) -> Motion[Any]:
+            state = start_descent(GRASP, DescentGoal(0.0, -0.005), AIR, hands.read(Side.LEFT, start))
+            hand = GuardedHand(Lowering(WAY, TOP), state)
+            return guarded_descent(hands, self.loop.sent, start, {Side.LEFT: hand})
+
+        return self.loop.run(begin)
+
+
+def counted(side: Side, reading: Any, ticks: int) -> int | Outcome[int]:
+    """A hand that works for 0.6 s."""
+    bad = fault(reading, GRASP)
+    if bad:
+        return Outcome(failure=bad)
+    return ticks + 1 if ticks < 60 else Outcome(ticks)
+
+
+def sweep(seconds: float = 2.0) -> ArmTrajectory:
+    """All joints turn by 0.3 rad with least jerk."""
+    t = np.linspace(0.0, seconds, 201)
+    u = (t / seconds)[:, None]
+    q = 0.3 * u**3 * (10 - 15 * u + 6 * u**2) * ONE
+    qd = 0.3 / seconds * 30 * u**2 * (1 - u) ** 2 * ONE
+    return ArmTrajectory(t, q, qd, np.zeros_like(q))
+
+
+def bench(kind: str, clock: Callable[[Any], Any] = lambda clock: clock) -> Bench:
+    cell = FakeCell(q=np.r_[WAY.at(0.01), np.zeros(7)] if kind == "press" else None)
+    ports = cell.ports()
+    ports = replace(ports, clock=clock(ports.clock))
+    return Bench(cell, ports, ControlLoop(ports, LIMITS, Sent()))
+
+
+def spoil_tactile(cell: FakeCell) -> None:
+    cell.pads = dict.fromkeys(Side, float("nan"))
+
+
+def push_arms(cell: FakeCell) -> None:
+    """Somebody takes hold of both arms."""
+    cell.follows, cell.q = False, cell.q + 0.2
+
+
+# every kind of motion
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) -> None:
+    """The fake raises on a set-point to a stopped robot."""
+    b = bench(kind)
+    b.cell.at(AT, lambda: b.ports.stop.trigger("button"))
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.STOPPED and "button" in failure.what
+    assert b.cell.now == pytest.approx(AT) and b.loop.sent.q is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
+    b = bench(kind)
+    b.cell.at(AT, lambda: push_arms(b.cell))
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.TRACKING_ERROR and failure.values["off_rad"] > 0.19
+    assert b.cell.now == pytest.approx(AT) and b.cell.commands[-1][1] == pytest.approx(b.cell.q)
+    assert b.loop.sent.q is None, "what comes next begins where they stand"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench(kind)
+    through = b.ports.arms.command
+
+    def altered(q: Array, qd: Array) -> JointSetpoint:
+        off = 0.003 if AT - TICK_S / 2 < b.cell.now < AT + TICK_S / 2 else 0.0
+        return JointSetpoint(b.cell.now, through(q, qd).q + off, qd, off > 0.0)
+
+    monkeypatch.setattr(b.ports.arms, "command", altered)
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.LIMIT_EXCEEDED and failure.values["clipped"]
+    assert b.cell.now == pytest.approx(AT + TICK_S) and b.cell.commands[-1][0] == b.cell.now
+    assert b.loop.sent.q is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind: str) -> None:
+    b = bench(kind)
+    b.cell.at(AT, lambda: setattr(b.cell, "frozen_since", b.cell.now))
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.STALE_STATE
+    known = AT + LIMITS.stale_s + 2 * TICK_S
+    assert b.cell.now <= (known + 0.65 if kind == "trajectory" else known), "only a path is left at rest"
+    assert b.loop.sent.q is not None and b.loop.sent.q == pytest.approx(b.cell.commands[-1][1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_motion_itself_watches_for_ends_it(kind: str) -> None:
+    b = bench(kind)
+    b.cell.at(AT, lambda: spoil_tactile(b.cell))
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.HARDWARE_FAULT and "left" in failure.what
+    assert b.cell.now <= AT + (0.65 if kind == "trajectory" else TICK_S)
+    assert b.loop.sent.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay where they were sent"
+
+
+class Late:
+    """A clock whose program is once held up at AT."""
+
+    def __init__(self, clock: Any, seconds: float) -> None:
+        self._clock, self._seconds = clock, seconds
+
+    def now(self) -> float:
+        return float(self._clock.now())
+
+    def sleep_until(self, t: float) -> None:
+        late = self._seconds if t > AT + 1e-9 else 0.0
+        self._seconds -= late
+        self._clock.sleep_until(t + late)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> None:
+    """The fake raises on a set-point that jumps."""
+    in_time, late = bench(kind), bench(kind, lambda clock: Late(clock, 0.15))
+    ended = in_time.run(kind), late.run(kind)
+    assert [e.failure and e.failure.kind for e in ended] == [K.NO_CONTACT if kind == "descent" else None] * 2
+    gaps = np.diff([t for t, _ in late.cell.commands])
+    held_up = np.flatnonzero(gaps > 0.05)
+    assert len(held_up) == 1 and gaps[held_up[0]] == pytest.approx(0.15 + TICK_S)
+    assert np.delete(gaps, held_up) == pytest.approx(TICK_S)
+    assert late.cell.q == pytest.approx(in_time.cell.q, abs=1e-3)
+    q = np.array([q[0] for _, q in late.cell.commands])
+    if kind == "trajectory":
+        assert abs(q[held_up[0] + 2] - q[held_up[0] + 1]) < 1e-4, "it starts from rest"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_program_that_was_suspended_does_not_go_on(kind: str) -> None:
+    b = bench(kind, lambda clock: Late(clock, LOST_S + 0.5))
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.STOPPED and "held up" in failure.what
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_is_sent_to_a_stopped_robot(kind: str) -> None:
+    b = bench(kind)
+    b.ports.stop.trigger("button")
+    failure = b.run(kind).failure
+    assert failure is not None and failure.kind is K.STOPPED and b.cell.commands == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arms_that_are_not_heard_of_do_not_begin(kind: str) -> None:
+    b = bench(kind)
+    b.cell.now, b.cell.frozen_since = 5.0, 4.0
+    failure = b.run(kind).failure
+    assert b.cell.commands == []
+    if kind == "hold":
+        assert failure is None and b.cell.now == pytest.approx(5.6), "there is nothing to begin: it only waits"
+    else:
+        assert failure is not None and failure.kind is K.STALE_STATE and b.cell.now == 5.0
+
+
+def test_a_stop_ends_a_wait_of_arms_that_are_not_heard_of() -> None:
+    b = bench("hold")
+    b.cell.now, b.cell.frozen_since = 5.0, 4.0
+    b.cell.at(5.2, lambda: b.ports.stop.trigger("button"))
+    failure = b.run("hold").failure
+    assert failure is not None and failure.kind is K.STOPPED and b.cell.now == pytest.approx(5.2)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "trajectory"])
+def test_what_has_no_path_to_rest_on_is_not_paused_in_the_midst(kind: str) -> None:
+    """The order waits in the queue until the run comes to a motion or a state that heeds it."""
+    b, commands = bench(kind), CommandQueue()
+    b.cell.at(AT, lambda: commands.put(Event.PAUSE))
+    b.run(kind, commands)
+    assert commands.take(frozenset({Event.PAUSE})) is Event.PAUSE
+    assert np.diff([t for t, _ in b.cell.commands]) == pytest.approx(TICK_S)
+
+
+# a motion that is held up on its path
+
+
+def rested(b: Bench, spoil: Callable[[], None], at: float = 1.4) -> Outcome[Any]:
+    """A trajectory is paused at AT, and something happens while the arms rest."""
+    commands = CommandQueue()
+    b.cell.at(AT, lambda: commands.put(Event.PAUSE))
+    b.cell.at(at, spoil)
+    b.cell.at(at + 0.5, lambda: commands.put(Event.RESUME))
+    return b.run("trajectory", commands)
+
+
+def test_a_pause_runs_the_clock_down_and_stays_on_the_path() -> None:
+    b = bench("trajectory")
+    assert rested(b, lambda: None).ok
+    q = np.array([q[0] for _, q in b.cell.commands])
+    assert np.diff(q).min() >= -1e-12, "it never goes back"
+    times = np.array([t for t, _ in b.cell.commands])
+    assert np.ptp(q[(times > AT + 0.65) & (times < 1.9)]) == 0.0, "at rest 0.6 s after it was asked for"
+    assert b.cell.q == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "known"),
+    [
+        (lambda b: b.ports.stop.trigger("button"), K.STOPPED, 0.0),
+        (lambda b: setattr(b.cell, "frozen_since", b.cell.now), K.STALE_STATE, LIMITS.stale_s + 2 * TICK_S),
+        (lambda b: push_arms(b.cell), K.TRACKING_ERROR, 0.0),
+        (lambda b: spoil_tactile(b.cell), K.HARDWARE_FAULT, TICK_S),
+    ],
+)
+def test_arms_that_rest_in_a_pause_are_judged_as_moving_ones_are(
+    spoil: Callable[[Bench], None], kind: FailureKind, known: float
+) -> None:
+    """There is nothing to bring to rest any more: the motion ends at once."""
+    b = bench("trajectory")
+    failure = rested(b, lambda: spoil(b)).failure
+    assert failure is not None and failure.kind is kind
+    assert 1.4 <= b.cell.now <= 1.4 + known + 1e-9
+
+
+def test_the_first_failure_is_the_one_that_is_told() -> None:
+    """The cells fall silent, and while the arms are brought to rest their state is lost, too."""
+    b = bench("trajectory")
+    b.cell.at(AT, lambda: spoil_tactile(b.cell))
+    b.cell.at(AT + 0.1, lambda: setattr(b.cell, "frozen_since", b.cell.now))
+    failure = b.run("trajectory").failure
+    assert failure is not None and failure.kind is K.HARDWARE_FAULT
+
+
+# what passes between the loop and a motion
+
+
+class Script:
+    """A motion that stands, rests when it is told to, and keeps what it was sent."""
+
+    def __init__(self, begins: Array | None = None, ticks: int = 5) -> None:
+        self.heard: list[Feedback] = []
+        self.closed = False
+        self._begins, self._ticks = begins, ticks
+
+    def begin(self, start: JointState) -> Motion[str]:
+        resting = False
+        try:
+            while len(self.heard) < self._ticks:
+                fed = yield SetPoint(start.q, np.zeros(14), self._begins, 0.0, resting)
+                self.heard.append(fed)
+                resting = (resting or fed.order is Order.REST) and fed.order is not Order.GO
+        finally:
+            self.closed = True
+        return Outcome("done")
+
+
+def test_a_motion_is_sent_what_was_read_after_each_of_its_set_points() -> None:
+    b, script = bench("hold"), Script()
+    assert b.loop.run(script.begin).value == "done"
+    assert [fed.state.stamp for fed in script.heard] == pytest.approx(TICK_S * np.arange(1, 6))
+    assert all(fed.fresh and not fed.late and fed.order is None for fed in script.heard)
+    assert len(b.cell.commands) == 5
+
+
+def test_orders_go_to_the_motion_once_each() -> None:
+    b, script, commands, said = bench("hold"), Script(ticks=9), CommandQueue(), []
+    control = PathControl(commands, JOINTS, JOINTS, note=lambda name, _: said.append((name, len(script.heard))))
+    b.cell.at(2 * TICK_S, lambda: commands.put(Event.PAUSE))
+    b.cell.at(6 * TICK_S, lambda: commands.put(Event.RESUME))
+    assert b.loop.run(script.begin, control).ok
+    assert [fed.order for fed in script.heard] == [None] * 2 + [Order.REST] + [None] * 3 + [Order.GO] + [None] * 2
+    assert said == [("paused", 3), ("resumed", 6)]
+    assert control.waited_s == pytest.approx(4 * TICK_S)
+
+
+@pytest.mark.parametrize("off", [0.03, -0.03])
+def test_a_motion_that_begins_elsewhere_is_not_begun(off: float) -> None:
+    b, script = bench("hold"), Script(begins=np.full(14, off))
+    failure = b.loop.run(script.begin).failure
+    assert failure is not None and failure.kind is K.START_MISMATCH
+    assert b.cell.commands == [] and script.closed
+
+
+def test_a_motion_that_the_loop_ends_is_closed() -> None:
+    b, script = bench("hold"), Script()
+    b.cell.at(2 * TICK_S, lambda: b.ports.stop.trigger("button"))
+    assert b.loop.run(script.begin).failure is not None
+    assert script.closed and len(script.heard) == 1
+
+
+def test_a_motion_that_can_be_left_is_told_of_no_state_that_is_too_old() -> None:
+    """A hand's controller would close its gripper by it."""
+    b, heard = bench("hold"), list[Feedback]()
+    b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
+
+    def hands(start: JointState) -> Motion[str]:
+        while len(heard) < 50:
+            heard.append((yield SetPoint(start.q, np.zeros(14))))
+        return Outcome("done")
+
+    failure = b.loop.run(hands).failure
+    assert failure is not None and failure.kind is K.STALE_STATE
+    assert len(heard) > 5 and all(fed.fresh for fed in heard)
+
+
+def test_a_motion_that_has_to_be_brought_to_rest_is_told_that_a_state_is_too_old() -> None:
+    b, script = bench("hold"), Script(ticks=50)
+    b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
+    failure = b.loop.run(script.begin).failure
+    assert failure is not None and failure.kind is K.STALE_STATE
+    old, resting = script.heard[-2:]
+    assert all(fed.fresh for fed in script.heard[:-2])
+    assert not old.fresh and not resting.fresh and (old.order, resting.order) == (None, Order.REST)
+
+
+def test_a_motion_may_end_before_its_first_set_point() -> None:
+    b = bench("hold")
+    assert b.loop.run(Script(ticks=0).begin).value == "done" and b.cell.commands == [] and b.cell.now == 0.0
+
+
+def test_what_a_motion_raises_is_raised() -> None:
+    """A driver that refuses, or a bug, is no failure of the motion's own."""
+    b = bench("hold")
+
+    def broken(start: JointState) -> Motion[str]:
+        yield SetPoint(start.q, np.zeros(14))
+        raise ZeroDivisionError("a bug")
+
+    with pytest.raises(ZeroDivisionError):
+        b.loop.run(broken)
+
+
+def test_the_driver_is_asked_in_one_order_on_every_tick() -> None:
+    """Command, tick, stop, state: what a transcript of the ports is compared by."""
+    b, asked = bench("hold"), list[str]()
+
+    def noting(part: Any, name: str, *methods: str) -> Any:
+        def noted(method: str) -> Callable[..., Any]:
+            return lambda *given: (asked.append(f"{name}.{method}"), getattr(part, method)(*given))[1]
+
+        return SimpleNamespace(**{method: noted(method) for method in methods})
+
+    ports = replace(
+        b.ports,
+        arms=noting(b.ports.arms, "arms", "command", "state"),
+        stop=noting(b.ports.stop, "stop", "state", "trigger"),
+    )
+    assert ControlLoop(ports, LIMITS, Sent()).run(Script(ticks=2).begin).ok
+    assert asked == ["arms.state", "stop.state"] + 2 * ["arms.command", "stop.state", "arms.state"]
