@@ -24,14 +24,14 @@ from benchmarks.d_relax import distance_to_target, ideal_fold
 from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.adapting import FACTORS
-from robots.ports import Array, Side
+from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.optimise import optimise_fold
 from skills.trajectory.paths import fold_paths, lifted
-from skills.vocabulary import FoldStep, GraspTrajectory, Material, ToolPath
+from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
 
 SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05
 """Error of an observed outline and its correlation along it [m]."""
@@ -45,7 +45,7 @@ class World:
 
     mesh: ClothMesh
     material: Material
-    lean: Mapping[Side, float]
+    lean: Mapping[GraspId, float]
     off: Array
 
     @classmethod
@@ -58,22 +58,22 @@ class World:
         )
         edge = FINER * garment.mesh_edge_m * rng.uniform(0.95, 1.05)
         mesh = mesh_from_contour(contour, edge, garment.layers, float(rng.uniform(0.2, 0.8)))
-        lean = {side: float(rng.uniform(-0.12, 0.12)) for side in Side}
+        lean = {i: float(rng.uniform(-0.12, 0.12)) for i in GraspId}
         return cls(mesh, fabric, lean, np.append(rng.uniform(-0.003, 0.003, 2), 0.0))
 
     def fold(self, positions: Array, step: FoldStep, trajectory: GraspTrajectory) -> Array:
         """(n, 3) after the fold as this world lets it happen."""
         executed = {
-            side: replace(path, position=path.position + self.off, pitch=path.pitch + self.lean[side])
-            for side, path in planned(step, trajectory).items()
+            i: replace(path, position=path.position + self.off, pitch=path.pitch + self.lean[i])
+            for i, path in planned(step, trajectory).items()
         }
         return predict_fold(self.mesh, positions, self.material, executed).vertices
 
 
-def planned(step: FoldStep, trajectory: GraspTrajectory) -> dict[Side, ToolPath]:
-    headings = {side: grasp.heading for side, grasp in step.grasps.items()}
+def planned(step: FoldStep, trajectory: GraspTrajectory) -> dict[GraspId, ToolPath]:
+    headings = {i: grasp.heading for i, grasp in step.grasps.items()}
     arcs = fold_paths(trajectory.control_points, headings, trajectory.duration)
-    return {side: lifted(path, 0.03) for side, path in arcs.items()}
+    return {i: lifted(path, 0.03) for i, path in arcs.items()}
 
 
 def seen(shape: shapely.Geometry, rng: np.random.Generator) -> Array:

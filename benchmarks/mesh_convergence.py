@@ -65,10 +65,10 @@ def fold_both(garment: Garment, edge: float, seed: int) -> Score:
     for planned in plan_folds(state, garment).unwrap():
         step = _with_errors(planned, rng)
         arcs = {
-            side: frame.denormalise(np.array([[0.25, 0.0, PLAIN_H], [0.75, 0.0, PLAIN_H]]))
-            for side, frame in frames_of(step, garment.material.thickness).items()
+            i: frame.denormalise(np.array([[0.25, 0.0, PLAIN_H], [0.75, 0.0, PLAIN_H]]))
+            for i, frame in frames_of(step, garment.material.thickness).items()
         }
-        headings = {side: grasp.heading for side, grasp in step.grasps.items()}
+        headings = {i: grasp.heading for i, grasp in step.grasps.items()}
         paths = fold_paths(arcs, headings, fold_duration(arcs, garment.max_tool_speed))
         settings = SolverSettings(substeps=SUBSTEPS)
         vertices = predict_fold(mesh, vertices, fabric, paths, settings=settings).vertices
@@ -90,8 +90,8 @@ def _draw(nominal: Material, rng: np.random.Generator) -> Material:
 
 def _with_errors(step: FoldStep, rng: np.random.Generator) -> FoldStep:
     grasps = {
-        side: replace(g, point=frozen(g.point + rng.normal(0.0, GRASP_ERROR, 2)))
-        for side, g in sorted(step.grasps.items())
+        i: replace(g, point=frozen(g.point + rng.normal(0.0, GRASP_ERROR, 2)))
+        for i, g in sorted(step.grasps.items())
     }
     return replace(step, grasps=grasps)
 

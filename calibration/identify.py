@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from robots.errors import ConfigurationError
-from robots.ports import Array, Side
+from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.predict import predict_fold
-from skills.vocabulary import Material, ToolPath
+from skills.vocabulary import GraspId, Material, ToolPath
 
 __all__ = [
     "FRICTIONS",
@@ -127,7 +127,7 @@ def predict_candidates(
     mesh: ClothMesh,
     positions: Array,
     material: Material,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     friction_factors: Sequence[float] = FRICTIONS,
     stretch_factors: Sequence[float] = (1.0,),
     seen_as: Callable[[Array], Array] = np.asarray,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -28,12 +29,12 @@ __all__ = [
     "FoldStep",
     "GarmentState",
     "Grasp",
+    "GraspId",
     "GraspTrajectory",
     "Intrinsics",
     "Material",
     "Outcome",
     "PredictedShape",
-    "Side",
     "Table",
     "ToolPath",
     "frozen",
@@ -162,16 +163,33 @@ class FoldLine:
         return np.asarray(xy) - 2.0 * np.multiply.outer(d, self.normal)
 
 
+class GraspId(StrEnum):
+    """Which grasp of a fold step: the key of all that belongs to one of them (target, arc, tool path), named after
+    the arm that takes it by plan. Which arm really does is the motion planner's choice, `Posture.path`: an arm is
+    a `robots.ports.Side`. The two compare equal, so that only the types tell them apart."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+    @property
+    def other(self) -> GraspId:
+        return GraspId.RIGHT if self is GraspId.LEFT else GraspId.LEFT
+
+    @property
+    def planned_arm(self) -> Side:
+        """The arm that takes it unless the arms are swapped."""
+        return Side(self.value)
+
+
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Where one arm takes hold, and how.
+    """Where one hand takes hold, and how.
 
     point: (2,) where the held line's middle lies now, in the table frame. heading: direction of the
     held line (the tool's x) in the table plane [rad]. layers: how many layers the pinch shall take.
     height: of the stack's top under the tool before the grasp [m].
     """
 
-    side: Side
     point: Array
     heading: float
     layers: int
@@ -183,17 +201,17 @@ class FoldStep:
     """One fold: where to take hold, where to put it, and what shall come of it.
 
     index counts from 0. line: the fold line. earlier: the lines of the steps before, in order: the
-    target shape is the flat outline folded by `earlier` and then by `line`. grasps and targets: one per
-    arm used; targets[side] is (3,): where the tool centre point releases, z above the stack. variant: which of the
-    plan's ways this is, by name.
+    target shape is the flat outline folded by `earlier` and then by `line`. grasps and targets: one for
+    each hand used; a target is (3,): where the tool centre point releases, z above the stack. variant: which
+    of the plan's ways this is, by name.
     """
 
     name: str
     index: int
     line: FoldLine
     earlier: tuple[FoldLine, ...]
-    grasps: Mapping[Side, Grasp]
-    targets: Mapping[Side, Array]
+    grasps: Mapping[GraspId, Grasp]
+    targets: Mapping[GraspId, Array]
     variant: str = ""
 
     @property
@@ -203,14 +221,14 @@ class FoldStep:
 
 @dataclass(frozen=True, eq=False)
 class GraspTrajectory:
-    """The path of the held line's middle for each arm: Bezier control points (n + 1, 3) in the table frame.
+    """The path of the held line's middle for each grasp: Bezier control points (n + 1, 3) in the table frame.
 
     source: 'library' or 'optimised'. cost: C(x) of the paper; dissimilarity: its D [m]; dissimilarity_initial: D
     of the paper's first guess where these arcs were optimised [m]. duration: of the motion from grasp to release
     [s].
     """
 
-    control_points: Mapping[Side, Array]
+    control_points: Mapping[GraspId, Array]
     duration: float
     source: str
     cost: float

@@ -15,11 +15,10 @@ from calibration.identify import identify_material, predict_candidates, silhouet
 from calibration.shear import calibrate_shear, clip_and_lowest, elongations
 from cell.commands.calibrate.material import PAPER
 from cell.config.garments.garment_file import load_garment
-from robots.ports import Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.trajectory.paths import fold_paths
-from skills.vocabulary import Material
+from skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
 """[m] edge lengths of the other meshes, for garments of one layer and of two (which take long)."""
@@ -90,9 +89,9 @@ def identified(quick: bool, tell: Tell) -> dict[str, Any]:
     believed = Material(0.4, 0.03, 0.012, 0.0025, 0.45, 0.85 * 0.45, 0.6)
     contour = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
     up, controls = np.array([0.0, 0.0, 0.45]), {}
-    for side, y in ((Side.LEFT, 0.188), (Side.RIGHT, -0.188)):
+    for i, y in ((GraspId.LEFT, 0.188), (GraspId.RIGHT, -0.188)):
         a, b = np.array([0.288, y, 0.001]), np.array([-0.288, y, 0.012])
-        controls[side] = np.array([a, a + up, b + up, b])
+        controls[i] = np.array([a, a + up, b + up, b])
     paths = fold_paths(controls, dict.fromkeys(controls, np.pi / 2), 3.0)
     mesh, other = mesh_from_contour(contour, 0.0262), mesh_from_contour(contour, 0.0225, rotate=0.4)
     grid = predict_candidates(mesh, mesh.lay_flat(0.0025), believed, paths)

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cell.config.garments.garment_file import load_garment
-from robots.ports import Array, Side
+from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.cloth.solver import ClothSimulation
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
-from skills.vocabulary import GraspTrajectory, Material, ToolPath, tool_rotation
+from skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath, tool_rotation
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
@@ -28,9 +28,9 @@ TIMES = 3
 IN = 0.012
 """Grasps so far inside a corner [m]."""
 
-HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
+HANDS = {GraspId.LEFT: 0, GraspId.RIGHT: 1}
 
-Paths = Mapping[Side, ToolPath]
+Paths = Mapping[GraspId, ToolPath]
 
 
 def arc(
@@ -77,7 +77,7 @@ def towel_half(lift: float = 0.4) -> Paths:
     """The towel's right half over its left half."""
     x, y, q = 0.3 - IN, 0.2 - IN, np.pi / 2
     return {
-        side: arc((x, s * y, 0.001), (-x, s * y, 0.012), q, lift) for side, s in ((Side.LEFT, 1), (Side.RIGHT, -1))
+        i: arc((x, s * y, 0.001), (-x, s * y, 0.012), q, lift) for i, s in ((GraspId.LEFT, 1), (GraspId.RIGHT, -1))
     }
 
 
@@ -98,8 +98,8 @@ def shortened(path: ToolPath, seconds: float) -> ToolPath:
 
 def towel_quarter() -> Paths:
     """The folded towel once more."""
-    sides = ((Side.LEFT, -0.268), (Side.RIGHT, -0.06))
-    return {side: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for side, x in sides}
+    grasps = ((GraspId.LEFT, -0.268), (GraspId.RIGHT, -0.06))
+    return {i: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for i, x in grasps}
 
 
 def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[ClothMesh, list[Paths]]:
@@ -118,7 +118,7 @@ def sides_folds() -> list[Paths]:
     on each other, and the hem; start and end of each hand."""
     q = np.pi / 2
     return [
-        {side: arc(*ends, heading) for side, ends in ((Side.LEFT, left), (Side.RIGHT, right))}
+        {i: arc(*ends, heading) for i, ends in ((GraspId.LEFT, left), (GraspId.RIGHT, right))}
         for left, right, heading in (
             (((0.57, 0.06, 5e-4), (-0.25, 0.06, 0.02)), ((0.225, -0.33, 5e-4), (0.095, -0.33, 0.02)), q),
             (((-0.57, 0.06, 5e-4), (0.25, 0.06, 0.03)), ((-0.225, -0.33, 5e-4), (-0.095, -0.33, 0.03)), q),
@@ -142,8 +142,8 @@ def _planned(garment: Garment, edge: float, speed: float) -> tuple[ClothMesh, li
     folds: list[Paths] = []
     for step in plan_folds(state, garment).unwrap():
         folds.append({
-            side: arc((*grasp.point, 5e-4), tuple(step.targets[side]), grasp.heading, duration=DURATION / speed)
-            for side, grasp in step.grasps.items()
+            i: arc((*grasp.point, 5e-4), tuple(step.targets[i]), grasp.heading, duration=DURATION / speed)
+            for i, grasp in step.grasps.items()
         })  # fmt: skip
     return mesh, folds
 
@@ -170,8 +170,8 @@ def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
     """Poses of hands 0 (left) and 1 (right) at the frames' bounds: (frames + 1, 2, 3), (frames + 1, 2, 3, 3)."""
     t = np.arange(frames + 1) * frame
     p, r = np.zeros((frames + 1, 2, 3)), np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, 2, 1, 1))
-    for side, path in paths.items():
-        hand = HANDS[side]
+    for i, path in paths.items():
+        hand = HANDS[i]
         p[:, hand] = np.column_stack([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
         heading = np.interp(t, path.t, np.unwrap(path.heading))
         r[:, hand] = tool_rotation(heading, np.interp(t, path.t, path.pitch), np.interp(t, path.t, path.roll))
@@ -184,13 +184,13 @@ def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> It
     frame = simulation.settings.frame
     frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
     p, r = hand_motion(paths, frames, frame)
-    for side in paths:
-        simulation.grip(HANDS[side], p[0, HANDS[side]], r[0, HANDS[side]])
+    for i in paths:
+        simulation.grip(HANDS[i], p[0, HANDS[i]], r[0, HANDS[i]])
     for k in range(frames):
         simulation.advance_along(p[k : k + 2], r[k : k + 2])
         yield simulation.positions
-    for side in paths:
-        simulation.release(HANDS[side])
+    for i in paths:
+        simulation.release(HANDS[i])
     for _ in range(round((RELEASE + SETTLE) / frame)):
         simulation.advance(1)
         yield simulation.positions

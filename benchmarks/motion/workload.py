@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.config.garments.garment_file import list_garments, load_garment
-from robots.ports import Side
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.optimise import PLAIN_H
 from skills.trajectory.paths import fold_duration, tool_paths
-from skills.vocabulary import FoldStep, GraspTrajectory, ToolPath
+from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
 __all__ = ["Task", "tasks"]
 
@@ -30,7 +29,7 @@ class Task:
     garment: Garment
     pose: tuple[float, float, float]
     step: FoldStep
-    paths: Mapping[Side, ToolPath]
+    paths: Mapping[GraspId, ToolPath]
 
     @property
     def name(self) -> str:
@@ -48,11 +47,11 @@ def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Ta
                 yield Task(garment, pose, step, plain_paths(step, garment))
 
 
-def plain_paths(step: FoldStep, garment: Garment) -> dict[Side, ToolPath]:
+def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
     """The tool paths of the arc that a search over arcs starts from, at the speed that the cloth bears."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
-    controls = {side: two_parameter_controls(f.start, f.end, height, 0.0) for side, f in frames.items()}
+    controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
     duration = fold_duration(controls, garment.max_tool_speed)
     trajectory = GraspTrajectory(controls, duration, "plain", 0.0, 0.0)
     return tool_paths(trajectory, step, garment.max_tool_speed)

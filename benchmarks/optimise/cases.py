@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.d_relax import d_relax, distance_to_target, evaluation_edge, ideal_fold
-from robots.ports import Array, Side
+from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.garments.garment import Garment
@@ -18,11 +18,11 @@ from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import initial_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.paths import LIFT_HEIGHT, fold_paths, lifted
-from skills.vocabulary import FoldStep, Material
+from skills.vocabulary import FoldStep, GraspId, Material
 
 __all__ = ["Case", "Controls", "initial", "judge", "prepare"]
 
-Controls = Mapping[Side, Array]
+Controls = Mapping[GraspId, Array]
 
 PERTURBED, SHIFT = 6, 0.0005
 """Arcs that judge one, and how far their inner control points are moved [m]."""
@@ -69,7 +69,7 @@ def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecu
     rng = np.random.default_rng(0)
     moved = []
     for _ in range(n):
-        arcs = {side: np.array(c) for side, c in sorted(controls.items())}
+        arcs = {i: np.array(c) for i, c in sorted(controls.items())}
         for arc in arcs.values():
             arc[1:-1] += rng.uniform(-SHIFT, SHIFT, arc[1:-1].shape)
         moved.append(arcs)
@@ -79,13 +79,13 @@ def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecu
 
 def _miss(case: Case, duration: float, on: tuple[ClothMesh, Array], controls: Controls) -> float:
     mesh, before = on
-    headings = {side: grasp.heading for side, grasp in case.step.grasps.items()}
+    headings = {i: grasp.heading for i, grasp in case.step.grasps.items()}
     arcs = fold_paths(controls, headings, duration)
-    executed = {side: lifted(path, LIFT_HEIGHT) for side, path in arcs.items()}
+    executed = {i: lifted(path, LIFT_HEIGHT) for i, path in arcs.items()}
     after = predict_fold(mesh, before, case.garment.material, executed).vertices
     return distance_to_target(mesh, case.step.lines, case.garment.material, after)
 
 
-def initial(case: Case) -> dict[Side, Array]:
+def initial(case: Case) -> dict[GraspId, Array]:
     frames = frames_of(case.step, case.garment.material.thickness)
-    return {side: initial_controls(frame.start, frame.end) for side, frame in frames.items()}
+    return {i: initial_controls(frame.start, frame.end) for i, frame in frames.items()}

@@ -13,11 +13,10 @@ import numpy as np
 from benchmarks.optimise.cases import Case, initial, judge, prepare
 from cell.config.garments.garment_file import load_garment
 from cell.config.library.library_file import entry_of, load_library
-from robots.ports import Side
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import LibraryEntry, lookup, trajectory_from
 from skills.trajectory.optimise import optimise_fold
-from skills.vocabulary import GraspTrajectory, Material
+from skills.vocabulary import GraspId, GraspTrajectory, Material
 
 __all__ = ["measure_lookup_times", "measure_lookups", "summary_of_lookups"]
 
@@ -90,7 +89,7 @@ def _accepted(case: Case, found: GraspTrajectory) -> bool:
 
 
 def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
-    controls = {Side(side): np.array(c) for side, c in row["arcs_m"].items()}
+    controls = {GraspId(i): np.array(c) for i, c in row["arcs_m"].items()}
     trajectory = GraspTrajectory(
         controls, row["duration_s"], "optimised", 0.0, 1e-3 * row["D_promised_mm"], row["simulations"]
     )

@@ -27,7 +27,7 @@ from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
 from skills.motion.moves.lift import plan_lift
 from skills.motion.timing.jerk_limiter import Follower
-from skills.vocabulary import Outcome, ToolPath, tool_rotation
+from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 
 __all__ = ["park_other", "touch_table"]
 
@@ -82,6 +82,7 @@ def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
     if state.failure:
         return Outcome(failure=state.failure)
     q, side = state.unwrap().q, effect.side
+    only = GraspId(side.value)
     failure: Failure | None = None
     for heading in HEADINGS:
         path = _point(effect.x, effect.y, float(heading))
@@ -90,7 +91,7 @@ def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
         T[:3, 3] = effect.x, effect.y, cell.table.height + ABOVE
         for hint in ik.solve_seeds(cell.robot, side, T, ik.arm_seeds(cell.robot, side, q)):
             way = plan_grasp(
-                cell.robot, cell.checker, cell.table, {side: path}, {side: Posture(side)}, q,
+                cell.robot, cell.checker, cell.table, {only: path}, {side: Posture(only)}, q,
                 limits=cell.limits, approach_height=ABOVE, overtravel=effect.search, q_hint={side: hint},
                 rng=cell.rng(),
             )  # fmt: skip

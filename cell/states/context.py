@@ -28,6 +28,7 @@ from skills.vocabulary import (
     FoldStep,
     GarmentState,
     Grasp,
+    GraspId,
     GraspTrajectory,
     PredictedShape,
     ToolPath,
@@ -110,7 +111,7 @@ class Context:
     """What the camera saw at those moments."""
     planned_step: FoldStep | None = None
     """The step as this try makes it (grasps moved by recoveries), and its tool paths by grasp."""
-    planned_paths: Mapping[Side, ToolPath] = field(default_factory=dict)
+    planned_paths: Mapping[GraspId, ToolPath] = field(default_factory=dict)
     avoided: tuple[Mapping[Side, Posture], ...] = ()
     """Hand postures that this step has already tried: another search leaves them out."""
     tool_speed: float = 0.3
@@ -125,7 +126,7 @@ class Context:
     """How the camera saw this fold each time before it was pressed."""
     press_tries: int = 0
     """How often that was tried."""
-    press_paths: Mapping[Side, ToolPath] = field(default_factory=dict)
+    press_paths: Mapping[GraspId, ToolPath] = field(default_factory=dict)
     press_motion: FoldMotion | None = None
     """How it is to be pressed: the hands' paths and the arms' motion."""
     unpressed: bool = False

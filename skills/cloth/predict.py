@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array, Side, frozen
+from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material, ToolPath, tool_rotation
+from skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
 
 __all__ = ["FoldPrediction", "predict_fold"]
 
-HANDS = (Side.LEFT, Side.RIGHT)  # hand 0 and 1 of the simulation
+HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,9 @@ class FoldPrediction:
     largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) evenly over the motion."""
 
     vertices: Array
-    max_pinch_force: Mapping[Side, float]
-    pinches: Mapping[Side, PinchReport]
-    dropped: tuple[Side, ...]
+    max_pinch_force: Mapping[GraspId, float]
+    pinches: Mapping[GraspId, PinchReport]
+    dropped: tuple[GraspId, ...]
     residual_motion: float
     keyframes: Array
 
@@ -37,7 +37,7 @@ def predict_fold(
     mesh: ClothMesh,
     positions: Array,
     material: Material,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     release_s: float = 0.3,
     settle_s: float = 1.0,
     settings: SolverSettings | None = None,
@@ -56,9 +56,9 @@ def predict_fold(
     frames = max(1, round(duration / frame))
     p, r = _sample(paths, frames, frame)
     pinches = {
-        side: simulation.grip(hand, p[0, hand], r[0, hand], grip_force)
-        for hand, side in enumerate(HANDS)
-        if side in paths
+        grasp_id: simulation.grip(hand, p[0, hand], r[0, hand], grip_force)
+        for hand, grasp_id in enumerate(HANDS)
+        if grasp_id in paths
     }
     shots = set(np.linspace(0, frames, keyframes, dtype=int).tolist()) if keyframes else set()
     pictures = [simulation.positions] if 0 in shots else []
@@ -69,9 +69,9 @@ def predict_fold(
         step = min([6, frames - done, *(k - done for k in shots if k > done)])
         simulation.advance_along(p[done : done + step + 1], r[done : done + step + 1])
         done += step
-        for hand, side in enumerate(HANDS):
-            if side in force:
-                force[side] = max(force[side], float(np.linalg.norm(simulation.pinch_force(hand))))
+        for hand, grasp_id in enumerate(HANDS):
+            if grasp_id in force:
+                force[grasp_id] = max(force[grasp_id], float(np.linalg.norm(simulation.pinch_force(hand))))
         if done in shots:
             pictures.append(simulation.positions)
     dropped = tuple(
@@ -95,14 +95,14 @@ def predict_fold(
     )
 
 
-def _sample(paths: Mapping[Side, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
+def _sample(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
     """Poses of both hands at the frames' bounds: (frames + 1, 2, 3) and (frames + 1, 2, 3, 3)."""
     t = np.arange(frames + 1) * frame
     p = np.zeros((frames + 1, len(HANDS), 3))
     r = np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, len(HANDS), 1, 1))
-    for hand, side in enumerate(HANDS):
-        if side in paths:
-            path = paths[side]
+    for hand, grasp_id in enumerate(HANDS):
+        if grasp_id in paths:
+            path = paths[grasp_id]
             p[:, hand] = np.column_stack([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
             heading = np.interp(t, path.t, np.unwrap(path.heading))
             pitch, roll = np.interp(t, path.t, path.pitch), np.interp(t, path.t, path.roll)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, GarmentState, Material, frozen
+from skills.vocabulary import Array, GarmentState, GraspId, Material, frozen
 
 __all__ = ["Anchor", "Garment", "PlanGrasp", "PlanStep", "PlanVariant", "PoseRange"]
 
@@ -33,12 +33,13 @@ class PlanGrasp:
     """One grasp of a step. at: the point of the garment's edge that it is stated from.
 
     inset: how far inside, (across the fold line towards it, along it towards the middle) [m].
-    arm: 'left', 'right' or 'auto'. turn: of the held line against the fold line [rad].
+    grasp_id: None where it follows from how the garment lies. turn: of the held line against the fold line
+    [rad].
     """
 
     at: Anchor
     inset: tuple[float, float]
-    arm: str = "auto"
+    grasp_id: GraspId | None = None
     turn: float = 0.0
 
 

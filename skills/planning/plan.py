@@ -18,8 +18,8 @@ from skills.vocabulary import (
     FoldStep,
     GarmentState,
     Grasp,
+    GraspId,
     Outcome,
-    Side,
     frozen,
 )
 
@@ -84,10 +84,10 @@ def translate_plan(
 
     def move_step(step: FoldStep) -> FoldStep:
         grasps = {
-            side: replace(g, point=move(g.point), heading=_fold_angle(g.heading + rotation))
-            for side, g in step.grasps.items()
+            grasp_id: replace(g, point=move(g.point), heading=_fold_angle(g.heading + rotation))
+            for grasp_id, g in step.grasps.items()
         }
-        targets = {side: frozen(np.append(move(t[:2]), t[2])) for side, t in step.targets.items()}
+        targets = {grasp_id: frozen(np.append(move(t[:2]), t[2])) for grasp_id, t in step.targets.items()}
         earlier = tuple(move_line(line) for line in step.earlier)
         return replace(step, line=move_line(step.line), earlier=earlier, grasps=grasps, targets=targets)
 
@@ -181,18 +181,18 @@ def _fold_step(
     outline = np.array([state.keypoints[name] for name in garment.keypoints])
     middle = _middle_of_moving(line, silhouette(earlier, outline))
     points = [_grasp_point(g, line, earlier, state.keypoints, middle) for g in variant.grasps]
-    sides = _assign_arms(variant.grasps, points)
-    grasps: dict[Side, Grasp] = {}
-    targets: dict[Side, Array] = {}
-    for plan, point, side in sorted(zip(variant.grasps, points, sides, strict=True), key=lambda t: t[2].value):
+    grasp_ids = _grasp_ids(variant.grasps, points)
+    grasps: dict[GraspId, Grasp] = {}
+    targets: dict[GraspId, Array] = {}
+    for plan, point, i in sorted(zip(variant.grasps, points, grasp_ids, strict=True), key=lambda t: t[2].value):
         heading = _fold_angle(float(np.arctan2(line.direction[1], line.direction[0])) + plan.turn)
         layers = max(layers_under(earlier, outline, _footprint(point, heading), garment.layers), garment.layers)
         height = layers * garment.material.thickness
-        grasps[side] = Grasp(side, frozen(point), heading, layers, height)
+        grasps[i] = Grasp(frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
         # tension may take the hand just past the edge: it is the mirror image that lands on cloth
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
-        targets[side] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
+        targets[i] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
 
 
@@ -227,12 +227,12 @@ def _grasp_point(
     return at - across * line.normal + np.sign(middle - along) * inwards * line.direction
 
 
-def _assign_arms(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[Side]:
-    """The arm of each grasp. 'auto': the arm of that side; of two in line along x, the left takes the far one."""
-    if len(grasps) == 1:
-        arm = grasps[0].arm
-        return [Side(arm) if arm != "auto" else (Side.LEFT if points[0][1] >= 0 else Side.RIGHT)]
-    named = [Side(g.arm) if g.arm != "auto" else None for g in grasps]
+def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:
+    """Which is the left one and which the right: as the plan says, or else by where they lie; of two in line along
+    x, the left is the far one."""
+    named = [g.grasp_id for g in grasps]
+    if len(named) == 1:
+        return [named[0] or (GraspId.LEFT if points[0][1] >= 0 else GraspId.RIGHT)]
     for own, other in ((0, 1), (1, 0)):
         if named[own] is None and (fixed := named[other]) is not None:
             named[own] = fixed.other
@@ -240,7 +240,7 @@ def _assign_arms(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[S
         return [named[0], named[1]]
     dx, dy = points[0] - points[1]
     first_left = dx > 0 if abs(dy) < IN_LINE * np.hypot(dx, dy) else dy > 0
-    return [Side.LEFT, Side.RIGHT] if first_left else [Side.RIGHT, Side.LEFT]
+    return [GraspId.LEFT, GraspId.RIGHT] if first_left else [GraspId.RIGHT, GraspId.LEFT]
 
 
 def _fold_angle(angle: float) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, FoldLine, Side, ToolPath, frozen
+from skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
 
 __all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach"]
 
@@ -89,7 +89,7 @@ def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
     return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
 
 
-def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[Side, ToolPath]:
+def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[GraspId, ToolPath]:
     """The tools' paths over the dabs, of one hand or of two on one clock, from far above the first one.
 
     highest: how high the garment stands [m]. Two hands go the same way, each over its half. Empty without dabs.
@@ -100,17 +100,17 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
     span = float(across[-1].point[1] - across[0].point[1])
     if span > ONE_HAND:
         half = (len(across) + 1) // 2
-        shares = {Side.RIGHT: across[:half], Side.LEFT: across[-half:]}
+        shares = {GraspId.RIGHT: across[:half], GraspId.LEFT: across[-half:]}
     else:
         along = line.direction if line.direction[1] >= 0.0 else -line.direction
         middle = float(np.mean([dab.point[1] for dab in dabs]))
         shares = {
-            Side.LEFT if middle > 0.0 else Side.RIGHT: sorted(dabs, key=lambda dab: float(dab.point @ along))
+            GraspId.LEFT if middle > 0.0 else GraspId.RIGHT: sorted(dabs, key=lambda dab: float(dab.point @ along))
         }
     heading = float(np.arctan2(line.direction[1], line.direction[0]))
-    stops = {side: _stops(share, highest) for side, share in shares.items()}
+    stops = {grasp_id: _stops(share, highest) for grasp_id, share in shares.items()}
     clock = [max(times) for times in zip(*(_times(points) for points in stops.values()), strict=True)]
-    return {side: _path(points, clock, heading) for side, points in stops.items()}
+    return {grasp_id: _path(points, clock, heading) for grasp_id, points in stops.items()}
 
 
 def _spread(along: Array, most: int) -> Array:

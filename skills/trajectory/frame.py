@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, FoldStep, Side
+from skills.vocabulary import Array, FoldStep, GraspId
 
 __all__ = ["FoldFrame", "frames_of", "grasp_ends"]
 
@@ -43,13 +43,13 @@ class FoldFrame:
         return np.vstack([self.start, points, self.end])
 
 
-def grasp_ends(step: FoldStep, side: Side, thickness: float) -> tuple[Array, Array]:
-    """Where an arm's arc begins and ends (3,), (3,): the tips under the lowest layer taken, and the release."""
-    grasp = step.grasps[side]
+def grasp_ends(step: FoldStep, grasp_id: GraspId, thickness: float) -> tuple[Array, Array]:
+    """Where a grasp's arc begins and ends (3,), (3,): the tips under the lowest layer taken, and the release."""
+    grasp = step.grasps[grasp_id]
     below = grasp.height - grasp.layers * thickness
-    return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[side])
+    return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[grasp_id])
 
 
-def frames_of(step: FoldStep, thickness: float) -> dict[Side, FoldFrame]:
-    """The frame of every arm of a step; thickness of one layer [m]."""
-    return {side: FoldFrame(*grasp_ends(step, side, thickness)) for side in step.grasps}
+def frames_of(step: FoldStep, thickness: float) -> dict[GraspId, FoldFrame]:
+    """The frame of every grasp of a step; thickness of one layer [m]."""
+    return {grasp_id: FoldFrame(*grasp_ends(step, grasp_id, thickness)) for grasp_id in step.grasps}

@@ -14,7 +14,7 @@ from skills.trajectory.bezier import arc_lengths
 from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import ALPHA, cost
 from skills.trajectory.paths import fold_duration
-from skills.vocabulary import Array, FoldStep, GraspTrajectory, Material, Side, frozen
+from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
 
 __all__ = [
     "SCHEMA",
@@ -48,7 +48,7 @@ SANE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class LibraryEntry:
-    """One optimised fold. inner: side -> (n - 1, 3) inner control points in the fold's frame.
+    """One optimised fold. inner: (n - 1, 3) inner control points in the fold's frame.
 
     size_m: extent of the flat garment along x and y as laid [m]; dissimilarity and dissimilarity_initial: D of
     this arc and of the paper's first guess [m], on a mesh with this edge length [m]; version: of the program.
@@ -60,7 +60,7 @@ class LibraryEntry:
     garment: str
     material: Material
     size_m: tuple[float, float]
-    inner: Mapping[Side, Array]
+    inner: Mapping[GraspId, Array]
     edge_length: float
     method: str
     dissimilarity: float
@@ -148,17 +148,17 @@ def trajectory_from(
     """The entry's arcs for the step at hand: its grasps and targets, scaled by the distance of the fold.
 
     thickness of one layer [m]. D, of these and of the first guess, is the entry's own: what this fold will come to
-    has to be simulated. A single arm's arc serves the other arm in mirror image; None when the entry has not as
-    many arms as the step.
+    has to be simulated. A single grasp's arc serves the other one in mirror image; None when the entry has
+    not as many grasps as the step.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)
     if set(inner) != set(frames):
         if len(inner) != len(frames):
             return None
-        ((side, points),) = inner.items()
-        inner = {side.other: points * (1.0, -1.0, 1.0)}
-    controls = {side: frozen(frames[side].denormalise(points)) for side, points in inner.items()}
+        ((grasp_id, points),) = inner.items()
+        inner = {grasp_id.other: points * (1.0, -1.0, 1.0)}
+    controls = {grasp_id: frozen(frames[grasp_id].denormalise(points)) for grasp_id, points in inner.items()}
     duration = fold_duration(controls, max_tool_speed or entry.max_tool_speed)
     lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
     c = cost(lengths, entry.dissimilarity, ALPHA)
@@ -212,7 +212,7 @@ def _body(entry: LibraryEntry) -> dict[str, Any]:
     body = {k: v for k, v in entry.__dict__.items() if k not in ("material", "inner", "size_m")}
     body["size_m"] = list(entry.size_m)
     body["material"] = {**asdict(entry.material), "assumed": list(entry.material.assumed)}
-    body["inner"] = {side.value: points.tolist() for side, points in sorted(entry.inner.items())}
+    body["inner"] = {grasp_id.value: points.tolist() for grasp_id, points in sorted(entry.inner.items())}
     return body
 
 
@@ -228,7 +228,7 @@ def _entry(row: object) -> LibraryEntry:
         raise _Refused("its content does not match its hash: it was edited or damaged")
     try:
         material = Material(**{**body.pop("material"), "assumed": tuple(row["material"]["assumed"])})
-        inner = {Side(s): frozen(np.array(p, dtype=float)) for s, p in body.pop("inner").items()}
+        inner = {GraspId(s): frozen(np.array(p, dtype=float)) for s, p in body.pop("inner").items()}
         size = body.pop("size_m")
         entry = LibraryEntry(**body, material=material, inner=inner, size_m=(float(size[0]), float(size[1])))
     except (TypeError, ValueError, KeyError, IndexError, AttributeError) as error:

@@ -21,10 +21,10 @@ from skills.vocabulary import (
     Failure,
     FailureKind,
     FoldStep,
+    GraspId,
     GraspTrajectory,
     Material,
     Outcome,
-    Side,
     ToolPath,
 )
 
@@ -112,11 +112,11 @@ def optimise_fold(
     watch: Watch | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Outcome[GraspTrajectory]:
-    """The arcs, one for each arm of the step, that fold the mesh from `positions` (n, 3) best.
+    """The arcs, one for each grasp of the step, that fold the mesh from `positions` (n, 3) best.
 
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
     points, secant Levenberg-Marquardt), 'default' (arcs spread over height, skew and steepness, a polish of
-    variables that the arms share, and of the best few the one that bears most). budget: simulations (default 1,
+    variables that the arcs share, and of the best few the one that bears most). budget: simulations (default 1,
     25, 120, 25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default
     `ClothPredictor()`. max_height: of an arc over the table, lift_height: of the straight lift before it [m].
 
@@ -179,7 +179,7 @@ class ClothPredictor:
     settle_s: float = 1.0
 
     def __call__(
-        self, mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /
+        self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array:
         prediction = predict_fold(
             mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s
@@ -259,7 +259,7 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Two probes, arcs of other forms, then a polish in four variables that the arms share: way along and height
+    """Two probes, arcs of other forms, then a polish in four variables that the arcs share: way along and height
     of both inner points. Of the best few and the plain arc the most robust one is taken.
 
     Where the plain arc is good, and where the probes show that no arc is better, the search ends at once; once an
@@ -300,14 +300,14 @@ def _keep_plain(evaluator: Evaluator, least: float) -> None:
 
 
 def _shared(problem: FoldProblem, x: Array) -> Controls:
-    """Arcs of all arms from (way, height) of each inner point (2 (n - 1),), in units of the fold's distance."""
+    """Arcs of all grasps from (way, height) of each inner point (2 (n - 1),), in units of the fold's distance."""
     way, height = x.reshape(-1, 2).T
     early = np.arange(len(way)) < len(way) / 2
     way = np.where(early, np.clip(way, BACK, OVERLAP), np.clip(way, 1 - OVERLAP, BEYOND))
     height = np.clip(height, LOWEST, HIGHEST)
     height = height * min(1.0, _capped(problem, float(height.max())) / height.max())
     inner = np.column_stack([way, np.zeros(len(way)), height])
-    return {side: frame.denormalise(inner) for side, frame in problem.frames.items()}
+    return {grasp_id: frame.denormalise(inner) for grasp_id, frame in problem.frames.items()}
 
 
 def _polish(
@@ -320,7 +320,7 @@ def _polish(
     """Secant Levenberg-Marquardt from x0, within what is left of the budget.
 
     The arcs of x0 are simulated unless they were: the best so far may be others, which these variables cannot
-    state (a warm start whose arms differ, or that goes sideways).
+    state (a warm start whose arcs differ, or that goes sideways).
     """
     known = _seen(evaluator, controls(x0))
     budget = evaluator.left - reserve - (known is None)
@@ -344,18 +344,18 @@ def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
     """The paper's: all coordinates of all inner control points, from h = 1/3, for both readings of its delta."""
     assert evaluator.first is not None
     first = evaluator.first
-    sides = list(first.controls)
+    grasp_ids = list(first.controls)
 
     def controls(x: Array) -> Controls:
-        inner = x.reshape(len(sides), -1, 3)
+        inner = x.reshape(len(grasp_ids), -1, 3)
         out: Controls = {}
-        for side, points in zip(sides, inner, strict=True):
-            frame = problem.frames[side]
+        for grasp_id, points in zip(grasp_ids, inner, strict=True):
+            frame = problem.frames[grasp_id]
             z = np.clip(points[:, 2], 0.0, problem.max_height / 0.75)
-            out[side] = np.vstack([frame.start, np.column_stack([points[:, :2], z]), frame.end])
+            out[grasp_id] = np.vstack([frame.start, np.column_stack([points[:, :2], z]), frame.end])
         return out
 
-    x0 = np.concatenate([first.controls[s][1:-1].ravel() for s in sides])
+    x0 = np.concatenate([first.controls[s][1:-1].ravel() for s in grasp_ids])
     for i, delta in enumerate(PAPER_DELTAS):
         share = evaluator.left // (len(PAPER_DELTAS) - i)
         _secant(evaluator, x0, controls, SecantOptions(delta=delta, max_evaluations=share), first)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skills.trajectory.bezier import arc_lengths, evaluate
-from skills.vocabulary import Array, FoldStep, GraspTrajectory, Side, ToolPath, frozen
+from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPath, frozen
 
 __all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
@@ -66,8 +66,8 @@ class SpeedLaw:
         return ramped(t) + level + np.where(t > self.duration - self.ramp, slowing, 0.0)
 
 
-def fold_duration(controls: Mapping[Side, Array], max_speed: float) -> float:
-    """The least duration [s] of a fold along these arcs: the longer arm sets it."""
+def fold_duration(controls: Mapping[GraspId, Array], max_speed: float) -> float:
+    """The least duration [s] of a fold along these arcs: the longer arc sets it."""
     longest = max(arc_lengths(c)[1][-1] for c in controls.values())
     return SpeedLaw.fastest(float(longest), max_speed).duration
 
@@ -76,47 +76,47 @@ def tool_paths(
     trajectory: GraspTrajectory,
     step: FoldStep,
     max_speed: float | None = None,
-    pitch: Mapping[Side, float | Array] | float = 0.0,
+    pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
-) -> dict[Side, ToolPath]:
-    """The timed tool paths of a trajectory, all arms on one clock, by arc length.
+) -> dict[GraspId, ToolPath]:
+    """The timed tool paths of a trajectory, all on one clock, by arc length.
 
     The motion takes trajectory.duration [s], longer if `max_speed` [m/s] asks for it. The held line keeps the
-    heading of its grasp. pitch: of the hand about the held line [rad], one for all, one for each arm, or a profile
-    (k,) over the path, evenly spaced in arc length. The path begins at the grasp and ends at the release.
+    heading of its grasp. pitch: of the hand about the held line [rad], one for all, one for each grasp, or a
+    profile (k,) over the path, evenly spaced in arc length. The path begins at the grasp and ends at the release.
     """
     duration = trajectory.duration
     if max_speed is not None:
         duration = max(duration, fold_duration(trajectory.control_points, max_speed))
-    headings = {side: grasp.heading for side, grasp in step.grasps.items()}
+    headings = {grasp_id: grasp.heading for grasp_id, grasp in step.grasps.items()}
     return fold_paths(trajectory.control_points, headings, duration, pitch, rate)
 
 
 def fold_paths(
-    controls: Mapping[Side, Array],
-    headings: Mapping[Side, float],
+    controls: Mapping[GraspId, Array],
+    headings: Mapping[GraspId, float],
     duration: float,
-    pitch: Mapping[Side, float | Array] | float = 0.0,
+    pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
-) -> dict[Side, ToolPath]:
+) -> dict[GraspId, ToolPath]:
     """As `tool_paths`, from control points (n + 1, 3) and headings [rad]."""
     t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * rate)) + 1))
     share = _share_travelled(controls, duration, t)
     paths = {}
-    for side, control in controls.items():
+    for grasp_id, control in controls.items():
         u, s = arc_lengths(control)
         position = evaluate(control, np.interp(share * s[-1], s, u))
         position[0], position[-1] = control[0], control[-1]
-        tilt = np.atleast_1d(pitch[side] if isinstance(pitch, Mapping) else pitch)
+        tilt = np.atleast_1d(pitch[grasp_id] if isinstance(pitch, Mapping) else pitch)
         profile = np.interp(share, np.linspace(0.0, 1.0, len(tilt)), tilt)
-        heading = np.full(len(t), headings[side])
+        heading = np.full(len(t), headings[grasp_id])
         roll = np.zeros(len(t))
-        paths[side] = ToolPath(frozen(t), frozen(position), frozen(heading), frozen(profile), frozen(roll))
+        paths[grasp_id] = ToolPath(frozen(t), frozen(position), frozen(heading), frozen(profile), frozen(roll))
     return paths
 
 
-def _share_travelled(controls: Mapping[Side, Array], duration: float, t: Array) -> Array:
-    """(n,) share of its arc that every arm has covered at t: the law of the longest, stretched to the duration."""
+def _share_travelled(controls: Mapping[GraspId, Array], duration: float, t: Array) -> Array:
+    """(n,) share of its arc that each tool has covered at t: the law of the longest, stretched to the duration."""
     longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
     return SpeedLaw.lasting(longest, duration).distance(t) / longest
 

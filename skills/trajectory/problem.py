@@ -17,12 +17,12 @@ from skills.trajectory.bezier import arc_lengths
 from skills.trajectory.frame import FoldFrame, frames_of
 from skills.trajectory.objective import ALPHA, cost, dissimilarity
 from skills.trajectory.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
-from skills.vocabulary import Array, FoldStep, Material, Side, ToolPath
+from skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor", "TrajectoryMesh"]
 
-Controls = dict[Side, Array]
-"""Control points (n + 1, 3) of each arm, table frame."""
+Controls = dict[GraspId, Array]
+"""Control points (n + 1, 3) of each grasp's arc, table frame."""
 
 FAILED = 1.0
 """The D that a candidate whose simulation failed is charged [m]: worse than any fold, and finite."""
@@ -47,7 +47,7 @@ class Predictor(Protocol):
     """Simulates one fold: vertices (n, 3) after release and settling. Pure and safe to call from threads."""
 
     def __call__(
-        self, mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /
+        self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array: ...
 
 
@@ -60,7 +60,7 @@ class Mishap:
     friction and the cloth's bending length are believed to be.
     """
 
-    pitch: Mapping[Side, float]
+    pitch: Mapping[GraspId, float]
     roll: float = 0.0
     along: float = 0.0
     across: float = 0.0
@@ -102,12 +102,12 @@ class FoldProblem:
         return target_vertices(self.mesh, self.step.lines, self.material)
 
     @cached_property
-    def frames(self) -> dict[Side, FoldFrame]:
+    def frames(self) -> dict[GraspId, FoldFrame]:
         return frames_of(self.step, self.material.thickness)
 
     @cached_property
-    def headings(self) -> dict[Side, float]:
-        return {side: grasp.heading for side, grasp in self.step.grasps.items()}
+    def headings(self) -> dict[GraspId, float]:
+        return {grasp_id: grasp.heading for grasp_id, grasp in self.step.grasps.items()}
 
     def prepare(self) -> None:
         """Work out what every candidate needs, once: a process that is sent the problem gets it along."""
@@ -123,8 +123,8 @@ class FoldProblem:
         material, paths = self.material, fold_paths(controls, self.headings, duration)
         if mishap is not None:
             material = _altered(material, mishap)
-            paths = {side: self._astray(side, path, mishap) for side, path in paths.items()}
-        paths = {side: lifted(path, self.lift_height) for side, path in paths.items()}
+            paths = {grasp_id: self._astray(grasp_id, path, mishap) for grasp_id, path in paths.items()}
+        paths = {grasp_id: lifted(path, self.lift_height) for grasp_id, path in paths.items()}
         try:
             end = self.predict(self.mesh, self.positions, material, paths)
             d = dissimilarity(self.target, end, self.mesh.triangles, self.mesh.area)
@@ -134,13 +134,13 @@ class FoldProblem:
         d = FAILED if failed else d
         return Candidate(controls, d, cost(lengths, d, ALPHA), duration, failed)
 
-    def _astray(self, side: Side, path: ToolPath, mishap: Mishap) -> ToolPath:
+    def _astray(self, grasp_id: GraspId, path: ToolPath, mishap: Mishap) -> ToolPath:
         line = self.step.line
         off = mishap.along * line.normal + mishap.across * line.direction
         return replace(
             path,
             position=path.position + np.append(off, 0.0),
-            pitch=path.pitch + mishap.pitch[side],
+            pitch=path.pitch + mishap.pitch[grasp_id],
             roll=path.roll + mishap.roll,
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from skills.trajectory.mesh_refinement import refined
 from skills.trajectory.problem import Candidate, Evaluator, Mishap
-from skills.vocabulary import Array, Side
+from skills.vocabulary import Array, GraspId
 
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]
 
@@ -21,8 +21,8 @@ LEAN = float(np.deg2rad(10.0))
 """As far as the arms lean a hand without need [rad]."""
 
 
-def _leaning(left: float, right: float) -> dict[Side, float]:
-    return {Side.LEFT: left, Side.RIGHT: right}
+def _leaning(left: float, right: float) -> dict[GraspId, float]:
+    return {GraspId.LEFT: left, GraspId.RIGHT: right}
 
 
 MISHAPS = (

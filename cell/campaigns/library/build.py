@@ -22,7 +22,7 @@ from skills.trajectory.library import Library, LibraryEntry, trajectory_from
 from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
 from skills.trajectory.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.trajectory.problem import Predictor
-from skills.vocabulary import Array, Failure, FoldStep, Material, Side, ToolPath
+from skills.vocabulary import Array, Failure, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["BuildProgress", "BuiltStep", "build_library"]
 
@@ -166,7 +166,7 @@ class _Build:
     ) -> Array:
         trajectory = trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
         assert trajectory is not None  # an entry fits the step that it was made from
-        paths = {side: lifted(path, self.lift_height) for side, path in tool_paths(trajectory, step).items()}
+        paths = {i: lifted(path, self.lift_height) for i, path in tool_paths(trajectory, step).items()}
         return self.executor.submit(_predict, self.predict, mesh, positions, garment.material, paths).result()
 
     def _kept(self, garment: Garment, step: str) -> LibraryEntry | None:
@@ -191,7 +191,7 @@ class _Build:
 
 
 def _predict(
-    predict: Predictor, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[Side, ToolPath]
+    predict: Predictor, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath]
 ) -> Array:
     return predict(mesh, positions, material, paths)
 

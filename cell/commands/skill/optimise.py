@@ -80,9 +80,9 @@ def run(options: argparse.Namespace) -> int:
             if outcome.failure:
                 break
             arcs = tool_paths(outcome.unwrap(), step)
-            timed = {side: lifted(path, settings.grasp.lift_height) for side, path in arcs.items()}
+            timed = {i: lifted(path, settings.grasp.lift_height) for i, path in arcs.items()}
             if wanted:
-                paths[step.name] = {side.value: path for side, path in timed.items()}
+                paths[step.name] = {i.value: path for i, path in timed.items()}
             if step is not steps[-1]:
                 vertices = predict(mesh, vertices, garment.material, timed)
     bar.clear()

@@ -45,12 +45,13 @@ def _panel(garment: Garment, outline: Array, step: FoldStep, centre: tuple[float
     direction = step.line.direction
     middle = step.line.point + direction * float(direction @ (np.asarray(centre) - step.line.point))
     cv2.line(picture, pixel(middle - half * direction), pixel(middle + half * direction), _LINE, 2, cv2.LINE_AA)
-    for side, grasp in step.grasps.items():
+    for grasp_id, grasp in step.grasps.items():
         along = 0.03 * np.array([np.cos(grasp.heading), np.sin(grasp.heading)])
         cv2.line(picture, pixel(grasp.point - along), pixel(grasp.point + along), _GRASP, 5, cv2.LINE_AA)
-        cv2.arrowedLine(picture, pixel(grasp.point), pixel(step.targets[side]), _TARGET, 2, cv2.LINE_AA, 0, 0.06)
+        target = pixel(step.targets[grasp_id])
+        cv2.arrowedLine(picture, pixel(grasp.point), target, _TARGET, 2, cv2.LINE_AA, 0, 0.06)
         column, row = pixel(grasp.point)
-        _text(picture, f"{side.value} arm", (column + 4, row + 30))
+        _text(picture, f"{grasp_id.planned_arm} arm", (column + 4, row + 30))
     if not step.earlier:
         for name, point in zip(garment.keypoints, outline, strict=True):
             cv2.circle(picture, pixel(point), 5, _INK, -1, cv2.LINE_AA)

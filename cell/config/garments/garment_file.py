@@ -17,7 +17,7 @@ from cell.config.garments.plan_check import check_lines_and_grasps
 from cell.config.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.vocabulary import REFERENCE_DROP, Material, frozen
+from skills.vocabulary import REFERENCE_DROP, GraspId, Material, frozen
 
 __all__ = [
     "AVERAGE",
@@ -315,12 +315,17 @@ def _anchor(weights: dict[str, float]) -> Anchor:
     return Anchor(tuple(weights.items()))
 
 
+def _grasp(grasp: _Grasp) -> PlanGrasp:
+    grasp_id = None if grasp.arm == "auto" else GraspId(grasp.arm)
+    return PlanGrasp(_anchor(grasp.at), grasp.inset, grasp_id, math.radians(grasp.turn_deg))
+
+
 def _step(step: _Step) -> PlanStep:
     variants = tuple(
         PlanVariant(
             variant.name,
             tuple(variant.moves),
-            tuple(PlanGrasp(_anchor(g.at), g.inset, g.arm, math.radians(g.turn_deg)) for g in variant.grasps),
+            tuple(map(_grasp, variant.grasps)),
         )
         for variant in step.variants
     )

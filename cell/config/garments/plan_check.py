@@ -58,11 +58,11 @@ def _way(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
 def _out_of_hand(step: FoldStep, garment: Garment) -> str | None:
     """What is wrong with the place of a grasp, None where hands find moving cloth."""
     outline = np.asarray(garment.flat_state(0.0, 0.0).contour)
-    for side, grasp in step.grasps.items():
+    for grasp_id, grasp in step.grasps.items():
         if layers_at(step.earlier, outline, grasp.point, garment.layers) == 0:
-            return f"the {side} hand's grasp lies beside the garment"
+            return f"the {grasp_id} hand's grasp lies beside the garment"
         beyond = float(step.line.signed_distance(grasp.point))
         if beyond < LEAST_FLAP:
             least = f"not {1e3 * LEAST_FLAP:.0f} mm or more"
-            return f"the {side} hand's grasp lies {1e3 * beyond:.0f} mm inside what moves, {least}"
+            return f"the {grasp_id} hand's grasp lies {1e3 * beyond:.0f} mm inside what moves, {least}"
     return None

@@ -14,7 +14,7 @@ from cell.states.context import Context, Result
 from cell.states.recovery_table import Adjustment
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
-from robots.ports import Array, Side, frozen
+from robots.ports import Array, frozen
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
@@ -28,7 +28,7 @@ from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
-from skills.vocabulary import FoldStep, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
+from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
 __all__ = ["choose_trajectory", "named_garment", "plan_motion", "plan_steps", "simulated_paths"]
 
@@ -120,7 +120,7 @@ def _optimise(
         cell.progress(done, budget, f"simulations at most, best D {best * 1e3:.1f} mm")
 
     def watch(done: int, candidate: Candidate, best: Candidate) -> None:
-        arcs = {side: evaluate(c, _ARC) for side, c in candidate.controls.items()}
+        arcs = {grasp_id: evaluate(c, _ARC) for grasp_id, c in candidate.controls.items()}
         own, so_far = ((c.dissimilarity, c.cost) for c in (candidate, best))
         cell.recorder.candidate(now + done * each, done, arcs, own, so_far)
 
@@ -142,7 +142,7 @@ def _until_stopped(cell: Workcell) -> Predictor:
     """The cloth simulation; none is begun after a stop, so that a search whose result is void ends soon."""
     simulate = ClothPredictor()
 
-    def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[Side, ToolPath], /) -> Array:
+    def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /) -> Array:
         failure = stopped(cell.ports)
         if failure:
             raise DriverError(failure.kind, failure.what, failure.hint)
@@ -235,9 +235,9 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
     grasps = {s: replace(g, point=frozen(g.point - shift)) for s, g in step.grasps.items()}
     targets = {s: frozen(t + np.append(shift, 0.0)) for s, t in step.targets.items()}
     controls = {}
-    for side, c in trajectory.control_points.items():
+    for grasp_id, c in trajectory.control_points.items():
         share = np.linspace(-1.0, 1.0, len(c))[:, None]
-        controls[side] = frozen(c + share * np.append(shift, 0.0))
+        controls[grasp_id] = frozen(c + share * np.append(shift, 0.0))
     return replace(trajectory, control_points=controls), replace(step, grasps=grasps, targets=targets)
 
 
@@ -250,7 +250,7 @@ def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPredic
     )  # fmt: skip
 
 
-def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[Side, ToolPath]:
+def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPath]:
     """The tool paths of a motion by grasp, as a simulation takes them: the lift, then the arc."""
     height = cell.settings.grasp.lift_height
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}

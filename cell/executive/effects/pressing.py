@@ -26,7 +26,7 @@ from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
-from skills.vocabulary import FoldLine, Outcome, PredictedShape, ToolPath
+from skills.vocabulary import FoldLine, GraspId, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
 
@@ -136,11 +136,11 @@ def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, 
 
 def _planned(
     cell: Workcell, line: FoldLine, dabs: tuple[Dab, ...], highest: float
-) -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
+) -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
     """The hands' paths over the dabs and the arms' motion, for all of them or those that one hand reaches."""
     q_now = cell.ports.arms.state().q
 
-    def plan() -> Outcome[tuple[Mapping[Side, ToolPath], FoldMotion]]:
+    def plan() -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
         why: Failure | None = None
         for some in (dabs, within_reach(dabs)):
             paths = press_paths(line, some, highest)

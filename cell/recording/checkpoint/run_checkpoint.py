@@ -33,7 +33,7 @@ __all__ = ["BELIEF", "has_belief", "read_belief", "write_belief"]
 BELIEF, CONTEXT = "belief", "context"
 """Folder and file, in a run's folder, of what the run believed."""
 
-SCHEMA = 2
+SCHEMA = 3
 LARGE = 2**16
 """Arrays of so many bytes have files of their own: most stay the same from effect to effect."""
 _OURS = ("cell.", "robots.", "skills.")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -33,9 +33,11 @@ from robots.visual import RobotVisual
 from skills.perception.fitting_picture import draw_fitting
 from skills.perception.overlay import draw_on_view
 from skills.perception.perceive import Perception
-from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
+from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
 __all__ = ["APPLICATION", "Recorder", "RecorderReport", "Seen"]
+
+K = TypeVar("K")
 
 APPLICATION = "foldcell"
 FILE_QUEUE_BYTES = 512e6
@@ -199,7 +201,7 @@ class Recorder:
         self,
         t: float,
         simulations: int,
-        arcs: Mapping[Side, Array],
+        arcs: Mapping[GraspId, Array],
         own: tuple[float, float],
         best: tuple[float, float],
     ) -> None:
@@ -317,8 +319,8 @@ def _copy(points: Array) -> Array:
     return frozen(points)
 
 
-def _kept(arcs: Mapping[Side, Array]) -> dict[Side, Array]:
-    return {side: _copy(arc) for side, arc in arcs.items()}
+def _kept(arcs: Mapping[K, Array]) -> dict[K, Array]:
+    return {key: _copy(arc) for key, arc in arcs.items()}
 
 
 def floor_of(robot: RobotVisual | None) -> float:

@@ -19,7 +19,7 @@ from cell.recording.rerun.entry import Entry, Log
 from cell.states.transition_table import State
 from robots.ports import Array, CameraFrame, Side
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, Table
+from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
 __all__ = [
     "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
@@ -172,16 +172,16 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
     """The fold line, grasps and targets of a step; what belonged to the step before is cleared."""
     old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
     line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
-    sides = list(step.grasps)
-    grasps = _lift(np.array([step.grasps[s].point for s in sides]).reshape(-1, 2))
-    targets = np.array([step.targets[s] for s in sides]).reshape(-1, 3)
+    grasp_ids = list(step.grasps)
+    grasps = _lift(np.array([step.grasps[i].point for i in grasp_ids]).reshape(-1, 2))
+    targets = np.array([step.targets[i] for i in grasp_ids]).reshape(-1, 3)
     return [
         *(Log(path, t, (rr.Clear(recursive=True),)) for path in old),
         Log(f"{TABLE}/plan/fold_line", t, (line,)),
         Log(f"{TABLE}/plan/grasps", t, (rr.Points3D(grasps, radii=0.011, colors=[style.GRASP],
-            labels=[f"{s} grasp" for s in sides], show_labels=False),)),
+            labels=[f"{i} grasp" for i in grasp_ids], show_labels=False),)),
         Log(f"{TABLE}/plan/targets", t, (rr.Points3D(targets, radii=0.008, colors=[style.TARGET],
-            labels=[f"{s} target" for s in sides], show_labels=False),)),
+            labels=[f"{i} target" for i in grasp_ids], show_labels=False),)),
     ]  # fmt: skip
 
 
@@ -203,7 +203,7 @@ def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Ent
 def candidate_entries(
     t: float,
     simulations: int,
-    arcs: Mapping[Side, Array],
+    arcs: Mapping[GraspId, Array],
     own: tuple[float, float],
     best: tuple[float, float],
 ) -> list[Entry]:
@@ -212,13 +212,13 @@ def candidate_entries(
     The best's arc stays in view in green. C is the paths' length [m] and 1000 D: it fits one scale with D in mm.
     """
     shown = [
-        Log(f"{TABLE}/arcs/candidate/{side}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
-        for side, arc in arcs.items()
+        Log(f"{TABLE}/arcs/candidate/{i}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
+        for i, arc in arcs.items()
     ]
     if own == best:
         shown += [
-            Log(f"{TABLE}/arcs/best/{side}", t, (rr.LineStrips3D([arc], radii=0.003, colors=[style.ARC_PLANNED]),))
-            for side, arc in arcs.items()
+            Log(f"{TABLE}/arcs/best/{i}", t, (rr.LineStrips3D([arc], radii=0.003, colors=[style.ARC_PLANNED]),))
+            for i, arc in arcs.items()
         ]
     figures = {"candidate_mm": 1e3 * own[0], "dissimilarity_mm": 1e3 * best[0], "cost": best[1],
                "simulations": float(simulations)}  # fmt: skip

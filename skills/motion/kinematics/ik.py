@@ -15,8 +15,7 @@ import numpy as np
 from numba import njit
 
 from robots.model import ArmChain, RobotModel
-from robots.ports import arm_slice
-from skills.vocabulary import Array, Side
+from robots.ports import Array, Side, arm_slice
 
 __all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array, Side
-from skills.vocabulary import Table, ToolPath, tool_rotation
+from robots.ports import Array
+from skills.vocabulary import GraspId, Table, ToolPath, tool_rotation
 
 __all__ = ["Posture", "angles_of", "blended", "in_base", "resampled", "with_ends"]
 
@@ -22,13 +22,13 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 class Posture:
     """The choice for one arm.
 
-    path: whose grasp and tool path of the fold step this arm takes (the other side's when arms are swapped).
+    path: whose grasp and tool path of the fold step this arm takes (the other one's when arms are swapped).
     turned: whether the hand is turned by pi about its axis. pitch, roll: lean added to the path's [rad], stated
     for the hand that is not turned. pitch_change: by how much the pitch grows, softly, from the grasp to the
     release [rad]: a long fold ends with the hand leaning the other way than where it began.
     """
 
-    path: Side
+    path: GraspId
     turned: bool = False
     pitch: float = 0.0
     roll: float = 0.0

@@ -18,7 +18,7 @@ from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach
 from skills.motion.validation.inputs import senseless_paths, senseless_state
 from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import Outcome, Table, ToolPath
+from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["ArcMotion", "intended_duration", "plan_arc"]
 
@@ -40,7 +40,7 @@ def plan_arc(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     postures: Mapping[Side, Posture],
     q_grasp: Array,
     *,
@@ -78,19 +78,19 @@ def plan_arc(
     return Outcome(ArcMotion(fold, away.unwrap().retreat, away.unwrap().park, executed))
 
 
-def intended_duration(paths: Mapping[Side, ToolPath], tool_speed: float | None) -> float:
+def intended_duration(paths: Mapping[GraspId, ToolPath], tool_speed: float | None) -> float:
     """How long the fold takes where the arms are not what slows it [s]; tool_speed: the cap [m/s], or none."""
     clock = _clock(paths)
     return float(clock[-1]) * _slowing(paths, clock, tool_speed)
 
 
-def _clock(paths: Mapping[Side, ToolPath]) -> Array:
+def _clock(paths: Mapping[GraspId, ToolPath]) -> Array:
     """(n,) evenly spaced times of both tools' samples, over the first path's own duration."""
     t = next(iter(paths.values())).t
     return np.linspace(t[0], t[-1], max(8, int(np.ceil((t[-1] - t[0]) / TICK)) + 1))
 
 
-def _slowing(paths: Mapping[Side, ToolPath], clock: Array, tool_speed: float | None) -> float:
+def _slowing(paths: Mapping[GraspId, ToolPath], clock: Array, tool_speed: float | None) -> float:
     """By how much the paths' time has to be stretched to keep both tools to the speed cap [m/s]."""
     if tool_speed is None:
         return 1.0

@@ -24,7 +24,7 @@ from skills.motion.moves.retreat import RETREAT_HEIGHT
 from skills.motion.moves.suggestions import with_helpful_shift
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.inputs import senseless_paths, senseless_state
-from skills.vocabulary import FoldStep, Outcome, Table, ToolPath
+from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
 
@@ -79,7 +79,7 @@ class _Task:
     model: RobotModel
     checker: CollisionChecker
     table: Table
-    paths: Mapping[Side, ToolPath]
+    paths: Mapping[GraspId, ToolPath]
     q_now: Array
     limits: JointLimits | None
     tool_speed: float | None
@@ -93,7 +93,7 @@ def plan_fold_motion(
     checker: CollisionChecker,
     table: Table,
     step: FoldStep,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     q_now: Array,
     *,
     limits: JointLimits | None = None,
@@ -116,7 +116,7 @@ def plan_hands_motion(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     q_now: Array,
     *,
     limits: JointLimits | None = None,
@@ -128,8 +128,8 @@ def plan_hands_motion(
 ) -> Outcome[FoldMotion]:
     """Hands to above the start of their paths, down, along them, up and home, from q_now (14,), at rest.
 
-    paths: by the side whose they are; where the hands lean and which arm takes which path is
-    chosen here. limits: the model's planning set when None. tool_speed: cap while the cloth is held [m/s].
+    Where the hands lean and which arm takes which path is chosen here. limits: the model's planning set when
+    None. tool_speed: cap while the cloth is held [m/s].
     lift: by which the hands rise straight before the fold begins [m]; the paths then begin that much higher.
     avoid: `postures` of motions that were tried, for another choice. rng: for the search of detours.
     Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),

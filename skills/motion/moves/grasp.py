@@ -15,7 +15,7 @@ from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach, too_near
 from skills.motion.validation.inputs import senseless_paths, senseless_state
-from skills.vocabulary import Outcome, Table, ToolPath
+from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 
@@ -67,7 +67,7 @@ def plan_grasp(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     postures: Mapping[Side, Posture],
     q_now: Array,
     *,

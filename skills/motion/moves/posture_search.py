@@ -21,7 +21,7 @@ from robots.ports import Array, Side, arm_slice
 from skills.motion.kinematics import ik
 from skills.motion.kinematics.posture import Posture, in_base, with_ends
 from skills.motion.validation.collision import CollisionChecker, Contact
-from skills.vocabulary import Outcome, Table, ToolPath
+from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["Choice", "rank_postures"]
 
@@ -148,7 +148,7 @@ def rank_postures(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     q_now: Array,
     *,
     above: float,
@@ -162,21 +162,21 @@ def rank_postures(
     posture reaches every pose), IN_COLLISION (some do, but none without touching).
     """
     tallies: list[_Tally] = []
-    coarse = {side: with_ends(path, above, below, SAMPLES) for side, path in paths.items()}
+    coarse = {i: with_ends(path, above, below, SAMPLES) for i, path in paths.items()}
     found: list[Choice] = []
     for swapped in (False, True):
         if found and found[0].cost < GOOD:
             break
-        arms = {(side.other if swapped else side): side for side in paths}
+        arms = {_taker(i, swapped): i for i in paths}
         tally = _Tally(swapped)
         tallies.append(tally)
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
         for changing in (False, True):
             if changing and (found or not all(tally.begun[arm] for arm in arms)):
                 break  # a lean that changes on the way begins as one that does not
-            for arm, key in arms.items():
+            for arm, i in arms.items():
                 candidates[arm] += _candidates(
-                    model, checker, table, arm, key, coarse[key], q_now, tuple(arms), _leans(changing), tally
+                    model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally
                 )
             found += _together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
         found.sort(key=lambda choice: choice.cost)
@@ -186,12 +186,16 @@ def rank_postures(
     return Outcome(tuple(found), notes={"postures_tried": tried, "posture_cost": round(found[0].cost, 3)})
 
 
+def _taker(grasp_id: GraspId, swapped: bool) -> Side:
+    return grasp_id.planned_arm.other if swapped else grasp_id.planned_arm
+
+
 def _candidates(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
     arm: Side,
-    key: Side,
+    grasp_id: GraspId,
     path: ToolPath,
     q_now: Array,
     used: Sequence[Side],
@@ -205,7 +209,7 @@ def _candidates(
     for lean, pitch, roll, change, turned in leans:
         if len(kept) >= ENOUGH and lean > min(c.cost for c in kept) + 1.0:
             break
-        posture = Posture(key, turned, pitch, roll, change)
+        posture = Posture(grasp_id, turned, pitch, roll, change)
         rotation = posture.rotation(path)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation[0], position[0]
@@ -305,9 +309,9 @@ def _detours(checker: CollisionChecker, q_now: Array, both: Array) -> int:
     return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in ways)
 
 
-def _failure(tallies: Sequence[_Tally], keys: Sequence[Side]) -> Failure:
+def _failure(tallies: Sequence[_Tally], grasp_ids: Sequence[GraspId]) -> Failure:
     """What binds with the assignment of arms that came furthest; the other one's is told beside it."""
-    bindings = [(tally, tally.binding([key.other if tally.swapped else key for key in keys])) for tally in tallies]
+    bindings = [(tally, tally.binding([_taker(i, tally.swapped) for i in grasp_ids])) for tally in tallies]
     tally, first = max(bindings, key=lambda pair: (pair[1].stage, not pair[0].swapped))
     others = [str(b) for t, b in bindings if t is not tally]
     kind = FailureKind.UNREACHABLE if first.stage == 0 else FailureKind.IN_COLLISION

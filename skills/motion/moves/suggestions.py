@@ -9,10 +9,10 @@ import numpy as np
 
 from robots.errors import Failure
 from robots.model import RobotModel
-from robots.ports import Array, Side, frozen
+from robots.ports import Array, frozen
 from skills.motion.moves.posture_search import rank_postures
 from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Table, ToolPath
+from skills.vocabulary import GraspId, Table, ToolPath
 
 __all__ = ["with_helpful_shift"]
 
@@ -24,7 +24,7 @@ def with_helpful_shift(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,
-    paths: Mapping[Side, ToolPath],
+    paths: Mapping[GraspId, ToolPath],
     q_now: Array,
     failure: Failure,
     *,
@@ -39,9 +39,7 @@ def with_helpful_shift(
     if failure.values.get("binding", {}).get("constraint") == "arms":
         return failure
     for shift in _shifts(table, paths, failure):
-        moved = {
-            side: replace(p, position=frozen(p.position + np.append(shift, 0.0))) for side, p in paths.items()
-        }
+        moved = {i: replace(p, position=frozen(p.position + np.append(shift, 0.0))) for i, p in paths.items()}
         if rank_postures(model, checker, table, moved, q_now, above=above, below=below).ok:
             values = {**failure.values, "shift_m": shift.tolist()}
             return replace(failure, hint=f"lay the garment {_words(shift)}", values=values)
@@ -49,7 +47,7 @@ def with_helpful_shift(
     return replace(failure, hint=f"{failure.hint}; {tried}", values={**failure.values, "shift_m": None})
 
 
-def _shifts(table: Table, paths: Mapping[Side, ToolPath], failure: Failure) -> Iterator[Array]:
+def _shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
     """Towards the table's middle, from the place that is not reached, else from the middle of the fold."""
     place = failure.values.get("binding", {}).get("where_m", [])[:2]
     if not place:

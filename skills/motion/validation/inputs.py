@@ -8,8 +8,8 @@ import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
-from robots.ports import Array, Side
-from skills.vocabulary import ToolPath
+from robots.ports import Array
+from skills.vocabulary import GraspId, ToolPath
 
 __all__ = ["senseless_goal", "senseless_height", "senseless_paths", "senseless_state"]
 
@@ -47,9 +47,9 @@ def senseless_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
     )
 
 
-def senseless_paths(paths: Mapping[Side, ToolPath]) -> Failure | None:
+def senseless_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
     """UNREACHABLE when a tool path has values that are no numbers, or times that do not rise."""
-    for side, path in paths.items():
+    for grasp_id, path in paths.items():
         fields = (path.t, path.position, path.heading, path.pitch, path.roll)
         if not all(np.all(np.isfinite(a)) for a in fields):
             what = "has values that are not numbers"
@@ -59,9 +59,9 @@ def senseless_paths(paths: Mapping[Side, ToolPath]) -> Failure | None:
             continue
         return Failure(
             FailureKind.UNREACHABLE,
-            f"the tool path of the {side} grasp {what}",
+            f"the tool path of the {grasp_id} grasp {what}",
             "look again at the garment; report this if it repeats",
-            {"side": str(side)},
+            {"side": str(grasp_id)},
         )
     return None
 

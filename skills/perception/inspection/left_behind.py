@@ -25,7 +25,7 @@ def left_behind(
     if step is None or not step.grasps:
         return {}
     line = step.line
-    places = {str(side): float((g.point - line.point) @ line.direction) for side, g in step.grasps.items()}
+    places = {str(i): float((g.point - line.point) @ line.direction) for i, g in step.grasps.items()}
     if len(places) == 2:
         places["middle"] = sum(places.values()) / 2
     reach = []

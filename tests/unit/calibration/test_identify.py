@@ -19,11 +19,10 @@ from calibration.identify import (
     silhouette,
 )
 from robots.errors import ConfigurationError
-from robots.ports import Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.trajectory.paths import fold_paths
-from skills.vocabulary import Material
+from skills.vocabulary import GraspId, Material
 
 MU = 0.45
 BELIEVED = Material(0.4, 0.03, 0.012, 0.0025, MU, 0.85 * MU, 0.6)
@@ -34,9 +33,9 @@ def steep(height):
     """A fold that lifts off straight up and high: the cloth is drawn taut and drags what rests."""
     up = np.array([0.0, 0.0, height])
     controls = {}
-    for side, y in ((Side.LEFT, 0.188), (Side.RIGHT, -0.188)):
+    for i, y in ((GraspId.LEFT, 0.188), (GraspId.RIGHT, -0.188)):
         a, b = np.array([0.288, y, 0.001]), np.array([-0.288, y, 0.012])
-        controls[side] = np.array([a, a + up, b + up, b])
+        controls[i] = np.array([a, a + up, b + up, b])
     return fold_paths(controls, dict.fromkeys(controls, np.pi / 2), 3.0)
 
 

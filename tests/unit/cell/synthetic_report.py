@@ -16,7 +16,7 @@ def run_record() -> RunRecord:
     before = show.picture(vertices, towel, 1, 0.0)
     records = []
     for step in show.steps():
-        arcs = {side: show.arc(step, side) for side in step.grasps}
+        arcs = {i.planned_arm: show.arc(step, i) for i in step.grasps}
         frames = [
             KeyFrame(
                 show.turned(vertices, step.line, np.pi * k / 5, 0.004 * (step.index + 1)),

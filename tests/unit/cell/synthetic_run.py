@@ -22,6 +22,7 @@ from skills.vocabulary import (
     FoldStep,
     GarmentState,
     Grasp,
+    GraspId,
     PredictedShape,
     Table,
     tool_rotation,
@@ -79,22 +80,22 @@ def steps() -> tuple[FoldStep, FoldStep]:
     return (
         FoldStep(
             "far half over", 0, first, (),
-            {Side.LEFT: Grasp(Side.LEFT, np.array([0.79, 0.28]), -0.8, 1, 0.0),
-             Side.RIGHT: Grasp(Side.RIGHT, np.array([0.79, -0.28]), 0.8, 1, 0.0)},
-            {Side.LEFT: np.array([0.41, 0.28, 0.01]), Side.RIGHT: np.array([0.41, -0.28, 0.01])},
+            {GraspId.LEFT: Grasp(np.array([0.79, 0.28]), -0.8, 1, 0.0),
+             GraspId.RIGHT: Grasp(np.array([0.79, -0.28]), 0.8, 1, 0.0)},
+            {GraspId.LEFT: np.array([0.41, 0.28, 0.01]), GraspId.RIGHT: np.array([0.41, -0.28, 0.01])},
         ),
         FoldStep(
             "left half over", 1, second, (first,),
-            {Side.LEFT: Grasp(Side.LEFT, np.array([0.50, 0.29]), 1.57, 2, 0.002)},
-            {Side.LEFT: np.array([0.50, -0.29, 0.012])},
+            {GraspId.LEFT: Grasp(np.array([0.50, 0.29]), 1.57, 2, 0.002)},
+            {GraspId.LEFT: np.array([0.50, -0.29, 0.012])},
         ),
     )  # fmt: skip
 
 
-def arc(step: FoldStep, side: Side, n: int = 40) -> Array:
+def arc(step: FoldStep, grasp_id: GraspId, n: int = 40) -> Array:
     """(n, 3) half circle from grasp to target."""
     s = np.linspace(0.0, 1.0, n)
-    p0, p3 = np.append(step.grasps[side].point, DOWN_TO_TABLE), step.targets[side]
+    p0, p3 = np.append(step.grasps[grasp_id].point, DOWN_TO_TABLE), step.targets[grasp_id]
     radius = np.linalg.norm(p3[:2] - p0[:2]) / 2.0
     u = (1.0 - np.cos(np.pi * s)) / 2.0
     out = p0 + np.outer(u, p3 - p0)
@@ -231,14 +232,14 @@ class _Show:
         self.state(State.OPTIMISING)
         for k in range(8):
             best = 0.03 * np.exp(-0.5 * k) + 0.006
-            arcs = {s: arc(step, s) * (1.0, 1.0, 1.0 + 0.05 * k) for s in step.grasps}
+            tried = {i: arc(step, i) * (1.0, 1.0, 1.0 + 0.05 * k) for i in step.grasps}
             own = best if k % 2 == 0 else 1.3 * best
-            self.r.candidate(self.t, 6 * k, arcs, (own, 1.4 + 1e3 * own), (best, 1.4 + 1e3 * best))
+            self.r.candidate(self.t, 6 * k, tried, (own, 1.4 + 1e3 * own), (best, 1.4 + 1e3 * best))
             self.wait(0.2)
         start = self.vertices
         end = turned(start, step.line, np.pi, 0.003 * (step.index + 1))
         self.r.predicted(self.t, self.towel.shape(end + np.array([0.004, 0.006, 0.002])))
-        arcs = {s: arc(step, s) for s in step.grasps}
+        arcs = {i.planned_arm: arc(step, i) for i in step.grasps}
         self.r.arcs(self.t, arcs)
         self.state(State.PLANNING_MOTION)
         self.wait(0.5)
@@ -276,8 +277,9 @@ class _Show:
 
     def hands(self, points: dict[Side, Array], step: FoldStep) -> Array:
         q = self.puppet.park.copy()
+        headings = {i.planned_arm: grasp.heading for i, grasp in step.grasps.items()}
         for s, p in points.items():
-            q[slice(0, 7) if s is Side.LEFT else slice(7, 14)] = self.puppet.reach(s, p, step.grasps[s].heading)
+            q[slice(0, 7) if s is Side.LEFT else slice(7, 14)] = self.puppet.reach(s, p, headings[s])
         return q
 
 

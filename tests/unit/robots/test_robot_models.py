@@ -15,7 +15,7 @@ from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.timing.timing import free_motion, peaks, stop_profile, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import FoldLine, FoldStep, Grasp, Table, ToolPath
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
 from tests.pandas import load_pandas
 from tests.tool_paths import path_deviation
 
@@ -117,13 +117,13 @@ def test_a_fold_is_planned_and_passes_the_last_check(model: RobotModel, checker:
     u = t / 3.0
     share = u**3 * (10 - 15 * u + 6 * u**2)
     paths = {}
-    for side, y in ((Side.LEFT, 0.19), (Side.RIGHT, -0.19)):
+    for i, y in ((GraspId.LEFT, 0.19), (GraspId.RIGHT, -0.19)):
         x, z = 0.55 + 0.14 * np.cos(np.pi * share), 0.10 * np.sin(np.pi * share) + 0.01 * share
         zero = np.zeros(len(t))
-        paths[side] = ToolPath(t, np.stack([x, np.full(len(t), y), z], axis=1), zero + np.pi / 2, zero, zero)
-    grasps = {s: Grasp(s, p.position[0, :2], np.pi / 2, 1, 0.0025) for s, p in paths.items()}
+        paths[i] = ToolPath(t, np.stack([x, np.full(len(t), y), z], axis=1), zero + np.pi / 2, zero, zero)
+    grasps = {i: Grasp(p.position[0, :2], np.pi / 2, 1, 0.0025) for i, p in paths.items()}
     line = FoldLine(np.array([0.55, 0.0]), np.array([0.0, 1.0]))
-    step = FoldStep("half", 0, line, (), grasps, {s: p.position[-1] for s, p in paths.items()})
+    step = FoldStep("half", 0, line, (), grasps, {i: p.position[-1] for i, p in paths.items()})
     motion = plan_fold_motion(model, checker, TABLE, step, paths, model.q_park).unwrap()
     for part, fingers in (
         (motion.approach, False), (motion.fold, True), (motion.retreat, True), (motion.park, False)

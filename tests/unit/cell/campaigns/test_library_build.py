@@ -29,7 +29,7 @@ from skills.garments.garment import Garment
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
-from skills.vocabulary import Side
+from skills.vocabulary import GraspId
 
 TOWEL, SMALL = load_garment("medium_towel"), load_garment("small_towel")
 BOTH = [TOWEL, SMALL]
@@ -88,7 +88,7 @@ def test_every_step_has_an_entry_with_its_provenance(serial: Library) -> None:
         assert entry.edge_length == garment.mesh_edge_m and entry.max_tool_speed == garment.max_tool_speed
         assert 0.0 < entry.dissimilarity <= entry.dissimilarity_initial + 1e-3
         assert entry.method == METHOD and 4 < entry.simulations <= BUDGET and entry.version  # more than probes
-        assert set(entry.inner) == {Side.LEFT, Side.RIGHT}
+        assert set(entry.inner) == {GraspId.LEFT, GraspId.RIGHT}
 
 
 def test_threads_build_the_same_bit_for_bit(serial: Library) -> None:

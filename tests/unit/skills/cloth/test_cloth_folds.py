@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from robots.ports import Side
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation, ToolMotion
-from skills.vocabulary import Material, ToolPath
+from skills.vocabulary import GraspId, Material, ToolPath
 
 MATERIAL = Material(
     areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
@@ -45,8 +44,8 @@ def both(start, end, mirror, heading, **kw):
     flip = np.ones(3)
     flip[mirror] = -1.0
     return {
-        Side.LEFT: arc(start, end, heading, **kw),
-        Side.RIGHT: arc(start * flip, end * flip, heading, **kw),
+        GraspId.LEFT: arc(start, end, heading, **kw),
+        GraspId.RIGHT: arc(start * flip, end * flip, heading, **kw),
     }
 
 
@@ -76,7 +75,7 @@ def test_towel_in_half(folded):
 def test_towel_in_quarters(folded):
     left = arc([-0.28 + IN, 0.2 - IN, 0.0005], [-0.28 + IN, -0.2 + IN, 0.02], 0.0)
     right = arc([-0.06, 0.2 - IN, 0.0005], [-0.06, -0.2 + IN, 0.02], 0.0)
-    r = predict_fold(TOWEL, folded.vertices, MATERIAL, {Side.LEFT: left, Side.RIGHT: right})
+    r = predict_fold(TOWEL, folded.vertices, MATERIAL, {GraspId.LEFT: left, GraspId.RIGHT: right})
     assert {p.layers for p in r.pinches.values()} == {2}
     assert count_crossings(r.vertices, TOWEL.triangles) == 0
     assert r.residual_motion < 1e-3
@@ -137,9 +136,9 @@ def test_sleeve_of_a_two_layer_shirt():
     s = ClothSimulation(mesh, MATERIAL)
     s.advance(30)
     assert count_crossings(s.positions, mesh.triangles) == 0
-    paths = {Side.LEFT: arc([0.42, 0.07, 0.0005], [-0.02, 0.07, 0.02], np.pi / 2)}
+    paths = {GraspId.LEFT: arc([0.42, 0.07, 0.0005], [-0.02, 0.07, 0.02], np.pi / 2)}
     r = predict_fold(mesh, s.positions, MATERIAL, paths, keyframes=7)
-    assert r.pinches[Side.LEFT].layers == 2
+    assert r.pinches[GraspId.LEFT].layers == 2
     assert count_crossings(r.vertices, mesh.triangles) == 0
     assert max(count_crossings(k, mesh.triangles) for k in r.keyframes) <= 5
     assert r.vertices[:, 0].max() < 0.3  # the sleeve lies on the body

@@ -21,7 +21,7 @@ from skills.motion.moves.retreat import plan_withdrawal
 from skills.motion.timing.timing import free_motion, peaks
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import FoldLine, FoldStep, Grasp, Outcome, Table, ToolPath, tool_rotation
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation
 from tests.tool_paths import path_deviation
 
 MODEL = load_model()
@@ -70,15 +70,15 @@ def arc(start, end, heading, height=0.5, speed=0.30, rate=100.0):
 
 
 def fold(ends, heading, **options):
-    """A fold step and its paths; ends: side -> (start (3,), end (3,))."""
-    paths = {side: arc(a, b, heading, **options) for side, (a, b) in ends.items()}
+    """A fold step and its paths; ends: GraspId -> (start (3,), end (3,))."""
+    paths = {i: arc(a, b, heading, **options) for i, (a, b) in ends.items()}
     duration = max(p.t[-1] for p in paths.values())
     paths = {
-        s: ToolPath(p.t * duration / p.t[-1], p.position, p.heading, p.pitch, p.roll) for s, p in paths.items()
+        i: ToolPath(p.t * duration / p.t[-1], p.position, p.heading, p.pitch, p.roll) for i, p in paths.items()
     }
-    grasps = {s: Grasp(s, p.position[0, :2], heading, 1, 0.0025) for s, p in paths.items()}
+    grasps = {i: Grasp(p.position[0, :2], heading, 1, 0.0025) for i, p in paths.items()}
     line = FoldLine(np.zeros(2), np.array([np.cos(heading), np.sin(heading)]))
-    return FoldStep("fold", 0, line, (), grasps, {s: p.position[-1] for s, p in paths.items()}), paths
+    return FoldStep("fold", 0, line, (), grasps, {i: p.position[-1] for i, p in paths.items()}), paths
 
 
 def towel_fold(name, number, x=0.60, y=0.0, angle=0.0, **options):
@@ -91,11 +91,11 @@ def towel_fold(name, number, x=0.60, y=0.0, angle=0.0, **options):
 
     if number == 1:
         a, b = lx / 2 - EDGE, ly / 2 - INSET
-        ends = {Side.LEFT: (at(a, b, 0.0), at(-a, b, TOP)), Side.RIGHT: (at(a, -b, 0.0), at(-a, -b, TOP))}
-        return fold(ends, np.pi / 2 + angle, **options)
+        left, right = (at(a, b, 0.0), at(-a, b, TOP)), (at(a, -b, 0.0), at(-a, -b, TOP))
+        return fold({GraspId.LEFT: left, GraspId.RIGHT: right}, np.pi / 2 + angle, **options)
     far, near, b = -INSET, -lx / 2 + INSET, ly / 2 - EDGE
-    ends = {Side.LEFT: (at(far, b, 0.0), at(far, -b, TOP)), Side.RIGHT: (at(near, b, 0.0), at(near, -b, TOP))}
-    return fold(ends, angle, **options)
+    left, right = (at(far, b, 0.0), at(far, -b, TOP)), (at(near, b, 0.0), at(near, -b, TOP))
+    return fold({GraspId.LEFT: left, GraspId.RIGHT: right}, angle, **options)
 
 
 def planned(checker, step, paths, **options):
@@ -274,7 +274,7 @@ def test_a_lift_into_a_collision_is_no_plan(checker, monkeypatch):
 
 
 def test_one_arm_folds_while_the_other_stays_parked(checker):
-    step, paths = fold({Side.RIGHT: ((0.6, -0.3, 0.0), (0.6, -0.05, 0.01))}, 0.0)
+    step, paths = fold({GraspId.RIGHT: ((0.6, -0.3, 0.0), (0.6, -0.05, 0.01))}, 0.0)
     motion = planned(checker, step, paths).unwrap()
     (arm,) = motion.postures
     for part in (motion.approach, motion.fold, motion.retreat, motion.park):
@@ -304,8 +304,8 @@ def test_a_shift_that_helps_is_told_and_does_help(checker):
 def test_a_long_fold_is_made_by_a_hand_that_leans_over_on_the_way(checker):
     """The hem of a large shirt: from 0.29 m before the robot to 0.93 m, which no constant lean allows."""
     ends = {
-        Side.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
-        Side.RIGHT: ((0.295, -0.24, 0.0), (0.93, -0.24, 0.005)),
+        GraspId.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
+        GraspId.RIGHT: ((0.295, -0.24, 0.0), (0.93, -0.24, 0.005)),
     }
     step, paths = fold(ends, np.pi / 2, height=0.42)
     motion = planned(checker, step, paths).unwrap()
@@ -352,8 +352,8 @@ def test_a_goal_beyond_the_joints_ranges_is_refused(checker):
 
 def test_hands_that_would_collide_are_named(checker):
     ends = {
-        Side.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)),
-        Side.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01)),
+        GraspId.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)),
+        GraspId.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01)),
     }
     step, paths = fold(ends, np.pi / 2)
     failure = planned(checker, step, paths).failure
@@ -365,7 +365,7 @@ def test_hands_that_would_collide_are_named(checker):
 def test_paths_have_to_fit_the_step(checker):
     step, paths = towel_fold("medium", 1)
     with pytest.raises(ValueError, match="do not fit"):
-        planned(checker, step, {Side.LEFT: paths[Side.LEFT]})
+        planned(checker, step, {GraspId.LEFT: paths[GraspId.LEFT]})
 
 
 def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
@@ -452,6 +452,6 @@ def test_the_deviation_of_a_tool_from_its_path_is_seen():
 def test_a_turned_hand_leans_the_same_way():
     """Turning by pi is about the hand's own axis: the approach direction stays, the line is the same."""
     path = arc((0.5, 0.2, 0.0), (0.5, -0.2, 0.0), 0.4)
-    plain, turned = (Posture(Side.LEFT, t, 0.3, -0.2).rotation(path) for t in (False, True))
+    plain, turned = (Posture(GraspId.LEFT, t, 0.3, -0.2).rotation(path) for t in (False, True))
     assert plain[:, :, 2] == pytest.approx(turned[:, :, 2])
     assert plain[:, :, 0] == pytest.approx(-turned[:, :, 0])

@@ -16,7 +16,7 @@ from skills.garments.garment import Garment
 from skills.planning import folding
 from skills.planning.folding import fold_points, fold_xy, silhouette
 from skills.planning.plan import RELEASE_CLEARANCE, plan_folds, rigid_motion, translate_plan
-from skills.vocabulary import GarmentState, Side
+from skills.vocabulary import GarmentState, GraspId
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 PAD_HALF_WIDTH = 0.010
@@ -31,13 +31,13 @@ def test_grasps_hold_cloth_and_land_where_the_fold_puts_them(name: str, pose: tu
     state = garment.flat_state(*pose)
     for step in plan_folds(state, garment).unwrap():
         now = shapely.Polygon(silhouette(step.earlier, state.contour))
-        for side, grasp in step.grasps.items():
+        for i, grasp in step.grasps.items():
             held = grasp.point + PAD_HALF_WIDTH * np.outer([-1, 1], [np.cos(grasp.heading), np.sin(grasp.heading)])
             assert shapely.LineString(held).within(now)
             assert now.exterior.distance(shapely.Point(grasp.point)) < 0.031
             assert step.line.signed_distance(grasp.point) > 0.03
             past, apart = garment.plan[step.index].tension
-            moved = step.targets[side][:2] - step.line.reflect(grasp.point)
+            moved = step.targets[i][:2] - step.line.reflect(grasp.point)
             outwards = grasp.point - np.mean([g.point for g in step.grasps.values()], axis=0)
             assert np.isclose(moved @ -step.line.normal, past)
             expected = apart if len(step.grasps) == 2 else 0.0
@@ -89,18 +89,18 @@ def test_release_is_above_the_stack_where_it_lands() -> None:
 def test_arms_take_their_own_side_and_auto_never_gives_one_arm_both() -> None:
     for name, garment in GARMENTS.items():
         for step in plan_folds(garment.flat_state(0.6, 0.0), garment).unwrap():
-            assert set(step.grasps) <= {Side.LEFT, Side.RIGHT}
+            assert set(step.grasps) <= {GraspId.LEFT, GraspId.RIGHT}
             assert len(step.grasps) == len(garment.plan[step.index].variants[0].grasps), name
     half, quarter = plan_folds(GARMENTS["large_towel"].flat_state(0.6, 0.0), GARMENTS["large_towel"]).unwrap()
-    assert half.grasps[Side.LEFT].point[0] > half.grasps[Side.RIGHT].point[0] + 0.3, "in line along x"
-    assert quarter.grasps[Side.LEFT].point[1] > quarter.grasps[Side.RIGHT].point[1] + 0.2, "side by side"
+    assert half.grasps[GraspId.LEFT].point[0] > half.grasps[GraspId.RIGHT].point[0] + 0.3, "in line along x"
+    assert quarter.grasps[GraspId.LEFT].point[1] > quarter.grasps[GraspId.RIGHT].point[1] + 0.2, "side by side"
 
 
 def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
     garment = GARMENTS["medium_towel"]
     for i in range(2):
         headings = [
-            plan_folds(garment.flat_state(0.58, 0.0, a), garment).unwrap()[i].grasps[Side.LEFT].heading
+            plan_folds(garment.flat_state(0.58, 0.0, a), garment).unwrap()[i].grasps[GraspId.LEFT].heading
             for a in np.linspace(-0.2, 0.2, 21)
         ]
         assert np.ptp(headings) == pytest.approx(0.4, abs=1e-9)
@@ -129,10 +129,10 @@ def test_a_plan_that_drifts_is_the_plan_of_the_garment_that_drifted(
     for a, b in zip(steps, expected, strict=True):
         assert np.allclose([*a.line.point, *a.line.direction], [*b.line.point, *b.line.direction], atol=1e-9)
         assert len(a.earlier) == len(b.earlier)
-        for side in a.grasps:
-            assert np.allclose(a.grasps[side].point, b.grasps[side].point, atol=1e-9)
-            assert np.allclose(a.targets[side], b.targets[side], atol=1e-9)
-            assert np.sin(a.grasps[side].heading - b.grasps[side].heading) == pytest.approx(0.0, abs=1e-9)
+        for i in a.grasps:
+            assert np.allclose(a.grasps[i].point, b.grasps[i].point, atol=1e-9)
+            assert np.allclose(a.targets[i], b.targets[i], atol=1e-9)
+            assert np.sin(a.grasps[i].heading - b.grasps[i].heading) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_remaining_steps_are_those_of_the_whole_plan() -> None:
@@ -140,7 +140,7 @@ def test_remaining_steps_are_those_of_the_whole_plan() -> None:
     whole = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
     (rest,) = plan_folds(garment.flat_state(0.58, 0.0), garment, done=1).unwrap()
     assert rest.index == 1 and rest.name == whole[1].name
-    assert np.allclose(rest.grasps[Side.LEFT].point, whole[1].grasps[Side.LEFT].point)
+    assert np.allclose(rest.grasps[GraspId.LEFT].point, whole[1].grasps[GraspId.LEFT].point)
 
 
 def test_what_does_not_fit_is_a_failure_with_its_reason() -> None:

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ports import Side
 from skills.planning.pressing import MOST, Dab, crease_dabs, press_paths, within_reach
-from skills.vocabulary import Array, FoldLine, ToolPath
+from skills.vocabulary import Array, FoldLine, GraspId, ToolPath
 
 LINE = FoldLine(np.array([0.6, -0.2]), np.array([1.0, 0.0]))  # a crease along x, cloth on its right
 FINGERS = 0.019
@@ -200,20 +199,20 @@ def at_the_bottom(path: ToolPath) -> list[float]:
 
 def test_a_wide_fold_is_shared_by_hands_that_go_the_same_way() -> None:
     paths = press_paths(LINE, dabs_at(-0.40, -0.25, -0.10, 0.15, 0.30, 0.45), HIGHEST)
-    left, right = paths[Side.LEFT], paths[Side.RIGHT]
+    left, right = paths[GraspId.LEFT], paths[GraspId.RIGHT]
     assert np.array_equal(left.t, right.t)
     assert (left.position[:, 1] - right.position[:, 1]).min() > 0.5
     assert (left.position[-1, 1] > left.position[0, 1]) and (right.position[-1, 1] > right.position[0, 1])
 
 
 def test_a_narrow_one_is_made_by_the_hand_of_its_side() -> None:
-    assert set(press_paths(LINE, dabs_at(-0.3, -0.1), HIGHEST)) == {Side.RIGHT}
-    assert set(press_paths(LINE, dabs_at(0.3, 0.1), HIGHEST)) == {Side.LEFT}
+    assert set(press_paths(LINE, dabs_at(-0.3, -0.1), HIGHEST)) == {GraspId.RIGHT}
+    assert set(press_paths(LINE, dabs_at(0.3, 0.1), HIGHEST)) == {GraspId.LEFT}
 
 
 def test_the_hand_of_the_side_where_most_of_it_lies_presses() -> None:
-    assert set(press_paths(LINE, dabs_at(-0.2, -0.1, 0.05), HIGHEST)) == {Side.RIGHT}
-    assert set(press_paths(LINE, dabs_at(0.2, 0.1, -0.05), HIGHEST)) == {Side.LEFT}
+    assert set(press_paths(LINE, dabs_at(-0.2, -0.1, 0.05), HIGHEST)) == {GraspId.RIGHT}
+    assert set(press_paths(LINE, dabs_at(0.2, 0.1, -0.05), HIGHEST)) == {GraspId.LEFT}
 
 
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 135.0])
@@ -221,7 +220,7 @@ def test_which_way_a_line_is_written_is_nothing_to_the_hand_that_presses_along_i
     direction = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
     dabs = tuple(Dab(np.array([0.6, 0.1]) + s * direction, 0.012, 0.02) for s in (0.0, 0.1, 0.05))
     ways = [
-        press_paths(FoldLine(np.array([0.6, 0.1]), sign * direction), dabs, HIGHEST)[Side.LEFT].position
+        press_paths(FoldLine(np.array([0.6, 0.1]), sign * direction), dabs, HIGHEST)[GraspId.LEFT].position
         for sign in (1.0, -1.0)
     ]
     if angle == 0.0:  # along the table's x axis neither way is more to the left
@@ -233,7 +232,7 @@ def test_which_way_a_line_is_written_is_nothing_to_the_hand_that_presses_along_i
 
 def test_fingers_lie_across_the_crease() -> None:
     diagonal = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 1.0]) / np.sqrt(2.0))
-    path = press_paths(diagonal, dabs_at(0.1), HIGHEST)[Side.LEFT]
+    path = press_paths(diagonal, dabs_at(0.1), HIGHEST)[GraspId.LEFT]
     closing = path.rotation[0][:, 1]
     assert abs(closing[:2] @ diagonal.direction) < 1e-9 and abs(closing[2]) < 1e-9
 

@@ -25,7 +25,7 @@ from skills.trajectory.objective import triangle_areas
 from skills.trajectory.optimise import METHODS, optimise_fold
 from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
 from skills.trajectory.robust import MARGIN, MISHAPS, most_robust, simulations
-from skills.vocabulary import Side
+from skills.vocabulary import GraspId
 
 TOWEL = load_garment("medium_towel")
 STATE = TOWEL.flat_state(0.58, 0.0)
@@ -71,10 +71,10 @@ class Bowl:
             self.calls += 1
             self.threads.add(threading.get_ident())
         if self.delays:
-            time.sleep(0.01 * (hash(float(paths[Side.LEFT].position[5, 2])) % 3))
+            time.sleep(0.01 * (hash(float(paths[GraspId.LEFT].position[5, 2])) % 3))
         away = 0.0
-        for side, path in paths.items():
-            wanted = evaluate(self.wanted[side], np.linspace(0, 1, 400))
+        for i, path in paths.items():
+            wanted = evaluate(self.wanted[i], np.linspace(0, 1, 400))
             gap = np.linalg.norm(path.position[:, None] - wanted, axis=-1).min(axis=1)
             away += float(np.mean(gap**2))
         above = np.array([0.0, 0.0, 0.002 + self.scale * away / 0.01])
@@ -112,9 +112,9 @@ def test_budget_is_kept_and_figures_are_honest(method: str) -> None:
     trajectory = outcome.unwrap()
     assert trajectory.dissimilarity == notes["dissimilarity_m"]
     assert trajectory.simulations == notes["simulations"] and trajectory.source == "optimised"
-    for side, control in trajectory.control_points.items():
-        assert np.allclose(control[0, :2], HALF.grasps[side].point)
-        assert np.allclose(control[-1], HALF.targets[side])
+    for i, control in trajectory.control_points.items():
+        assert np.allclose(control[0, :2], HALF.grasps[i].point)
+        assert np.allclose(control[-1], HALF.targets[i])
 
 
 def test_the_result_does_not_depend_on_which_simulation_ends_first() -> None:
@@ -123,8 +123,8 @@ def test_the_result_does_not_depend_on_which_simulation_ends_first() -> None:
     with ThreadPoolExecutor(5) as pool:
         raced = run("default", slow, executor=pool).unwrap()
     assert len(slow.threads) > 1
-    for side in plain.control_points:
-        assert np.array_equal(plain.control_points[side], raced.control_points[side])
+    for i in plain.control_points:
+        assert np.array_equal(plain.control_points[i], raced.control_points[i])
 
 
 def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
@@ -262,7 +262,7 @@ def test_mishaps_are_what_they_say() -> None:
 
     problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, keep, 0.35, 0.4)
     (arcs,) = heights(problem, 0.4)
-    mishap = Mishap({Side.LEFT: 0.1, Side.RIGHT: -0.2}, 0.05, 0.004, -0.003, 0.8, 0.9)
+    mishap = Mishap({GraspId.LEFT: 0.1, GraspId.RIGHT: -0.2}, 0.05, 0.004, -0.003, 0.8, 0.9)
     problem.evaluate(arcs)
     problem.evaluate(arcs, mishap)
     (nominal, planned), (fabric, executed) = met
@@ -271,18 +271,20 @@ def test_mishaps_are_what_they_say() -> None:
     assert fabric.friction_dynamic / nominal.friction_dynamic == pytest.approx(0.8)
     assert fabric.bending_length == pytest.approx(0.9 * nominal.bending_length)
     off = 0.004 * HALF.line.normal - 0.003 * HALF.line.direction
-    for side, lean in mishap.pitch.items():
-        assert np.allclose(executed[side].position - planned[side].position, (*off, 0.0))
-        assert np.allclose(executed[side].pitch, lean) and np.allclose(executed[side].roll, 0.05)
-        assert np.allclose(planned[side].pitch, 0.0)
+    for i, lean in mishap.pitch.items():
+        assert np.allclose(executed[i].position - planned[i].position, (*off, 0.0))
+        assert np.allclose(executed[i].pitch, lean) and np.allclose(executed[i].roll, 0.05)
+        assert np.allclose(planned[i].pitch, 0.0)
 
 
 def test_single_arm_folds_are_optimised_too() -> None:
     from dataclasses import replace
 
-    one = replace(HALF, grasps={Side.LEFT: HALF.grasps[Side.LEFT]}, targets={Side.LEFT: HALF.targets[Side.LEFT]})
+    one = replace(
+        HALF, grasps={GraspId.LEFT: HALF.grasps[GraspId.LEFT]}, targets={GraspId.LEFT: HALF.targets[GraspId.LEFT]}
+    )
     outcome = optimise_fold(one, MESH, FLAT, TOWEL.material, predict=Bowl(one))
-    assert set(outcome.unwrap().control_points) == {Side.LEFT}
+    assert set(outcome.unwrap().control_points) == {GraspId.LEFT}
 
 
 def test_a_warm_start_counts_as_a_candidate() -> None:
@@ -305,8 +307,8 @@ def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
 
     monkeypatch.setattr(optimise, "secant_levenberg_marquardt", watched)
     frames = frames_of(HALF, TOWEL.material.thickness)
-    off = {Side.LEFT: [0.25, 0.02, 0.62], Side.RIGHT: [0.25, -0.02, 0.5]}
-    start = {side: f.denormalise(np.array([off[side], [0.85, 0.0, 0.45]])) for side, f in frames.items()}
+    off = {GraspId.LEFT: [0.25, 0.02, 0.62], GraspId.RIGHT: [0.25, -0.02, 0.5]}
+    start = {i: f.denormalise(np.array([off[i], [0.85, 0.0, 0.45]])) for i, f in frames.items()}
     run(method, Bowl(), budget=40, start=start)
     ((taken, true),) = begun
     assert taken == true
@@ -314,7 +316,7 @@ def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
 
 def test_a_polish_that_begins_elsewhere_keeps_the_budget() -> None:
     frames = frames_of(HALF, TOWEL.material.thickness)
-    start = {side: f.denormalise(np.array([[0.25, 0.05, 0.6], [0.85, 0.0, 0.45]])) for side, f in frames.items()}
+    start = {i: f.denormalise(np.array([[0.25, 0.05, 0.6], [0.85, 0.0, 0.45]])) for i, f in frames.items()}
     for budget in range(1, 40):
         assert run("default", Bowl(), budget=budget, start=start).notes["simulations"] <= max(budget, 1)
 
@@ -327,8 +329,8 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
     assert bowl.calls == 1 == outcome.notes["simulations"] and outcome.notes["method"] == "library"
     trajectory = outcome.unwrap()
     assert trajectory.source == "library" and trajectory.dissimilarity == outcome.notes["dissimilarity_m"]
-    for side, control in trajectory.control_points.items():
-        assert np.array_equal(control, bowl.wanted[side])
+    for i, control in trajectory.control_points.items():
+        assert np.array_equal(control, bowl.wanted[i])
 
     low = {s: two_parameter_controls(f.start, f.end, 0.3, -0.3) for s, f in frames_of(HALF, 0.0025).items()}
     seen: list[tuple[int, int, float]] = []

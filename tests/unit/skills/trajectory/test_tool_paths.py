@@ -21,7 +21,7 @@ from skills.trajectory.paths import (
     lifted,
     tool_paths,
 )
-from skills.vocabulary import GraspTrajectory, Side
+from skills.vocabulary import GraspId, GraspTrajectory
 
 TOWEL = load_garment("medium_towel")
 STEP = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()[0]
@@ -75,44 +75,46 @@ def test_distance_is_the_integral_of_the_stated_speed() -> None:
 def test_paths_begin_at_the_grasp_rise_first_and_end_at_the_release() -> None:
     trajectory = GraspTrajectory(CONTROLS, fold_duration(CONTROLS, 0.35), "optimised", 0.0, 0.0)
     paths = tool_paths(trajectory, STEP)
-    assert set(paths) == {Side.LEFT, Side.RIGHT}
-    for side, path in paths.items():
-        assert np.array_equal(path.position[0], CONTROLS[side][0])
-        assert np.array_equal(path.position[-1], CONTROLS[side][-1])
-        assert np.allclose(path.position[0, :2], STEP.grasps[side].point)
-        assert np.allclose(path.position[-1], STEP.targets[side])
+    assert set(paths) == {GraspId.LEFT, GraspId.RIGHT}
+    for i, path in paths.items():
+        assert np.array_equal(path.position[0], CONTROLS[i][0])
+        assert np.array_equal(path.position[-1], CONTROLS[i][-1])
+        assert np.allclose(path.position[0, :2], STEP.grasps[i].point)
+        assert np.allclose(path.position[-1], STEP.targets[i])
         first = path.position[:15, 2]
         assert (np.diff(first) > 0).all()
         assert np.linalg.norm(np.diff(path.position, axis=0), axis=1).max() <= 0.35 * np.diff(path.t).max() * 1.01
-        assert (path.heading == STEP.grasps[side].heading).all()
-    assert (paths[Side.LEFT].t == paths[Side.RIGHT].t).all()
+        assert (path.heading == STEP.grasps[i].heading).all()
+    assert (paths[GraspId.LEFT].t == paths[GraspId.RIGHT].t).all()
 
 
 def test_arms_of_different_arcs_start_and_stop_together_at_the_same_share() -> None:
-    longer = CONTROLS[Side.LEFT] * (1, 1, 2)
-    controls = {Side.LEFT: longer, Side.RIGHT: CONTROLS[Side.RIGHT]}
-    paths = fold_paths(controls, {Side.LEFT: 0.0, Side.RIGHT: 0.0}, fold_duration(controls, 0.35))
+    longer = CONTROLS[GraspId.LEFT] * (1, 1, 2)
+    controls = {GraspId.LEFT: longer, GraspId.RIGHT: CONTROLS[GraspId.RIGHT]}
+    paths = fold_paths(controls, {GraspId.LEFT: 0.0, GraspId.RIGHT: 0.0}, fold_duration(controls, 0.35))
     travelled = {
         s: np.linalg.norm(np.diff(p.position, axis=0), axis=1).cumsum() / arc_lengths(controls[s])[1][-1]
         for s, p in paths.items()
     }
-    assert np.allclose(travelled[Side.LEFT], travelled[Side.RIGHT], atol=1e-3)
+    assert np.allclose(travelled[GraspId.LEFT], travelled[GraspId.RIGHT], atol=1e-3)
 
 
 def test_a_speed_cap_lengthens_and_a_pitch_profile_is_followed() -> None:
     trajectory = GraspTrajectory(CONTROLS, fold_duration(CONTROLS, 0.35), "optimised", 0.0, 0.0)
-    slow = tool_paths(trajectory, STEP, max_speed=0.1, pitch={Side.LEFT: np.array([0.0, 0.4]), Side.RIGHT: 0.2})
+    slow = tool_paths(
+        trajectory, STEP, max_speed=0.1, pitch={GraspId.LEFT: np.array([0.0, 0.4]), GraspId.RIGHT: 0.2}
+    )
     fast = tool_paths(trajectory, STEP, max_speed=1.0)
-    assert slow[Side.LEFT].t[-1] == pytest.approx(fold_duration(CONTROLS, 0.1))
-    assert slow[Side.LEFT].t[-1] > 2 * trajectory.duration
-    assert fast[Side.LEFT].t[-1] == pytest.approx(trajectory.duration)
-    assert slow[Side.LEFT].pitch[[0, -1]] == pytest.approx([0.0, 0.4])
-    assert (np.diff(slow[Side.LEFT].pitch) >= -1e-12).all()
-    assert (slow[Side.RIGHT].pitch == 0.2).all()
+    assert slow[GraspId.LEFT].t[-1] == pytest.approx(fold_duration(CONTROLS, 0.1))
+    assert slow[GraspId.LEFT].t[-1] > 2 * trajectory.duration
+    assert fast[GraspId.LEFT].t[-1] == pytest.approx(trajectory.duration)
+    assert slow[GraspId.LEFT].pitch[[0, -1]] == pytest.approx([0.0, 0.4])
+    assert (np.diff(slow[GraspId.LEFT].pitch) >= -1e-12).all()
+    assert (slow[GraspId.RIGHT].pitch == 0.2).all()
 
 
 def test_a_lift_goes_straight_up_to_where_the_path_begins() -> None:
-    path = tool_paths(GraspTrajectory(CONTROLS, 4.0, "optimised", 0.0, 0.0), STEP)[Side.LEFT]
+    path = tool_paths(GraspTrajectory(CONTROLS, 4.0, "optimised", 0.0, 0.0), STEP)[GraspId.LEFT]
     raised = after_lift(path, 0.03)
     n = len(raised.t) - len(path.t)
     up = np.diff(raised.position[: n + 1], axis=0)

@@ -26,7 +26,7 @@ from skills.trajectory.library import (
     trajectory_from,
 )
 from skills.trajectory.paths import fold_duration
-from skills.vocabulary import FoldStep, GraspTrajectory, Side
+from skills.vocabulary import FoldStep, GraspId, GraspTrajectory
 
 TOWEL = load_garment("medium_towel")
 HALF, QUARTER = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()
@@ -68,8 +68,8 @@ def test_normalising_is_undone_and_keeps_shape(start: np.ndarray, end: np.ndarra
 def test_an_entry_gives_back_its_own_trajectory() -> None:
     found = trajectory_from(entry(), HALF, TOWEL.material.thickness)
     assert found is not None and found.source == "library" and found.simulations == 0
-    for side, control in trajectory(HALF).control_points.items():
-        assert np.allclose(found.control_points[side], control, atol=1e-12)
+    for i, control in trajectory(HALF).control_points.items():
+        assert np.allclose(found.control_points[i], control, atol=1e-12)
     assert found.duration == pytest.approx(trajectory(HALF).duration)
 
 
@@ -78,23 +78,25 @@ def test_it_scales_and_turns_with_the_fold() -> None:
     step = plan_folds(TOWEL.flat_state(*pose), TOWEL).unwrap()[0]
     found = trajectory_from(entry(), step, TOWEL.material.thickness)
     assert found is not None
-    own = trajectory(HALF).control_points[Side.LEFT]
-    ratio = np.ptp(found.control_points[Side.LEFT][:, 2]) / np.ptp(own[:, 2])
-    distances = [np.linalg.norm(s.targets[Side.LEFT][:2] - s.grasps[Side.LEFT].point) for s in (step, HALF)]
+    own = trajectory(HALF).control_points[GraspId.LEFT]
+    ratio = np.ptp(found.control_points[GraspId.LEFT][:, 2]) / np.ptp(own[:, 2])
+    distances = [np.linalg.norm(s.targets[GraspId.LEFT][:2] - s.grasps[GraspId.LEFT].point) for s in (step, HALF)]
     assert ratio == pytest.approx(distances[0] / distances[1], rel=0.01)
-    assert np.allclose(found.control_points[Side.LEFT][0, :2], step.grasps[Side.LEFT].point)
-    assert np.allclose(found.control_points[Side.LEFT][-1], step.targets[Side.LEFT])
+    assert np.allclose(found.control_points[GraspId.LEFT][0, :2], step.grasps[GraspId.LEFT].point)
+    assert np.allclose(found.control_points[GraspId.LEFT][-1], step.targets[GraspId.LEFT])
 
 
 def test_a_single_arms_arc_serves_the_other_arm_in_mirror_image() -> None:
-    one = entry(inner={Side.LEFT: np.array([[0.3, 0.1, 0.4], [0.7, 0.05, 0.4]])})
+    one = entry(inner={GraspId.LEFT: np.array([[0.3, 0.1, 0.4], [0.7, 0.05, 0.4]])})
     right = replace(
-        HALF, grasps={Side.RIGHT: HALF.grasps[Side.RIGHT]}, targets={Side.RIGHT: HALF.targets[Side.RIGHT]}
+        HALF,
+        grasps={GraspId.RIGHT: HALF.grasps[GraspId.RIGHT]},
+        targets={GraspId.RIGHT: HALF.targets[GraspId.RIGHT]},
     )
     found = trajectory_from(one, right, TOWEL.material.thickness)
     assert found is not None
-    frame = frames_of(right, TOWEL.material.thickness)[Side.RIGHT]
-    assert np.allclose(frame.normalise(found.control_points[Side.RIGHT]), [[0.3, -0.1, 0.4], [0.7, -0.05, 0.4]])
+    frame = frames_of(right, TOWEL.material.thickness)[GraspId.RIGHT]
+    assert np.allclose(frame.normalise(found.control_points[GraspId.RIGHT]), [[0.3, -0.1, 0.4], [0.7, -0.05, 0.4]])
     assert trajectory_from(one, HALF, TOWEL.material.thickness) is None, "one arc does not make two"
 
 

@@ -13,7 +13,7 @@ from cell.executive.effects.drifting import moved_along
 from cell.states.context import Context
 from skills.cloth.mesh import ClothMesh
 from skills.planning.plan import plan_folds
-from skills.vocabulary import FoldLine, FoldStep, Grasp, Side
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 
 @pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])
@@ -24,8 +24,8 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
     t, middle = np.array([0.012, -0.004]), np.array([0.9, 0.3])
     vertices, rest = rng.uniform(0.3, 0.7, (40, 3)), rng.uniform(0.3, 0.7, (40, 2))
     point, line = np.array([0.5, 0.1]), FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0]))
-    grasp = Grasp(Side.LEFT, point, 0.2, 2, 0.004)
-    step = FoldStep("hem", 0, line, (line,), {Side.LEFT: grasp}, {Side.LEFT: np.array([0.7, 0.1, 0.01])})
+    grasp = Grasp(point, 0.2, 2, 0.004)
+    step = FoldStep("hem", 0, line, (line,), {GraspId.LEFT: grasp}, {GraspId.LEFT: np.array([0.7, 0.1, 0.01])})
     one = np.array([[0, 1, 2]], np.int32)
     mesh = ClothMesh(rest, np.zeros(40, np.int32), one, np.zeros(1, np.int32), np.zeros((0, 2), np.int32))
     seen: Any = SimpleNamespace(drift=R @ middle + t - middle, drift_rad=turn, drift_about=middle)
@@ -40,10 +40,10 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
     np.testing.assert_array_equal(after.vertices[:, 2], vertices[:, 2])
     np.testing.assert_allclose(after.mesh.rest, moved(rest), atol=1e-12)
     (there,) = after.steps
-    np.testing.assert_allclose(there.grasps[Side.LEFT].point, moved(point), atol=1e-12)
+    np.testing.assert_allclose(there.grasps[GraspId.LEFT].point, moved(point), atol=1e-12)
     np.testing.assert_allclose(there.line.point, moved(line.point), atol=1e-12)
     np.testing.assert_allclose(there.line.direction, R @ line.direction, atol=1e-12)
-    np.testing.assert_allclose(there.targets[Side.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
+    np.testing.assert_allclose(there.targets[GraspId.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
 
 
 def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
@@ -65,7 +65,7 @@ def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
     assert after.flat is not None
     for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
         assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
-        for side, grasp in anew.grasps.items():
-            np.testing.assert_allclose(grasp.point, moved.grasps[side].point, atol=1e-12)
-            np.testing.assert_allclose(anew.targets[side], moved.targets[side], atol=1e-12)
-            assert np.cos(grasp.heading - moved.grasps[side].heading) == pytest.approx(1.0)
+        for i, grasp in anew.grasps.items():
+            np.testing.assert_allclose(grasp.point, moved.grasps[i].point, atol=1e-12)
+            np.testing.assert_allclose(anew.targets[i], moved.targets[i], atol=1e-12)
+            assert np.cos(grasp.heading - moved.grasps[i].heading) == pytest.approx(1.0)

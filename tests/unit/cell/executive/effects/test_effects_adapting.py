@@ -48,12 +48,13 @@ def settings(adapting: bool) -> CellSettings:
 def motion() -> Any:
     """A fold, begun from the lifted grasps, drawn up and over so high that it drags what should rest."""
     controls, half = {}, STEPS[0]
-    for side, grasp in half.grasps.items():
-        start, end = np.append(grasp.point, LIFT_HEIGHT), half.targets[side]
+    for i, grasp in half.grasps.items():
+        start, end = np.append(grasp.point, LIFT_HEIGHT), half.targets[i]
         up = np.array([0.0, 0.0, 0.75])
-        controls[side] = np.array([start, start + up, end + up, end])
-    paths = fold_paths(controls, {s: g.heading for s, g in half.grasps.items()}, 3.0)
-    return SimpleNamespace(tool_paths=paths, postures={s: SimpleNamespace(path=s) for s in paths})
+        controls[i] = np.array([start, start + up, end + up, end])
+    paths = fold_paths(controls, {i: g.heading for i, g in half.grasps.items()}, 3.0)
+    driven = {i.planned_arm: path for i, path in paths.items()}
+    return SimpleNamespace(tool_paths=driven, postures={i.planned_arm: SimpleNamespace(path=i) for i in paths})
 
 
 def folded(cell: Any, mesh: ClothMesh, material: Material) -> Array:

@@ -18,7 +18,7 @@ from cell.states.context import Context, Result
 from cell.states.recovery_table import Adjustment
 from cell.states.transition_table import Event
 from robots.errors import FailureKind, StorageError
-from robots.ports import Array, Side
+from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
@@ -26,7 +26,7 @@ from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK
 from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.library import Library, entry_from
-from skills.vocabulary import GarmentState, GraspTrajectory
+from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -68,8 +68,8 @@ class Cloth:
         self.looked_up, self.others = looked_up, others
         self.tops: list[float] = []
 
-    def __call__(self, mesh: Any, positions: Array, material: Any, paths: Mapping[Side, Any], /) -> Array:
-        path = paths[Side.LEFT].position
+    def __call__(self, mesh: Any, positions: Array, material: Any, paths: Mapping[GraspId, Any], /) -> Array:
+        path = paths[GraspId.LEFT].position
         top = (path[:, 2].max() - path[0, 2]) / np.linalg.norm(path[-1] - path[0])
         self.tops.append(top)
         own = abs(top - 0.75 * LIBRARY_HEIGHT) < NEAR
@@ -81,7 +81,7 @@ class Watcher:
     """Takes the place of the recorder."""
 
     def __init__(self) -> None:
-        self.seen: list[tuple[float, int, Mapping[Side, Array], tuple[float, float], tuple[float, float]]] = []
+        self.seen: list[tuple[float, int, Mapping[GraspId, Array], tuple[float, float], tuple[float, float]]] = []
 
     def plan(self, *_: Any) -> None: ...
 
@@ -188,9 +188,9 @@ def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
 ) -> None:
     """Of a towel of one's own, which its file folds with one hand."""
     (both,) = library().entries
-    one_hand = replace(both, garment="mine", inner={Side.LEFT: both.inner[Side.LEFT]})
+    one_hand = replace(both, garment="mine", inner={GraspId.LEFT: both.inner[GraspId.LEFT]})
     choice = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library((one_hand, both)))
-    assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(Side)
+    assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(GraspId)
 
 
 def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
@@ -229,9 +229,9 @@ def test_the_view_is_shown_every_candidate_of_the_search(
     for _, _, arcs, (d, cost), (best_d, best_cost) in seen:
         best = min(best, cost)
         assert best_cost == best and d in (pytest.approx(0.012), pytest.approx(0.006)) and best_d <= 0.0121
-        for side, arc in arcs.items():
+        for i, arc in arcs.items():
             assert arc.shape[1] == 3
-            assert np.allclose(arc[0, :2], HALF.grasps[side].point) and np.allclose(arc[-1], HALF.targets[side])
+            assert np.allclose(arc[0, :2], HALF.grasps[i].point) and np.allclose(arc[-1], HALF.targets[i])
 
 
 def test_another_search_draws_other_numbers_and_the_same_ones_in_every_run() -> None:
@@ -263,10 +263,10 @@ def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
     other = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
     assert [s.variant for s in other.steps] == ["right_onto_left", "far_onto_near"]
-    for side in Side:  # what was taken hold of on one side of the line is on the other, at the same distance
-        before, now = (s.line.signed_distance(s.grasps[side].point) for s in (first.steps[0], other.steps[0]))
+    for i in GraspId:  # what was taken hold of on one side of the line is on the other, at the same distance
+        before, now = (s.line.signed_distance(s.grasps[i].point) for s in (first.steps[0], other.steps[0]))
         assert before > 0.1 and now == pytest.approx(before)
-        away = first.steps[0].line.signed_distance(other.steps[0].grasps[side].point)
+        away = first.steps[0].line.signed_distance(other.steps[0].grasps[i].point)
         assert away == pytest.approx(-before)
     assert other.vertices is not None and len(other.vertices) == len(first.vertices)  # type: ignore[arg-type]
     again = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
@@ -283,9 +283,9 @@ def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> Non
     assert other.steps[0] is first.steps[0] and other.vertices is believed.vertices and other.mesh is first.mesh
     np.testing.assert_array_equal(other.steps[1].earlier[0].point, first.steps[0].line.point)
     np.testing.assert_array_equal(other.steps[1].earlier[0].direction, first.steps[0].line.direction)
-    for side in Side:
-        away = first.steps[1].line.signed_distance(other.steps[1].grasps[side].point)
-        assert away < -0.05 < 0.05 < first.steps[1].line.signed_distance(first.steps[1].grasps[side].point)
+    for i in GraspId:
+        away = first.steps[1].line.signed_distance(other.steps[1].grasps[i].point)
+        assert away < -0.05 < 0.05 < first.steps[1].line.signed_distance(first.steps[1].grasps[i].point)
 
 
 def test_a_kept_trajectory_is_of_the_way_in_which_the_fold_was_made() -> None:

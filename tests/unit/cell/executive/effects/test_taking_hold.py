@@ -23,7 +23,7 @@ from skills.grasping.hand_reading import HandReading
 from skills.grasping.tare import Zero
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
-from skills.vocabulary import Outcome
+from skills.vocabulary import GraspId, Outcome
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -85,10 +85,10 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     monkeypatch.setattr(Hands, "height", height)
     work = fake_workcell(cell, ports=replace(cell.ports(), grippers=both, tactile=both))
     garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
-    grasps = {side: SimpleNamespace(height=STACK, layers=LAYERS) for side in Side}
+    grasps = {i: SimpleNamespace(height=STACK, layers=LAYERS) for i in GraspId}
     motion: Any = SimpleNamespace(
         descend=dict.fromkeys(Side, WAY),
-        postures={Side.LEFT: Posture(Side.LEFT, pitch=0.1), Side.RIGHT: Posture(Side.RIGHT, pitch=-0.1)},
+        postures={Side.LEFT: Posture(GraspId.LEFT, pitch=0.1), Side.RIGHT: Posture(GraspId.RIGHT, pitch=-0.1)},
     )
     step: Any = SimpleNamespace(grasps=grasps)
     return cell, work, Context(garment=garment, motion=motion, planned_step=step), both
@@ -222,7 +222,7 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
     cell, work, context, _ = over_cloth(monkeypatch)
     only = {Side.LEFT: WAY}
     context.motion.descend = only  # type: ignore[union-attr]
-    context.motion.postures = {Side.LEFT: Posture(Side.LEFT)}  # type: ignore[union-attr]
+    context.motion.postures = {Side.LEFT: Posture(GraspId.LEFT)}  # type: ignore[union-attr]
     cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
     work.sent.q = np.full(14, HOME)
     through, cell.follows = work.ports.arms.command, False

@@ -23,6 +23,7 @@ from robots.errors import CellError, ConfigurationError, Failure, FailureKind, S
 from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.grasping.tare import Zero
+from skills.vocabulary import GraspId
 
 SQUARE = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3], [0.0, 0.3]])
 
@@ -87,7 +88,7 @@ def test_it_comes_back_as_it_was(kept: Path) -> None:
 
 def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As 3.11.2, Debian's, does: a member of an Enum is put down as getattr(kind, name)."""
-    for kind in (Event, FailureKind, Adjustment, Side):
+    for kind in (Event, FailureKind, Adjustment, Side, GraspId):
         monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
     assert pickle.dumps(Event.START).find(b"getattr") > 0
     write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))

@@ -221,7 +221,7 @@ def test_nearer_layer_hides_the_farther_one():
 def test_everything_fits_the_frame():
     _, vertices = sheet()
     step = show.steps()[0]
-    arcs = [show.arc(step, side) for side in step.grasps]
+    arcs = [show.arc(step, i) for i in step.grasps]
     points = np.vstack([vertices, *arcs])
     view = View.around(points, 300, 200)
     uv = view.project(points)
@@ -235,7 +235,7 @@ def test_everything_fits_the_frame():
 def test_strip_has_one_picture_per_frame_and_shows_green_arcs():
     towel, vertices = sheet()
     step = show.steps()[0]
-    arcs = {side: show.arc(step, side) for side in step.grasps}
+    arcs = {i.planned_arm: show.arc(step, i) for i in step.grasps}
     frames = [
         KeyFrame(show.turned(vertices, step.line, a, 0.003), {Side.LEFT: arcs[Side.LEFT][0]}, f"{a:.1f}")
         for a in np.linspace(0, np.pi, 6)

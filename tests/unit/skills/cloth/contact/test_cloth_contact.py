@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robots.errors import InternalError
-from robots.ports import Side
 from skills.cloth import state
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -15,7 +14,7 @@ from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material, ToolPath
+from skills.vocabulary import GraspId, Material, ToolPath
 
 MATERIAL = Material(
     areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
@@ -35,8 +34,8 @@ def folded():
     q = 0.5 - 0.5 * np.cos(np.pi * t / 2.0)
     x, z, zero = 0.238 * np.cos(np.pi * q), 0.001 + 0.2 * np.sin(np.pi * q) + 0.012 * q, np.zeros(len(t))
     paths = {
-        side: ToolPath(t, np.column_stack([x, zero + y, z]), zero + np.pi / 2, zero, zero)
-        for side, y in ((Side.LEFT, 0.138), (Side.RIGHT, -0.138))
+        i: ToolPath(t, np.column_stack([x, zero + y, z]), zero + np.pi / 2, zero, zero)
+        for i, y in ((GraspId.LEFT, 0.138), (GraspId.RIGHT, -0.138))
     }
     flat = mesh.lay_flat(MATERIAL.thickness)
     return mesh, predict_fold(mesh, flat, MATERIAL, paths, 0.3, 0.5).vertices

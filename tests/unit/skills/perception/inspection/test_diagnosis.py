@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from robots.ports import Side
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose, told_by_height
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.result import InspectionSettings
-from skills.vocabulary import FoldLine, FoldStep
+from skills.vocabulary import FoldLine, FoldStep, GraspId
 from tests.inspections import inspection
 
 S, K = InspectionSettings(), FailureKind
 LEFT, RIGHT = np.array([0.6, 0.2]), np.array([0.6, -0.2])
 STEP = FoldStep(
     "half", 0, FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0])), (), {},
-    {Side.LEFT: np.r_[LEFT, 0.006], Side.RIGHT: np.r_[RIGHT, 0.006]},
+    {GraspId.LEFT: np.r_[LEFT, 0.006], GraspId.RIGHT: np.r_[RIGHT, 0.006]},
 )  # fmt: skip
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.ports import Side
 from skills.perception.inspection.fold_heights import (
     extra_height,
     judged_area,
@@ -17,7 +16,7 @@ from skills.perception.inspection.fold_heights import (
 )
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import Array, FoldLine, FoldStep
+from skills.vocabulary import Array, FoldLine, FoldStep, GraspId
 from tests.scenes import TABLE, camera
 
 VIEW, S = TableView(camera(), TABLE), InspectionSettings()
@@ -27,7 +26,7 @@ LAYER = 0.003
 LEFT, RIGHT = np.array([0.55, 0.15]), np.array([0.55, -0.15])
 ACROSS = FoldLine(np.array([0.7, 0.0]), np.array([0.0, 1.0]))
 ALONG = FoldLine(np.array([0.6, 0.1]), np.array([1.0, 0.0]))
-STEP = FoldStep("half", 0, ACROSS, (), {}, {Side.LEFT: np.r_[LEFT, 0.01], Side.RIGHT: np.r_[RIGHT, 0.01]})
+STEP = FoldStep("half", 0, ACROSS, (), {}, {GraspId.LEFT: np.r_[LEFT, 0.01], GraspId.RIGHT: np.r_[RIGHT, 0.01]})
 STILL = np.eye(2), np.zeros(2)
 
 

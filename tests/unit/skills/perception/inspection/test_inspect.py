@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from robots.ports import Side
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose
 from skills.perception.inspection.fold_heights import upper_height
 from skills.perception.inspection.inspect import inspect
@@ -15,7 +14,7 @@ from skills.perception.inspection.predicted_view import draw_shape
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align
-from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 # A towel 0.40 x 0.60 folded over its middle, left half onto right half: the fold is the left edge.
@@ -40,7 +39,7 @@ STEP = FoldStep(
     FoldLine(HALF[0], (HALF[1] - HALF[0]) / np.linalg.norm(HALF[1] - HALF[0])),
     (),
     {},
-    {Side.LEFT: np.r_[HALF[3], 0.006], Side.RIGHT: np.r_[HALF[2], 0.006]},
+    {GraspId.LEFT: np.r_[HALF[3], 0.006], GraspId.RIGHT: np.r_[HALF[2], 0.006]},
 )
 SAGGED = np.array(
     [*HALF[:3]]
@@ -140,7 +139,8 @@ def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind
 def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
     """The left arm lost its corner: the garment still reaches 12 cm beyond the line there."""
     grasps = {
-        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+        grasp_id: Grasp(HALF[i] + (0.0, 0.3), 0.0, 1, 0.003)
+        for grasp_id, i in ((GraspId.LEFT, 0), (GraspId.RIGHT, 1))
     }
     step = replace(STEP, line=FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1])))
     step = replace(step, grasps=grasps)
@@ -159,15 +159,16 @@ def test_what_is_left_behind_is_told_where_it_is(place, behind):
     planned = (np.abs(x - 0.5) < 0.1) & (np.abs(y) < 0.25)
     seen = planned | ((np.abs(x - 0.5) < 0.14) & (np.abs(y - behind) < 0.06))
     line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # its normal points to larger x
-    left = Grasp(Side.LEFT, np.array([0.7, 0.15]), 0.0, 1, 0.003)
-    right = Grasp(Side.RIGHT, np.array([0.7, -0.15]), 0.0, 1, 0.003)
-    step, settings = replace(STEP, line=line, grasps={Side.LEFT: left, Side.RIGHT: right}), InspectionSettings()
+    left = Grasp(np.array([0.7, 0.15]), 0.0, 1, 0.003)
+    right = Grasp(np.array([0.7, -0.15]), 0.0, 1, 0.003)
+    settings = InspectionSettings()
+    step = replace(STEP, line=line, grasps={GraspId.LEFT: left, GraspId.RIGHT: right})
     found = left_behind(view, seen, planned, step, settings)
     expected = {name: 0.04 * (name == place) for name in ("left", "right", "middle")}
     assert found == pytest.approx(expected, abs=0.004)
     hidden = left_behind(view, seen & (np.abs(y - behind) > 0.07), planned, step, settings)
     assert np.isnan(hidden[place]) and np.isfinite([v for name, v in hidden.items() if name != place]).all()
-    one = left_behind(view, seen, planned, replace(step, grasps={Side.LEFT: left}), settings)
+    one = left_behind(view, seen, planned, replace(step, grasps={GraspId.LEFT: left}), settings)
     assert set(one) == {"left"} and left_behind(view, seen, planned, None, settings) == {}
 
 
@@ -176,7 +177,8 @@ def test_a_layer_left_where_it_lay_is_a_missed_layer():
     line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
     back = HALF[0] - HALF[3]
     grasps = {
-        side: Grasp(side, HALF[i] + (0.0, 0.3), 0.0, 1, 0.003) for side, i in ((Side.LEFT, 0), (Side.RIGHT, 1))
+        grasp_id: Grasp(HALF[i] + (0.0, 0.3), 0.0, 1, 0.003)
+        for grasp_id, i in ((GraspId.LEFT, 0), (GraspId.RIGHT, 1))
     }
     lower = np.array([HALF[0] + back * 0.9, HALF[1] + back * 0.9, HALF[1], HALF[0]])
     seen = look([HALF, lower], step=replace(STEP, line=line, grasps=grasps)).unwrap()

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from robots.ports import Side
 from skills.perception.inspection.inspect import inspect
 from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldLine, FoldStep, Grasp, PredictedShape
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)
@@ -19,9 +18,9 @@ LAYER, NOISE = 0.0025, 0.0015
 # The line runs along x at y = 0; what lies left of it, y > 0, moves onto y < 0.
 LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
 SPAN = (0.4, 0.8)
-SIDES = (Side.LEFT, Side.RIGHT)
-GRASPS = {s: Grasp(s, np.array([x, 0.29]), 0.0, 1, 0.003) for s, x in zip(SIDES, SPAN, strict=True)}
-TARGETS = {s: np.array([x, -0.29, 0.006]) for s, x in zip(SIDES, SPAN, strict=True)}
+GRASP_IDS = (GraspId.LEFT, GraspId.RIGHT)
+GRASPS = {s: Grasp(np.array([x, 0.29]), 0.0, 1, 0.003) for s, x in zip(GRASP_IDS, SPAN, strict=True)}
+TARGETS = {s: np.array([x, -0.29, 0.006]) for s, x in zip(GRASP_IDS, SPAN, strict=True)}
 STEP = FoldStep("half", 0, LINE, (), GRASPS, TARGETS)
 
 
