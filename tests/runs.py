@@ -21,8 +21,8 @@ from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
 from cell.simulation import Fault
 from cell.states.commands import CommandQueue
-from cell.states.context import Context, Result
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
 
@@ -125,8 +125,8 @@ class Onlooker:
         failing = {Event.FAILED, Event.CRASH, Event.STOP}
         return [r.context.failure.kind.value for r in self.results if r.event in failing and r.context.failure]
 
-    def _watched(self, effect: Effect, perform: Callable[[Workcell, Context], Result]) -> Any:
-        def watched(cell: Workcell, context: Context) -> Result:
+    def _watched(self, effect: Effect, perform: Callable[[Workcell, RunContext], Result]) -> Any:
+        def watched(cell: Workcell, context: RunContext) -> Result:
             self.under_way = effect
             n, ports = self.count(effect) + 1, self.ports
             assert ports is not None

@@ -13,9 +13,9 @@ from unittest.mock import patch
 from cell.config.cell_settings import load_settings
 from cell.runs.checkpoint_writer import Keeper
 from cell.runs.fold_run import fold_once
-from cell.states.context import Result
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.observers import Step
+from cell.states.run_context import Result
 from cell.states.transition_table import Effect
 
 __all__ = ["measure"]

@@ -32,8 +32,8 @@ from cell.recording.rerun import Recorder
 from cell.runs.ownership import begun_run, owned_cell
 from cell.simulation import SimulationSettings, Truth
 from cell.states.commands import CommandQueue
-from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
+from cell.states.run_context import RunContext
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.interrupts import Interrupts
@@ -163,7 +163,7 @@ def _with_cell(
         try:
             outcome, safe = _perform(request, run, cell, procedure)
         except StorageError as e:
-            hold_still(cell, Context())
+            hold_still(cell, RunContext())
             hint = f"the arms are held where they are: free by hand what they hold. {e.hint}"
             raise RecordError(e.what, hint) from e
         return CalibrationEnd(
@@ -220,7 +220,7 @@ def _prepared(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
     """None when the cell is ready, else the failure as an outcome."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "preparing", "prepare")
-    result = prepare(cell, Context())
+    result = prepare(cell, RunContext())
     run.result(intent, clock.now(), {"event": result.event.value})
     return Outcome(failure=result.context.failure) if result.context.failure else None
 
@@ -230,14 +230,14 @@ def _made_safe(cell: Workcell, run: RunJournal, performer: Performer) -> bool:
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "making_safe", "make_safe")
     if cell.ports.stop.state().stopped:
-        hold_still(cell, Context())
+        hold_still(cell, RunContext())
         run.result(intent, clock.now(), {"event": "held"})
         return True
     failure: Failure | None
     try:
         if performer.holds_board:
             performer.take_board()
-        failure = make_safe(cell, Context()).context.failure
+        failure = make_safe(cell, RunContext()).context.failure
     except DriverError as e:
         failure = e.failure()
     run.result(intent, clock.now(), {"event": "failed", "what": str(failure)} if failure else {"event": "done"})

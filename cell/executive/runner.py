@@ -16,15 +16,15 @@ from cell.executive.machine import Executive
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import RunJournal
 from cell.states.commands import ABORTED, ANSWERS, CommandQueue
-from cell.states.context import Context, Result
 from cell.states.observers import FAILING, Observer, Step
+from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
 __all__ = ["EffectFunction", "Runner"]
 
-EffectFunction = Callable[[Workcell, Context], Result]
+EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
 """Effects that touch neither the cell nor the clock: an event in the ledger is enough."""
@@ -50,7 +50,7 @@ class Runner:
         journal: RunJournal,
         commands: CommandQueue,
         observers: tuple[Observer, ...] = (),
-        keep: Callable[[Context], None] = lambda context: None,
+        keep: Callable[[RunContext], None] = lambda context: None,
     ) -> None:
         self._cell = replace(workcell, note=self._note)
         self._effects = effects
@@ -60,15 +60,15 @@ class Runner:
         self._keep = keep
         self._machine = Executive()
         self._state = State.IDLE
-        self._context = Context()
+        self._context = RunContext()
         self._times: dict[str, float] = {}
         self._noted: tuple[tuple[float, str], ...] = ()
 
-    def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
+    def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
         """From START, or whatever event comes first, to a declared end. Returns however it ended."""
         clock = self._cell.ports.clock
         started = clock.now()
-        self._context, self._times = context or Context(), {}
+        self._context, self._times = context or RunContext(), {}
         try:
             state = self._walk(first)
         except StorageError as error:
@@ -135,13 +135,13 @@ class Runner:
         for o in self._observers:
             o.entered(t, step)
 
-    def _perform(self, step: Step, context: Context) -> Result:
+    def _perform(self, step: Step, context: RunContext) -> Result:
         """The effect with its intent and result in the ledger; whatever it raises becomes an event."""
         pending = self._interruption(step)
         if pending:
             return Result(pending, self._with_cause(pending, context), {"interrupted": True})
         clock, self._noted = self._cell.ports.clock, ()
-        payload = {"step": context.index, "attempt": len(context.adjustments)}
+        payload = {"step": context.fold.index, "attempt": len(context.fold.adjustments)}
         intent = None
         if step.effect not in _QUIET:
             intent = self._journal.intent(clock.now(), step.target.value, step.effect.value, payload)
@@ -164,7 +164,7 @@ class Runner:
             self._journal.result(intent, clock.now(), record)
         return result
 
-    def _put_down(self, context: Context) -> None:
+    def _put_down(self, context: RunContext) -> None:
         try:
             self._keep(context)
         except StorageError:
@@ -196,7 +196,7 @@ class Runner:
             return None  # these take their commands themselves
         return self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
 
-    def _with_cause(self, event: Event, context: Context) -> Context:
+    def _with_cause(self, event: Event, context: RunContext) -> RunContext:
         """What ends a run is the failure that it tells of, not one that was met and mended before."""
         if event is Event.ABORT:
             return context.with_failure(ABORTED)

@@ -20,8 +20,8 @@ from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import Journal
 from cell.runs.request_file import load_request
 from cell.runs.resumable import check_resumable, last_begun
-from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
+from cell.states.run_context import RunContext
 from cell.states.transition_table import REENTRIES, Event, State
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, StorageError
@@ -38,7 +38,7 @@ class Interrupted:
 
     run: str
     request: FoldRequest
-    context: Context
+    context: RunContext
     world: bytes | None
 
 
@@ -49,7 +49,7 @@ class Keeper:
         self._folder, self._world = folder, world
         self._frames = FrameStore(folder / FRAMES)
 
-    def keep(self, context: Context) -> None:
+    def keep(self, context: RunContext) -> None:
         """On disk when the call returns. Raises StorageError."""
         if self._world is not None:
             write_whole(self._folder / WORLD, self._world())
@@ -82,24 +82,26 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
             "lay the garment flat and start a new one",
         )
     event = reentry([State(entry.state) for entry in journal.entries(record.id)], context)
-    fresh = Context() if event is Event.START_OVER else context
+    fresh = RunContext() if event is Event.START_OVER else context
     world = _world(record.directory / WORLD) if is_simulated(record.driver) else None
     return Interrupted(record.id, request, _entered(fresh, event), world)
 
 
-def reentry(states: Sequence[State], context: Context) -> Event:
+def reentry(states: Sequence[State], context: RunContext) -> Event:
     """Where a run that passed through `states` and believes `context` is entered again."""
     known = [REENTRIES[state] for state in states if state in REENTRIES]
     event = known[-1] if known else context.reentry or Event.START_OVER  # itself gone on with, but no further
-    if event is Event.LOOK_AFTER and context.predicted is None:  # judged already, the next fold not begun
+    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # judged already, the next fold not begun
         return Event.LOOK_AGAIN
     return event
 
 
-def _entered(context: Context, event: Event) -> Context:
+def _entered(context: RunContext, event: Event) -> RunContext:
     """The belief of who goes on: nothing is held, waited for or failed any more."""
-    carried = event is Event.LOOK_AFTER  # also where the release was begun, and not ended
-    return replace(context, reentry=event, carried=carried, failure=None, waited_s=0.0, held={}, zeros={})
+    fold = replace(context.fold, held={}, zeros={})
+    if fold.attempt:  # carried also where the release was begun, and not ended
+        fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
+    return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)
 
 
 def _world(path: Path) -> bytes:

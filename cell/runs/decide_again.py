@@ -30,9 +30,9 @@ from cell.recording.transcript.transcript_codec import Channel
 from cell.runs.resumable import RESUMED_FROM
 from cell.runs.run_inputs import first_belief, restored_request
 from cell.states.commands import CommandQueue
-from cell.states.context import Context, Result
 from cell.states.fold_request import FoldRequest
 from cell.states.observers import Observer, Step
+from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import ledger_path
@@ -181,7 +181,7 @@ class _Beginning:
     """How a run began. lines: in its ledger before the machine's first; context, first: what the runner had."""
 
     lines: tuple[Entry, ...]
-    context: Context
+    context: RunContext
     first: Event
 
     @classmethod
@@ -194,7 +194,7 @@ class _Beginning:
                 f"the run {run.id} goes on with another one, and what it began with is missing",
                 "have the other one decided again, or a new one",
             )
-        return cls(lines, Context(), Event.START) if belief is None else cls(lines, belief, Event.REENTER)
+        return cls(lines, RunContext(), Event.START) if belief is None else cls(lines, belief, Event.REENTER)
 
 
 def _taken_again(

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from cell.hardware.driver import is_simulated
-from cell.states.context import Context, StepNote
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_context import RunContext
 from cell.states.run_end import RunEnd
-from cell.states.step_notes import notes_by_step
+from cell.states.step_note import StepNote
 from cell.states.transition_table import State
 from robots.errors import Failure
 
@@ -65,9 +65,9 @@ def told(failure: Failure) -> dict[str, str]:
     return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 
 
-def _steps(context: Context) -> Iterator[dict[str, Any]]:
+def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
     """Every planned fold: what was made of it. A fold that is not done has figures, too, if it came so far."""
-    notes, done = notes_by_step(context), {note.name for note in context.done}
+    notes, done = context.notes(), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         note = notes.get(step.name)
         yield {
@@ -82,7 +82,7 @@ def _steps(context: Context) -> Iterator[dict[str, Any]]:
             "drift_m": _known(note.drift_m if note else math.nan),
             "observed_height_m": _known(note.height_m if note else math.nan),
             "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
-            "attempts": note.grasps if note else (context.grasps if index == context.index else 0),
+            "attempts": note.grasps if note else (context.fold.grasps if index == context.fold.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
         }
 

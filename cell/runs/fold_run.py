@@ -43,9 +43,9 @@ from cell.runs.resumable import RESUMED_FROM, check_resumable
 from cell.runs.run_inputs import keep_surroundings
 from cell.simulation import SimulationSettings
 from cell.states.commands import CommandQueue
-from cell.states.context import Context
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.observers import Observer
+from cell.states.run_context import RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.whole_file import write_whole
@@ -187,7 +187,7 @@ def _perform(
                 alone = not request.page
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone, board.allowed).start()
             keeper = Keeper(run.directory, opened.simulated.checkpoint.save if opened.simulated else None)
-            context, first = (interrupted.context, Event.REENTER) if interrupted else (Context(), Event.START)
+            context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
             if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
                 keeper.keep(context)
                 run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})

@@ -16,8 +16,8 @@ from cell.config.yaml_file import read_yaml
 from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.runs.request_file import SETTINGS, load_request
-from cell.states.context import Context
 from cell.states.fold_request import FoldRequest
+from cell.states.run_context import RunContext
 from cell.support.files.whole_file import write_whole
 from robots.errors import StorageError
 
@@ -28,7 +28,7 @@ GROUPS = ("table", "camera", "grasp")
 """Of the settings: each may name a calibration file."""
 
 
-def keep_surroundings(folder: Path, request: FoldRequest, belief: Context | None = None) -> None:
+def keep_surroundings(folder: Path, request: FoldRequest, belief: RunContext | None = None) -> None:
     """Put them into the run's folder, as they are when it begins. belief: of a run that goes on with another one.
     Raises StorageError."""
     if belief is not None:
@@ -61,7 +61,7 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
     return load_request(folder, logs, settings, quiet=True, record=False, witness=False, terminal=False)
 
 
-def first_belief(folder: Path) -> Context | None:
+def first_belief(folder: Path) -> RunContext | None:
     """What the run in `folder` believed at its beginning; None: nothing, it began from START.
 
     Raises StorageError where it is damaged, ConfigurationError where another version wrote it.

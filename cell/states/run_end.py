@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from cell.states.context import Context
+from cell.states.run_context import RunContext
 from cell.states.transition_table import State
 
 __all__ = ["RunEnd"]
@@ -16,7 +16,7 @@ class RunEnd:
     """Where a run ended, with what was believed then."""
 
     state: State
-    context: Context
+    context: RunContext
     started: float
     ended: float
     stage_times: Mapping[str, float]

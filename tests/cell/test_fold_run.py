@@ -294,7 +294,8 @@ def test_the_same_seed_sends_the_same_set_points_bit_for_bit(seen: Any, unseen: 
 
 def test_the_same_seed_sees_the_same_pictures_bit_for_bit(seen: Any, unseen: Any) -> None:
     frames = [
-        [r.context.frame for r in run.onlooker.results if r.context.frame is not None] for run in (seen, unseen)
+        [r.context.sight.frame for r in run.onlooker.results if r.context.sight.frame is not None]
+        for run in (seen, unseen)
     ]
     assert len(frames[0]) > 3
     for a, b in zip(*frames, strict=True):

@@ -166,7 +166,7 @@ def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(
     assert onlooker.events(Effect.CHOOSE_TRAJECTORY) == [Event.FAILED, Event.DONE]
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.OPTIMISE_AGAIN]
     assert onlooker.events(Effect.PLAN_MOTION) == [Event.DONE], "the plain arc can be moved"
-    assert Adjustment.PLAIN_ARC in onlooker.results[-1].context.adjustments
+    assert Adjustment.PLAIN_ARC in onlooker.results[-1].context.fold.adjustments
     assert (result.state, result.exit_code) == ("not_folded", 2)
     spent = [e.cell_time for e in told(request) if e.name == "choose_trajectory"]
     assert spent[1] - spent[0] == pytest.approx(0.7), "failed simulations cost their time too"

@@ -109,10 +109,10 @@ def test_the_executive_that_goes_on_knows_only_what_it_sees(tmp_path: Path) -> N
     result = stopped.fold(request, lambda ports: ports.stop.trigger("at once"), last_run(request))
     assert (result.state, stopped.set_points) == ("stopped", []), "nothing takes a stop away"
     interrupted = last_run(request)  # the one that was stopped: it can be gone on with in turn
-    believed = interrupted.context.perception
+    believed = interrupted.context.recognition.perception
     elsewhere = replace(interrupted, world=moved(interrupted.world, SHIFT))
     onlooker = Onlooker(before={Effect.APPROACH: lambda ports, commands, n: commands.put(Event.ABORT)})
     onlooker.fold(interrupted.request, interrupted=elsewhere)
-    seen = next(r.context.perception for r in reversed(onlooker.results) if r.context.perception)
+    seen = next(r.context.recognition.perception for r in reversed(onlooker.results) if r.context.recognition)
     way = seen.state.contour.mean(axis=0) - believed.state.contour.mean(axis=0)
     assert np.allclose(way, (0.0, SHIFT), atol=0.004)

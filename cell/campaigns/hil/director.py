@@ -20,8 +20,8 @@ from cell.campaigns.hil.script import Action, Script
 from cell.hardware.driver import OpenCell
 from cell.simulation import Fault
 from cell.states.commands import CommandQueue, Said
-from cell.states.context import Result
 from cell.states.observers import FAILING, Step
+from cell.states.run_context import Result
 from cell.states.transition_table import TERMINAL, Event, State
 from robots.errors import FailureKind, InternalError
 from robots.ports import Array, Ports

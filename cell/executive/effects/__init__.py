@@ -1,45 +1,77 @@
-"""What the runner does on entering a state: one function an effect, (workcell, context) -> result."""
+"""What the runner does on entering a state: one function an effect, (workcell, context) -> result.
+
+An effect takes what it works with as arguments that are there. The table says what each needs of the run's
+context; one that is entered before the stage that gives it is a bug of the machine, and ends as one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeVar
 
 from cell.executive.effects import deciding, gripping, inspecting, moving, planning, pressing, seeing
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Effect, Event
+from robots.errors import InternalError
+from robots.ports import CameraFrame
 
 __all__ = ["EFFECTS"]
 
+T = TypeVar("T")
 
-def _nothing(cell: Workcell, context: Context) -> Result:
+
+def _nothing(cell: Workcell, context: RunContext) -> Result:
     return Result(Event.DONE, context)
+
+
+def _there(value: T | None, what: str) -> T:
+    if value is None:
+        raise InternalError(f"there is no {what} yet")
+    return value
+
+
+def _frame(context: RunContext) -> CameraFrame:
+    return _there(context.sight.frame, "picture")
+
+
+def _plan(context: RunContext) -> Plan:
+    return _there(context.plan, "plan")
+
+
+def _attempt(context: RunContext) -> Attempt:
+    return _there(context.fold.attempt, "planned motion")
 
 
 EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.NOTHING: _nothing,
     Effect.PREPARE: moving.prepare,
-    Effect.REENTER: moving.reenter,
+    Effect.REENTER: lambda cell, c: moving.reenter(cell, c, _there(c.reentry, "way in")),
     Effect.PHOTOGRAPH_TABLE: seeing.photograph_table,
     Effect.AWAIT_GARMENT: seeing.await_garment,
     Effect.LOOK: seeing.look,
-    Effect.RECOGNISE: seeing.recognise,
-    Effect.PLAN_FOLDS: planning.plan_steps,
-    Effect.CHOOSE_TRAJECTORY: planning.choose_trajectory,
-    Effect.PLAN_MOTION: planning.plan_motion,
+    Effect.RECOGNISE: lambda cell, c: seeing.recognise(cell, c, _frame(c)),
+    Effect.PLAN_FOLDS: lambda cell, c: planning.plan_steps(cell, c, _there(c.recognition, "garment")),
+    Effect.CHOOSE_TRAJECTORY: lambda cell, c: planning.choose_trajectory(cell, c, _plan(c)),
+    Effect.PLAN_MOTION: lambda cell, c: planning.plan_motion(
+        cell, c, _plan(c), _there(c.fold.trajectory, "trajectory")
+    ),
     Effect.ASK_APPROVAL: deciding.ask_approval,
-    Effect.APPROACH: moving.approach,
-    Effect.GRASP: gripping.grasp,
+    Effect.APPROACH: lambda cell, c: moving.approach(cell, c, _attempt(c)),
+    Effect.GRASP: lambda cell, c: gripping.grasp(cell, c, _plan(c), _attempt(c)),
     Effect.LIFT: gripping.lift,
-    Effect.FOLD: gripping.fold,
-    Effect.RELEASE: gripping.release_garment,
+    Effect.FOLD: lambda cell, c: gripping.fold(cell, c, _attempt(c)),
+    Effect.RELEASE: lambda cell, c: gripping.release_garment(cell, c, _attempt(c)),
     Effect.RETREAT: moving.retreat,
-    Effect.INSPECT: inspecting.inspect_fold,
-    Effect.PRESS: pressing.press,
+    Effect.INSPECT: lambda cell, c: inspecting.inspect_fold(cell, c, _plan(c), _attempt(c), _frame(c)),
+    Effect.PRESS: lambda cell, c: pressing.press(
+        cell, c, _attempt(c), _there(_attempt(c).press_plan, "plan to press it")
+    ),
     Effect.NEXT_STEP: inspecting.next_step,
     Effect.CLEAR: moving.clear,
-    Effect.CHOOSE_RECOVERY: deciding.choose_next,
+    Effect.CHOOSE_RECOVERY: lambda cell, c: deciding.choose_next(cell, c, _there(c.failure, "failure")),
     Effect.ASK_OPERATOR: deciding.ask_operator,
     Effect.WAIT: deciding.pause,
     Effect.HOLD: moving.hold_still,

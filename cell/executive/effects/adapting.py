@@ -14,10 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.identify import MaterialEstimate, Noise, identify_material, outline_residual, predict_candidates
-from cell.executive.effects.planning import named_garment, simulated_paths
+from cell.executive.effects.planning import simulated_paths
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context
+from cell.states.stages import Attempt, Plan
 from robots.ports import Array
+from skills.garments.garment import Garment
+from skills.perception.inspection.inspect import Inspection
 from skills.perception.rectification.table_view import TableView
 
 __all__ = ["adapt"]
@@ -26,29 +28,27 @@ FACTORS = (0.5, 0.7, 1.0, 1.4)
 """Candidates of the friction, in units of what is believed."""
 
 
-def adapt(cell: Workcell, context: Context) -> tuple[Context, dict[str, object]]:
-    """The context with the garment's material as this fold showed it to be, and figures for the record."""
-    seen, predicted, motion = context.inspection, context.predicted, context.motion
-    if not cell.settings.optimiser.adapt or context.index + 1 >= len(context.steps):
-        return context, {}
-    if seen is None or predicted is None or motion is None or context.mesh is None or context.vertices is None:
-        return context, {}
+def adapt(
+    cell: Workcell, index: int, plan: Plan, made: Attempt, seen: Inspection
+) -> tuple[Garment, dict[str, object]]:
+    """The garment with its material as this fold showed it to be, and figures for the record."""
     contour, view, noise = seen.contour, seen.view, Noise()
+    garment, predicted = plan.garment, made.predicted
+    if not cell.settings.optimiser.adapt or index + 1 >= len(plan.steps):  # after the last fold for nobody
+        return garment, {}
     residual = outline_residual(contour, _as_seen(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:
-        return context, {"outline_residual_m": residual}
-    mesh, vertices, garment = context.mesh, context.vertices, context.known_garment
-    paths = simulated_paths(cell, motion)
+        return garment, {"outline_residual_m": residual}
+    paths = simulated_paths(cell, made.motion)
 
     def learn() -> MaterialEstimate:
         candidates = predict_candidates(
-            mesh, vertices, garment.material, paths, FACTORS, seen_as=lambda x: _as_seen(view, x)
+            plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _as_seen(view, x)
         )
         return identify_material([contour], candidates, garment.material, noise)
 
     estimate = cell.compute(len(FACTORS) * cell.settings.computing.simulation_s, learn)
-    nominal = named_garment(cell, context).material
-    material = estimate.update_of(garment.material, nominal)
+    material = estimate.update_of(garment.material, plan.nominal.material)
     before, after = garment.material.friction_static, material.friction_static
     cell.recorder.adapted(cell.ports.clock.now(), after, estimate.friction.learned)
     record: dict[str, object] = {
@@ -59,7 +59,7 @@ def adapt(cell: Workcell, context: Context) -> tuple[Context, dict[str, object]]
         "friction": after,
         "misfit_m": estimate.misfit,
     }
-    return replace(context, garment=replace(garment, material=material)), record
+    return replace(garment, material=material), record
 
 
 def _as_seen(view: TableView, vertices: Array) -> Array:

@@ -10,10 +10,12 @@ from cell.executive.effects.adapting import adapt
 from cell.executive.effects.drifting import moved_along
 from cell.executive.effects.pressing import plan_pressing
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
-from cell.states.step_notes import note_of
+from cell.states.fold_context import FoldContext
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
+from robots.ports import CameraFrame
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose, outline_good, told_by_height
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
 from skills.perception.registration.alignment import edge_deviation
@@ -33,28 +35,32 @@ HINTS = {
 }
 
 
-def inspect_fold(cell: Workcell, context: Context) -> Result:
+def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, made: Attempt, frame: CameraFrame) -> Result:
     """Accept the fold, or name what went wrong with it."""
-    assert context.predicted is not None
-    outcome = _compare(cell, context, context.predicted, context.step)
+    step = plan.steps[context.fold.index]
+    outcome = _compare(cell, context, frame, made.predicted, step, made.before)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
-    if context.pressed:
-        seen = judged_as_before(context.pressed[0], seen, context.step, cell.inspection)
-    context = replace(context, inspection=seen)
+    if made.pressed:
+        seen = judged_as_before(made.pressed[0], seen, step, cell.inspection)
+    made = replace(made, inspection=seen)
+    context = context.with_attempt(made)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
     if seen.diagnosis is None or told_by_height(seen, cell.inspection):
-        pressing = plan_pressing(cell, context)
-        if pressing is not None:
-            return replace(pressing, record={**figures(seen), **pressing.record})
+        press_plan = plan_pressing(cell, context.fold.index, plan, made, seen)
+        if press_plan is not None:
+            event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
+            context = context.with_attempt(replace(made, press_plan=press_plan))
+            return Result(event, context, {**figures(seen), "dabs": press_plan.dabs})
     if seen.diagnosis is None:
-        context, learned = adapt(cell, context)
+        garment, learned = adapt(cell, context.fold.index, plan, made, seen)
+        context = replace(context, plan=replace(plan, garment=garment))
         ended = next_step(cell, context)
         return replace(ended, record={**figures(seen), **learned, **ended.record})
     failure = Failure(
         seen.diagnosis,
-        f"fold {context.step.name}: {', '.join(beyond_limits(seen, cell.inspection))}",
+        f"fold {step.name}: {', '.join(beyond_limits(seen, cell.inspection))}",
         HINTS.get(seen.diagnosis, "compare the observed with the predicted shape in the recording"),
         figures(seen),
     )
@@ -73,32 +79,27 @@ def judged_as_before(
     return replace(seen, diagnosis=kind, confidence=confidence)
 
 
-def next_step(cell: Workcell, context: Context) -> Result:
+def next_step(cell: Workcell, context: RunContext) -> Result:
     """Past the fold at hand: what was predicted is now believed, moved to where it is seen. After the last one the
     garment is folded, unless the operator left folds out."""
-    ending = context.failure
-    context = moved_along(_noted(context), context.inspection)
-    fresh = replace(
-        context, adjustments=(), trajectory=None, motion=None, predicted=None, failure=None,
-        inspection=None, pictures=(), plan_frames=None, avoided=(), carried=False,
-        pressed=(), press_tries=0, press_motion=None, unpressed=False,
-    )  # fmt: skip
-    if context.index + 1 < len(context.steps):
-        return Result(Event.NEXT_FOLD, replace(fresh, index=context.index + 1, grasps=0))
-    made = {note.name for note in fresh.done}
-    left_out = [step.name for step in fresh.steps if step.name not in made]
-    if fresh.steps and not left_out:
-        return Result(Event.ALL_FOLDED, fresh)
+    ending, index, steps = context.failure, context.fold.index, context.steps
+    past = replace(_noted(context), failure=None)
+    if index + 1 < len(steps):
+        return Result(Event.NEXT_FOLD, replace(past, fold=FoldContext(index + 1)))
+    past = replace(past, fold=FoldContext(index))
+    made = {note.name for note in past.done}
+    left_out = [step.name for step in steps if step.name not in made]
+    if steps and not left_out:
+        return Result(Event.ALL_FOLDED, past)
     if left_out:
         ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(left_out)}")
-    return Result(Event.GIVE_UP, replace(fresh, failure=ending, through=bool(fresh.steps)))
+    return Result(Event.GIVE_UP, replace(past, failure=ending, through=bool(steps)))
 
 
-def find_folded(cell: Workcell, context: Context) -> Result:
+def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFrame) -> Result:
     """Between two folds: the garment is where the believed shape lies best over what is seen."""
-    assert context.mesh is not None and context.vertices is not None
-    believed = PredictedShape(context.vertices, context.mesh.triangles, context.mesh.rest)
-    outcome = _compare(cell, context, believed, None)
+    believed = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
+    outcome = _compare(cell, context, frame, believed, None, None)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     seen = outcome.unwrap()
@@ -111,7 +112,7 @@ def find_folded(cell: Workcell, context: Context) -> Result:
             figures(seen),
         )
         return Result(Event.FAILED, context.with_failure(failure), figures(seen))
-    return Result(Event.DONE, moved_along(context, seen), figures(seen))
+    return Result(Event.DONE, replace(context, plan=moved_along(plan, seen)), figures(seen))
 
 
 def figures(seen: Inspection) -> dict[str, float]:
@@ -131,26 +132,33 @@ def figures(seen: Inspection) -> dict[str, float]:
 
 
 def _compare(
-    cell: Workcell, context: Context, shape: PredictedShape, made: FoldStep | None
+    cell: Workcell,
+    context: RunContext,
+    frame: CameraFrame,
+    shape: PredictedShape,
+    made: FoldStep | None,
+    before: CameraFrame | None,
 ) -> Outcome[Inspection]:
-    """What is seen against a shape. made: the fold that has just been made, None where none has."""
-    assert context.frame is not None
-    frame = context.frame
-    flat_top = context.perception.top if context.perception else None
+    """What is seen against a shape. made: the fold that has just been made, None where none has; before: the
+    picture before it."""
+    sight = context.sight
+    flat_top = context.recognition.perception.top if context.recognition else None
     return cell.compute(
         cell.settings.computing.inspection_s,
         lambda: inspect(
-            frame, context.calibration(cell.calibration), cell.table, context.reference, shape,
-            made, cell.inspection, context.previous, flat_top, context.before_fold,
+            frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
+            made, cell.inspection, sight.previous, flat_top, before,
         ),
     )  # fmt: skip
 
 
-def _noted(context: Context) -> Context:
+def _noted(context: RunContext) -> RunContext:
     """The fold on record, with the predicted shape as the belief of where the garment lies: a fold that was
-    carried through is believed, and made once somebody has seen what came of it."""
-    note = note_of(context)
-    if note is None or not (context.carried or note.inspected):  # the operator left it out
+    carried through is believed, and made once somebody has seen what came of it, who also saw where it lies."""
+    note, plan = context.fold.note(), context.plan
+    if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator left it out
         return context
-    done = (*context.done, note) if note.inspected else context.done
-    return replace(context, done=done, vertices=note.predicted.vertices)
+    plan = replace(plan, vertices=note.predicted.vertices)
+    if note.inspected is None:
+        return replace(context, plan=plan)
+    return replace(context, done=(*context.done, note), plan=moved_along(plan, note.inspected))

@@ -13,7 +13,8 @@ from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
 from cell.control.ticks import TICK_S
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
@@ -76,7 +77,7 @@ def move(
     return stream(cell.loop, trajectory, cell.hands.recording(), control or pausable(cell)).failure
 
 
-def prepare(cell: Workcell, context: Context) -> Result:
+def prepare(cell: Workcell, context: RunContext) -> Result:
     """Motors on, grippers calibrated and open, head where the camera was calibrated, arms parked."""
     ports = cell.ports
     failure = stopped(ports)
@@ -93,11 +94,10 @@ def prepare(cell: Workcell, context: Context) -> Result:
     return _ended(context, failure)
 
 
-def reenter(cell: Workcell, context: Context) -> Result:
+def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
     """Make an interrupted run's cell ready again: motors on, whatever the hands may hold let go, head turned back,
     arms parked. Grippers that lost their calibration or are in error are calibrated, which also opens them."""
-    ports, reentry = cell.ports, context.reentry
-    assert reentry is not None
+    ports = cell.ports
     failure = stopped(ports)
     if failure is None:
         ports.arms.enable()
@@ -114,39 +114,40 @@ def reenter(cell: Workcell, context: Context) -> Result:
     return Result(reentry, context, {"folds_done": len(context.done)})
 
 
-def approach(cell: Workcell, context: Context) -> Result:
+def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """To above the grasps, the hands that grasp as wide open as the prediction has them."""
-    assert context.motion is not None
-    for side in context.motion.postures:
+    for side in attempt.motion.postures:
         cell.hands.command(side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     control = pausable(cell)
-    failure = move(cell, context.motion.approach, control=control)
-    begun = replace(context, grasps=context.grasps + 1, before_fold=context.frame, carried=False)
+    failure = move(cell, attempt.motion.approach, control=control)
+    attempt = replace(attempt, before=context.sight.frame, carried=False)
+    begun = replace(context, fold=replace(context.fold, attempt=attempt, grasps=context.fold.grasps + 1))
     return _ended(waited(begun, control), failure)
 
 
-def retreat(cell: Workcell, context: Context) -> Result:
+def retreat(cell: Workcell, context: RunContext) -> Result:
     """Straight up from the released garment, see that nothing clings, then park."""
-    away = _withdrawal(cell, tuple(context.zeros))
+    zeros = context.fold.zeros
+    away = _withdrawal(cell, tuple(zeros))
     if away.failure:
         return _ended(context, away.failure)
     control = pausable(cell)
     failure = move(cell, away.unwrap().retreat, fingertips=True, control=control)
     if failure is None:
-        checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in context.zeros.items()}
+        checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in zeros.items()}
         failure = each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
     failure = failure or move(cell, away.unwrap().park, control=control)
     return _ended(waited(context, control), failure)
 
 
-def clear(cell: Workcell, context: Context) -> Result:
+def clear(cell: Workcell, context: RunContext) -> Result:
     """After a failure near the garment: let go, rise, park."""
     control = pausable(cell)
     failure = _let_go_and_park(cell, control)
     return _ended(waited(context, control), failure)
 
 
-def make_safe(cell: Workcell, context: Context) -> Result:
+def make_safe(cell: Workcell, context: RunContext) -> Result:
     """Let go and park whatever happened; a driver that refuses ends in FAULT with the arms held."""
     try:
         failure = _let_go_and_park(cell, unhindered(cell))
@@ -155,7 +156,7 @@ def make_safe(cell: Workcell, context: Context) -> Result:
     return _ended(context, failure)
 
 
-def hold_still(cell: Workcell, context: Context) -> Result:
+def hold_still(cell: Workcell, context: RunContext) -> Result:
     """Speed zero. A stopped robot holds itself; what else can be told is told to hold."""
     if not cell.ports.stop.state().stopped:
         try:
@@ -165,7 +166,7 @@ def hold_still(cell: Workcell, context: Context) -> Result:
     return Result(Event.DONE, context)
 
 
-def _ended(context: Context, failure: Failure | None) -> Result:
+def _ended(context: RunContext, failure: Failure | None) -> Result:
     if failure is None:
         return Result(Event.DONE, context)
     return Result(Event.FAILED, context.with_failure(failure))
@@ -176,7 +177,7 @@ def _open(cell: Workcell) -> None:
         cell.hands.command(side, GripCommand(gripper.max_opening, cell.grasp.release_force))
 
 
-def waited(context: Context, control: PathControl) -> Context:
+def waited(context: RunContext, control: PathControl) -> RunContext:
     """What was spent in pauses is not the robot's time."""
     return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from cell.control.checks import stopped
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
+from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt, Plan, Recognition
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
@@ -30,7 +32,7 @@ from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
-__all__ = ["choose_trajectory", "named_garment", "plan_motion", "plan_steps", "simulated_paths"]
+__all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths"]
 
 INWARD = 0.012
 """How much further inside each further try takes hold [m]."""
@@ -39,59 +41,58 @@ _ARC = np.linspace(0.0, 1.0, 40)
 """Where on a curve the view's points lie."""
 
 
-def plan_steps(cell: Workcell, context: Context) -> Result:
+def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
     """The fold steps, and the predictor's own mesh of what was seen. After the first fold what was made stands; so
     does the rest of the plan, unless the fold at hand is to be made in another way."""
-    first = context.index == 0
-    if not (first or context.count(Adjustment.OTHER_VARIANT)):
+    fold, before = context.fold, context.plan if context.fold.index > 0 else None
+    if before is not None and not fold.count(Adjustment.OTHER_VARIANT):
         return Result(Event.DONE, context)
-    assert context.perception is not None
-    garment = named_garment(cell, context) if first else context.known_garment
-    flat = context.perception.state if first else context.flat
-    assert flat is not None
-    planned = plan_folds(flat, garment, _ways(context, garment))
+    made = before.steps[: fold.index] if before else ()
+    garment = before.garment if before else _named_garment(cell, recognition)
+    flat = before.flat if before else recognition.perception.state
+    planned = plan_folds(flat, garment, _ways(fold, made, garment))
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
-    steps = (*context.steps[: context.index], *planned.unwrap()[context.index :])
-    context = replace(context, steps=steps, flat=flat, garment=garment, trajectory=None)
-    if first:
+    steps = (*made, *planned.unwrap()[fold.index :])
+    if before:
+        plan = replace(before, steps=steps)
+    else:
         mesh = mesh_from_contour(flat.contour, garment.mesh_edge_m, garment.layers)
-        context = replace(context, mesh=mesh, vertices=mesh.lay_flat(garment.material.thickness))
-    assert context.mesh is not None
+        plan = Plan(garment, garment, flat, steps, mesh, mesh.lay_flat(garment.material.thickness))
+    context = replace(context, plan=plan, fold=replace(fold, trajectory=None, attempt=None))
     record = {
         "steps": [s.name for s in steps],
         "ways": [s.variant for s in steps],
-        "vertices": len(context.mesh.rest),
+        "vertices": len(plan.mesh.rest),
     }
     return Result(Event.DONE, context, record)
 
 
-def _ways(context: Context, garment: Garment) -> dict[str, str]:
+def _ways(fold: FoldContext, made: Sequence[FoldStep], garment: Garment) -> dict[str, str]:
     """How the folds so far were made, and the one at hand shall be: step name -> name of the plan's way."""
-    step = garment.plan[context.index]
-    chosen = step.variants[context.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
-    return {**{s.name: s.variant for s in context.steps[: context.index]}, step.name: chosen.name}
+    step = garment.plan[fold.index]
+    chosen = step.variants[fold.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
+    return {**{s.name: s.variant for s in made}, step.name: chosen.name}
 
 
-def choose_trajectory(cell: Workcell, context: Context) -> Result:
+def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
     """The step's arcs: those of the library where they keep their promise, or else the best that is found.
 
     Where a recovery asks for it the library's are only where the search begins, or nothing is searched at all.
     """
-    garment, step = context.known_garment, context.step
-    settings = cell.settings.optimiser
+    fold, garment, nominal, settings = context.fold, plan.garment, plan.nominal, cell.settings.optimiser
+    step = plan.steps[fold.index]
     cell.recorder.plan(cell.ports.clock.now(), step)
-    plain = context.count(Adjustment.PLAIN_ARC) > 0
+    plain = fold.count(Adjustment.PLAIN_ARC) > 0
     method = "initial" if plain else settings.method
     found = _look_up(cell, garment, step) if settings.use_library and not plain else None
     if found is not None:
         cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
-    trusted = found is not None and not context.count(Adjustment.OPTIMISE)
-    nominal = named_garment(cell, context)
+    trusted = found is not None and not fold.count(Adjustment.OPTIMISE)
     if found is None and settings.use_library and not plain:  # of a fabric that turned out otherwise: a beginning
         found = _look_up(cell, nominal, step)
-    outcome = _optimise(cell, context, method, found, trusted)
+    outcome = _optimise(cell, plan, step, method, found, trusted)
     failure = stopped(cell.ports) or outcome.failure  # what a stop has cut short is no trajectory to keep
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
@@ -104,16 +105,14 @@ def choose_trajectory(cell: Workcell, context: Context) -> Result:
         except StorageError as e:  # the fold can be made all the same; it is searched for again next time
             cell.tell(f"the trajectory is not kept: {e.what}")
             record["not_kept"] = e.what
-    return Result(Event.DONE, replace(context, trajectory=trajectory), record)
+    return Result(Event.DONE, replace(context, fold=replace(fold, trajectory=trajectory)), record)
 
 
 def _optimise(
-    cell: Workcell, context: Context, method: str, found: GraspTrajectory | None, trusted: bool
+    cell: Workcell, plan: Plan, step: FoldStep, method: str, found: GraspTrajectory | None, trusted: bool
 ) -> Outcome[GraspTrajectory]:
     """Optimise the step, from the arcs that were `found`; when they are trusted, only if they disappoint here."""
-    garment, settings = context.known_garment, cell.settings.optimiser
-    mesh, vertices = context.mesh, context.vertices
-    assert mesh is not None and vertices is not None
+    garment, settings = plan.garment, cell.settings.optimiser
     now, each = cell.ports.clock.now(), cell.settings.computing.simulation_s
 
     def progress(done: int, budget: int, best: float) -> None:
@@ -127,7 +126,7 @@ def _optimise(
     return cell.compute(
         lambda outcome: float(outcome.notes.get("simulations", 1)) * each,
         lambda: optimise_fold(
-            context.step, mesh, vertices, garment.material, method,
+            step, plan.mesh, plan.vertices, garment.material, method,
             None if method == "initial" else settings.simulations,
             threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
             predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
@@ -156,35 +155,33 @@ def _draws(cell: Workcell, search: int) -> np.random.Generator:
     return cell.rng().spawn(search)[-1] if search else cell.rng()
 
 
-def plan_motion(cell: Workcell, context: Context) -> Result:
+def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Both arms' motion for the step, and the garment's shape that it is predicted to leave."""
-    assert context.trajectory is not None
-    garment = context.known_garment
-    trajectory, step = _inwards(context.trajectory, context.step, INWARD * context.count(Adjustment.INWARD))
-    speed = _tool_speed(cell, garment)
-    paths = tool_paths(trajectory, step, speed)
+    fold, speed = context.fold, _tool_speed(cell, plan.garment)
+    inset = INWARD * fold.count(Adjustment.INWARD)
+    inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
+    paths = tool_paths(inset_trajectory, step, speed)
     q_now = cell.ports.arms.state().q
-    avoid = context.avoided if context.count(Adjustment.OTHER_SEARCH) else ()
+    searches = fold.count(Adjustment.OTHER_SEARCH)
+    avoid = fold.avoided if searches else ()
     planned = cell.compute(
         cell.settings.computing.motion_s,
         lambda: plan_fold_motion(
             cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
             approach_height=cell.settings.motion.approach_height, lift=cell.settings.grasp.lift_height,
-            rng=_draws(cell, context.count(Adjustment.OTHER_SEARCH)), avoid=avoid,
+            rng=_draws(cell, searches), avoid=avoid,
         ),
     )  # fmt: skip
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     motion = planned.unwrap()
-    context = replace(
-        context, motion=motion, planned_paths=paths, planned_step=step, tool_speed=speed,
-        avoided=(*context.avoided, motion.postures),
-    )  # fmt: skip
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, context, motion))
-    context, missed = _believed(context, prediction)
-    assert context.predicted is not None and context.mesh is not None
-    cell.recorder.predicted(cell.ports.clock.now(), context.predicted)
+    prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, plan, motion))
+    predicted, missed = _believed(plan, step, prediction)
+    attempt = Attempt(trajectory, step, paths, speed, motion, predicted, missed, prediction.keyframes)
+    tried = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures))
+    context = replace(context, fold=tried)
+    cell.recorder.predicted(cell.ports.clock.now(), predicted)
     record = {
         "postures": {s.value: {"path": p.path.value, "turned": p.turned, "pitch_rad": p.pitch, "roll_rad": p.roll}
                      for s, p in motion.postures.items()},
@@ -192,18 +189,17 @@ def plan_motion(cell: Workcell, context: Context) -> Result:
         "dissimilarity_m": missed,
         "search": dict(planned.notes),
     }  # fmt: skip
-    failure = judge_prediction(step.name, missed, acceptance_limit(context.mesh.rest))
+    failure = judge_prediction(step.name, missed, acceptance_limit(plan.mesh.rest))
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
 
 
-def named_garment(cell: Workcell, context: Context) -> Garment:
+def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
     """The garment that was named, or the one that was recognised, as its file describes it."""
     if cell.expected is not None:
         return cell.expected
-    assert context.perception is not None
-    return next(g for g in cell.garments if g.name == context.perception.garment)
+    return next(g for g in cell.garments if g.name == recognition.perception.garment)
 
 
 def _tool_speed(cell: Workcell, garment: Garment) -> float:
@@ -241,11 +237,10 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
     return replace(trajectory, control_points=controls), replace(step, grasps=grasps, targets=targets)
 
 
-def _predict(cell: Workcell, context: Context, motion: FoldMotion) -> FoldPrediction:
+def _predict(cell: Workcell, plan: Plan, motion: FoldMotion) -> FoldPrediction:
     """The step simulated with the tool paths that the arms will execute: orientation and time law included."""
-    assert context.mesh is not None and context.vertices is not None
     return predict_fold(
-        context.mesh, context.vertices, context.known_garment.material, simulated_paths(cell, motion),
+        plan.mesh, plan.vertices, plan.garment.material, simulated_paths(cell, motion),
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
     )  # fmt: skip
 
@@ -256,16 +251,9 @@ def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPat
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
-def _believed(context: Context, prediction: FoldPrediction) -> tuple[Context, float]:
-    """The context with the predicted shape, and how far it is from the ideal fold: D [m]."""
-    mesh = context.mesh
-    assert mesh is not None
-    target = target_vertices(mesh, context.step.lines, context.known_garment.material)
+def _believed(plan: Plan, step: FoldStep, prediction: FoldPrediction) -> tuple[PredictedShape, float]:
+    """The predicted shape, and how far it is from the ideal fold: D [m]."""
+    mesh = plan.mesh
+    target = target_vertices(mesh, step.lines, plan.garment.material)
     missed = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
-    shape = PredictedShape(prediction.vertices, mesh.triangles, mesh.rest)
-    # what was seen of a try before belongs to that one
-    context = replace(
-        context, predicted=shape, plan_frames=prediction.keyframes, dissimilarity_m=missed, pictures=(),
-        inspection=None, pressed=(), press_tries=0, unpressed=False,
-    )  # fmt: skip
-    return context, missed
+    return PredictedShape(prediction.vertices, mesh.triangles, mesh.rest), missed

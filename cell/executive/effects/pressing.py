@@ -14,7 +14,8 @@ from cell.control.motions.trajectory import stream
 from cell.executive.effects.drifting import moved_along
 from cell.executive.effects.moving import move, pausable, waited
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt, Plan, PressPlan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
@@ -26,7 +27,7 @@ from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
-from skills.vocabulary import FoldLine, GraspId, Outcome, PredictedShape, ToolPath
+from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
 
@@ -36,37 +37,34 @@ GAIN = 0.0015
 """A fold that pressing did not lower by this much is not pressed again [m]."""
 
 
-def plan_pressing(cell: Workcell, context: Context) -> Result | None:
+def plan_pressing(cell: Workcell, index: int, plan: Plan, made: Attempt, seen: Inspection) -> PressPlan | None:
     """The hands' paths and the arms' motion that press the fold just inspected.
 
     None where it lies flat enough, was pressed in vain, or no hand can press it: the fold stands as it is.
     """
-    seen = context.inspection
-    if seen is None or not _wanted(cell, context, seen):
+    step = plan.steps[index]
+    if not _wanted(cell, step, plan, made, seen):
         return None
-    lying = _lying(context, seen)
-    dabs, highest = _dabs(cell, lying, seen)
+    lying = moved_along(replace(plan, vertices=made.predicted.vertices), seen)
+    where = lying.steps[index]
+    dabs, highest = _dabs(cell, where, lying, seen)
     if not dabs:
-        cell.tell(
-            f"fold {context.step.name} is not pressed: its crease does not stand high where fingers have room"
-        )
+        cell.tell(f"fold {step.name} is not pressed: its crease does not stand high where fingers have room")
         return None
-    planned = _planned(cell, lying.step.line, dabs, highest)
+    planned = _planned(cell, where.line, dabs, highest)
     if planned.failure:
-        cell.tell(f"fold {context.step.name} is not pressed: {planned.failure.what}")
+        cell.tell(f"fold {step.name} is not pressed: {planned.failure.what}")
         return None
     paths, motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
-    return Result(event, replace(context, press_paths=paths, press_motion=motion), {"dabs": len(dabs)})
+    return PressPlan(seen, paths, motion, len(dabs))
 
 
-def press(cell: Workcell, context: Context) -> Result:
+def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -> Result:
     """To above the fold, and dab it as it was planned. A push that is too hard ends it: the hands come to rest on
     their way, and rise."""
-    motion, seen = context.press_motion, context.inspection
-    assert motion is not None and seen is not None
-    context = replace(context, press_tries=context.press_tries + 1)
+    motion, made = plan.motion, replace(made, press_tries=made.press_tries + 1)
+    context = context.with_attempt(made)
     for side in motion.postures:
         cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))
     control = pausable(cell)
@@ -79,14 +77,15 @@ def press(cell: Workcell, context: Context) -> Result:
         return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
     context = waited(context, control)
     arc = plan_arc(
-        cell.robot, cell.guard, cell.table, context.press_paths, motion.postures, cell.ports.arms.state().q,
+        cell.robot, cell.guard, cell.table, plan.paths, motion.postures, cell.ports.arms.state().q,
         limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
         return Result(Event.FAILED, context.with_failure(arc.failure))
     guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
-    context = replace(waited(context, control), zeros=zeros.unwrap(), pressed=(*context.pressed, seen))
+    pressed = replace(made, pressed=(*made.pressed, plan.seen))
+    context = replace(waited(context, control), fold=replace(context.fold, zeros=zeros.unwrap(), attempt=pressed))
     ended = guard.pushed is not None
     record = {"hands": len(motion.postures), "strongest_n": guard.pushes.strongest, "stopped_by_force": ended}
     if moved.failure and moved.failure is not guard.pushed:
@@ -94,35 +93,28 @@ def press(cell: Workcell, context: Context) -> Result:
     return Result(Event.DONE, context, record)
 
 
-def _wanted(cell: Workcell, context: Context, seen: Inspection) -> bool:
+def _wanted(cell: Workcell, step: FoldStep, plan: Plan, made: Attempt, seen: Inspection) -> bool:
     """Whether the fold is seen to stand higher than its layers, and pressing may help."""
-    settings, before = cell.settings.pressing, context.pressed
+    settings, before = cell.settings.pressing, made.pressed
     in_vain = bool(before) and before[-1].height_m - seen.height_m < GAIN
-    if context.unpressed or context.press_tries >= settings.tries or in_vain:
+    if made.unpressed or made.press_tries >= settings.tries or in_vain:
         return False
-    flat = float(_flat(context).vertices[:, 2].max()) + 0.5 * context.known_garment.material.thickness
+    flat = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
     return bool(seen.height_m > flat + settings.above_flat)
 
 
-def _lying(context: Context, seen: Inspection) -> Context:
-    """The plan and the mesh where the garment is seen to lie after this step."""
-    predicted = context.predicted
-    return moved_along(replace(context, vertices=predicted.vertices) if predicted else context, seen)
-
-
-def _flat(context: Context) -> PredictedShape:
+def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
     """The garment after this step if its creases had no height."""
-    mesh = context.mesh
-    assert mesh is not None
-    target = target_vertices(mesh, context.step.lines, context.known_garment.material)
+    mesh = plan.mesh
+    target = target_vertices(mesh, step.lines, plan.garment.material)
     return PredictedShape(target, mesh.triangles, mesh.rest)
 
 
-def _dabs(cell: Workcell, lying: Context, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
-    """Where to press, and how high the garment stands [m]."""
-    mesh, step, thickness = lying.mesh, lying.step, lying.known_garment.material.thickness
-    assert mesh is not None
-    found = standing(seen.height, seen.mask, seen.view, _flat(lying), thickness, cell.settings.pressing.above_flat)
+def _dabs(cell: Workcell, step: FoldStep, lying: Plan, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
+    """Where to press, and how high the garment stands [m]. lying: the plan where the garment is seen to lie after
+    this step."""
+    mesh, thickness, above = lying.mesh, lying.garment.material.thickness, cell.settings.pressing.above_flat
+    found = standing(seen.height, seen.mask, seen.view, _flat(step, lying), thickness, above)
     if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1

@@ -7,7 +7,8 @@ from dataclasses import replace
 from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Recognition
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
@@ -54,7 +55,7 @@ def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome
     return Outcome(frame)
 
 
-def photograph_table(cell: Workcell, context: Context) -> Result:
+def photograph_table(cell: Workcell, context: RunContext) -> Result:
     """The empty table, against which the garment is told from it."""
     if cell.settings.camera.reference == "none":
         return Result(Event.DONE, context)
@@ -66,13 +67,13 @@ def photograph_table(cell: Workcell, context: Context) -> Result:
     if unusable:
         return Result(Event.FAILED, context.with_failure(unusable))
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
-    context = replace(context, reference=frame, refined=refined.value)
+    context = replace(context, sight=replace(context.sight, reference=frame, refined=refined.value))
     if refined.failure:  # the table does not show well enough: the calibration stands as it is
         return Result(Event.DONE, context, {"refined": False, "why": refined.failure.what})
     return Result(Event.DONE, context, {"refined": True, **refined.notes})
 
 
-def await_garment(cell: Workcell, context: Context) -> Result:
+def await_garment(cell: Workcell, context: RunContext) -> Result:
     """Somebody lays the garment on the table."""
     began = cell.ports.clock.now()
     cell.ports.attendant.lay_garment()
@@ -81,31 +82,34 @@ def await_garment(cell: Workcell, context: Context) -> Result:
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
 
 
-def look(cell: Workcell, context: Context) -> Result:
-    shot = capture(cell, context.refined)
+def look(cell: Workcell, context: RunContext) -> Result:
+    sight = context.sight
+    shot = capture(cell, sight.refined)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
-    return Result(Event.DONE, replace(context, frame=shot.unwrap(), previous=context.frame))
+    seen = replace(sight, frame=shot.unwrap(), previous=sight.frame)
+    return Result(Event.DONE, replace(context, sight=seen))
 
 
-def recognise(cell: Workcell, context: Context) -> Result:
+def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
     """Before the first fold: which garment, and where its key points are. Later: where the folded garment lies."""
-    assert context.frame is not None
-    if context.index > 0:
-        return find_folded(cell, context)
-    frame = context.frame
-    expected = cell.expected or context.garment  # what was recognised once is not taken for another one later
+    plan, sight = context.plan, context.sight
+    if plan is not None and context.fold.index > 0:
+        return find_folded(cell, context, plan, frame)
+    expected = cell.expected or (
+        plan.garment if plan else None
+    )  # what was recognised once is not taken for another one later
     seen = cell.compute(
         cell.settings.computing.perception_s,
         lambda: perceive(
             frame,
-            context.calibration(cell.calibration),
+            sight.calibration(cell.calibration),
             cell.table,
-            context.reference,
+            sight.reference,
             cell.garments,
             expected.name if expected else None,
             cell.perception,
-            context.previous,
+            sight.previous,
         ),
     )
     if seen.failure:
@@ -121,4 +125,4 @@ def recognise(cell: Workcell, context: Context) -> Result:
         "keypoints_m": {k: [round(float(c), 4) for c in p] for k, p in state.keypoints.items()},
         "wall": dict(seen.notes),
     }
-    return Result(Event.DONE, replace(context, perception=perception, overlay=overlay), record)
+    return Result(Event.DONE, replace(context, recognition=Recognition(perception, overlay)), record)

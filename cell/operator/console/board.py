@@ -16,8 +16,8 @@ from cell.executive.machine import complete_table
 from cell.recording.checkpoint.run_checkpoint import has_belief
 from cell.recording.report.remarks import Remarks
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
-from cell.states.context import Context, Result
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
 from robots.errors import Failure
@@ -43,7 +43,7 @@ class Board:
         drawn = seed if simulated else None
         self._about = {"run": run_id, "garment": Path(garment).stem, "seed": drawn, "simulated": simulated}
         self._state = State.IDLE
-        self._context = Context()
+        self._context = RunContext()
         self._question = 0
         self._pausing = False
         self._progress: dict[str, Any] | None = None
@@ -152,17 +152,18 @@ class Board:
             failure = context.failure
             laid = "to try again, first lay the garment as it was before this fold" if context.steps else ""
             return _sentences(failure.what, failure.hint, laid) if failure else "What now?"
-        words = (context.step.name, context.step.variant) if context.steps else ("the fold",)
+        fold, steps, attempt = context.fold, context.steps, context.fold.attempt
+        words = (steps[fold.index].name, steps[fold.index].variant) if steps else ("the fold",)
         name = ", ".join(word.replace("_", " ") for word in words if word)
-        count = f"Fold {context.index + 1} of {len(context.steps)}: {name}."
+        count = f"Fold {fold.index + 1} of {len(steps)}: {name}."
         if self._state is State.AWAITING_PRESSING:
-            high = f"{1e3 * context.inspection.height_m:.0f} mm high" if context.inspection else "high"
+            seen = attempt.inspection if attempt else None
+            high = f"{1e3 * seen.height_m:.0f} mm high" if seen else "high"
             return f"{count} It is made and stands {high}: press it flat? Skip leaves it so."
-        trajectory = context.trajectory
-        if trajectory is None:
+        if attempt is None:
             return count
-        source = "looked up in the library" if trajectory.source == "library" else "optimised now"
-        missed = 1e3 * context.dissimilarity_m
+        source = "looked up in the library" if attempt.trajectory.source == "library" else "optimised now"
+        missed = 1e3 * attempt.dissimilarity_m
         end = f"; it is predicted to end {missed:.1f} mm from the ideal fold on average" if missed >= 0.0 else ""
         return f"{count} The arc was {source}{end}."
 
@@ -170,7 +171,7 @@ class Board:
         context = self._context
         made = {note.name for note in context.done}
         return [
-            {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.index}
+            {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.fold.index}
             for k, step in enumerate(context.steps)
         ]
 

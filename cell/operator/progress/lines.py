@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TextIO
 
 from cell.operator.progress.bar import ProgressBar
-from cell.states.context import Result
 from cell.states.observers import FAILING, Step
+from cell.states.run_context import Result
 from cell.states.transition_table import State
 
 __all__ = ["ProgressLines"]

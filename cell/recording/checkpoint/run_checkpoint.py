@@ -22,7 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.recording.frame_store import FrameStore
-from cell.states.context import Context, StepNote
+from cell.states.fold_context import FoldContext
+from cell.states.run_context import RunContext, Sight
+from cell.states.stages import Attempt, Plan, PressPlan, Recognition
+from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
@@ -54,7 +57,7 @@ def has_belief(run: Path) -> bool:
     return (run / BELIEF / CONTEXT).is_file()
 
 
-def write_belief(folder: Path, context: Context, frames: FrameStore) -> None:
+def write_belief(folder: Path, context: RunContext, frames: FrameStore) -> None:
     """Put the context down; on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
     try:
@@ -69,7 +72,7 @@ def write_belief(folder: Path, context: Context, frames: FrameStore) -> None:
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
-def read_belief(folder: Path, frames: FrameStore) -> Context:
+def read_belief(folder: Path, frames: FrameStore) -> RunContext:
     """The context as it was put down. Raises StorageError for a file or picture that is missing or damaged,
     ConfigurationError for one of another version of this program."""
     path = folder / CONTEXT
@@ -92,14 +95,15 @@ def read_belief(folder: Path, frames: FrameStore) -> Context:
         raise
     except Exception as e:  # whatever a pickle can raise
         raise _damaged(path, e) from e
-    if not isinstance(context, Context):
+    if not isinstance(context, RunContext):
         raise _damaged(path, "it holds something else")
     return context
 
 
 def _schema() -> str:
     """Of what a context is made of: a checkout can change without its version."""
-    fields = [f.name for kind in (Context, StepNote, Inspection) for f in dataclasses.fields(kind)]
+    kinds = (RunContext, Sight, Recognition, Plan, FoldContext, Attempt, PressPlan, StepNote, Inspection)
+    fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
 
 

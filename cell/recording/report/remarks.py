@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cell.states.context import Result
 from cell.states.observers import FAILING, Step
+from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 
 __all__ = ["Remark", "Remarks"]

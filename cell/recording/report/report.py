@@ -16,10 +16,9 @@ from cell.recording.report.height_map import height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.recording_losses import recording_losses
 from cell.recording.report.remarks import Remark
-from cell.states.context import StepNote
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.run_end import RunEnd
-from cell.states.step_notes import notes_by_step
+from cell.states.step_note import StepNote
 from robots.ports import Array, Side
 from skills.vocabulary import GraspTrajectory
 
@@ -47,7 +46,7 @@ def report(
     """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
     StorageError when the page cannot be."""
     context = end.context
-    notes = notes_by_step(context)
+    notes = context.notes()
     steps = [
         _step(notes[s["name"]], s, _held_during(notes[s["name"]], frames), triangles, request)
         if s["name"] in notes
@@ -64,7 +63,7 @@ def report(
         driver=result.driver,
         simulated=result.simulated,
         world=result.world or "",
-        title=context.garment.title if context.garment else result.garment,
+        title=context.plan.garment.title if context.plan else result.garment,
         reason=str(failure.get("what", "")),
         hint=str(failure.get("hint", "")),
         robot_time_s=result.robot_time_s,
@@ -198,10 +197,10 @@ def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
 
 
 def _pictures(end: RunEnd) -> Iterator[Picture]:
-    context = end.context
-    if context.reference is not None:
-        yield Picture(context.reference.rgb, "the empty table")
-    if context.overlay is not None:
-        yield Picture(context.overlay, "recognised")
-    if context.frame is not None:
-        yield Picture(context.frame.rgb, "the last picture")
+    sight, recognition = end.context.sight, end.context.recognition
+    if sight.reference is not None:
+        yield Picture(sight.reference.rgb, "the empty table")
+    if recognition is not None:
+        yield Picture(recognition.overlay, "recognised")
+    if sight.frame is not None:
+        yield Picture(sight.frame.rgb, "the last picture")

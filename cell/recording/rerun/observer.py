@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cell.recording.rerun.recorder import Recorder
-from cell.states.context import Result
 from cell.states.observers import FAILING, Step
+from cell.states.run_context import Result
 from cell.states.transition_table import Event
 
 __all__ = ["RecorderObserver"]

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from cell.executive.effects.deciding import choose_next
+from cell.executive.effects import EFFECTS
 from cell.executive.machine import complete_table
 from cell.executive.runner import Runner
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
 from cell.states.recovery_table import RECOVERIES
+from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
 from robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
@@ -60,15 +60,15 @@ class Ledger:
 
 
 def run_to(
-    place: tuple[State, Effect], misbehave: Callable[[Context], Result], cell: Workcell
+    place: tuple[State, Effect], misbehave: Callable[[RunContext], Result], cell: Workcell
 ) -> tuple[RunEnd, list[Effect]]:
     """A run along the way to a place, where the effect misbehaves each time; -> its end, the effects in order."""
     way = list(WAYS[place])
     ledger: Any = Ledger()
     done: list[Effect] = []
 
-    def effect_of(effect: Effect) -> Callable[[Any, Context], Result]:
-        def perform(_: Any, context: Context) -> Result:
+    def effect_of(effect: Effect) -> Callable[[Any, RunContext], Result]:
+        def perform(_: Any, context: RunContext) -> Result:
             done.append(effect)
             if not way and (runner.state, effect) == place:
                 return misbehave(context)
@@ -76,7 +76,7 @@ def run_to(
                 event = way.pop(0).event
                 return Result(event, context.with_failure(Failure(FailureKind.SLIPPED, "on the way")))
             if effect is Effect.CHOOSE_RECOVERY:
-                return choose_next(cell, context)
+                return EFFECTS[Effect.CHOOSE_RECOVERY](cell, context)
             return Result(USUAL.get(effect, Event.DONE), context)
 
         return perform
@@ -92,18 +92,18 @@ class Watched(Runner):
         return self._machine.state
 
 
-def failing(failure: Failure) -> Callable[[Context], Result]:
+def failing(failure: Failure) -> Callable[[RunContext], Result]:
     return lambda context: Result(Event.FAILED, context.with_failure(failure))
 
 
-def raising(error: Exception) -> Callable[[Context], Result]:
-    def misbehave(context: Context) -> Result:
+def raising(error: Exception) -> Callable[[RunContext], Result]:
+    def misbehave(context: RunContext) -> Result:
         raise error
 
     return misbehave
 
 
-def misbehaviours() -> Iterator[tuple[str, Callable[[Context], Result], bool]]:
+def misbehaviours() -> Iterator[tuple[str, Callable[[RunContext], Result], bool]]:
     """What goes wrong, and whether the cell may try again by itself."""
     for kind in FailureKind:
         yield f"fails: {kind}", failing(Failure(kind, "it failed")), kind in RECOVERIES

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,18 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.executive.effects.deciding import ask_approval, ask_operator, choose_next, pause
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.deciding import ask_approval, ask_operator, pause
 from cell.executive.effects.inspecting import next_step
 from cell.executive.runner import EffectFunction, Runner
 from cell.recording.journal import Journal, RunJournal
 from cell.recording.report.remarks import Remarks
-from cell.states.context import Context, Result
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from robots.ports import Side
+from skills.vocabulary import FoldLine, FoldStep
+from tests.contexts import context_with
 from tests.fakes import FakeCell
+from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
@@ -34,8 +37,8 @@ STRAIGHT = [
 ]  # fmt: skip
 
 
-def photographed(cell: Any, context: Context) -> Result:
-    return Result(Event.DONE, replace(context, reference=cell.ports.camera.capture()))
+def photographed(cell: Any, context: RunContext) -> Result:
+    return Result(Event.DONE, context_with(context, reference=cell.ports.camera.capture()))
 
 
 class Rig:
@@ -51,12 +54,12 @@ class Rig:
             Effect.ASK_APPROVAL: ask_approval,
             Effect.ASK_OPERATOR: ask_operator,
             Effect.WAIT: pause,
-            Effect.CHOOSE_RECOVERY: choose_next,
+            Effect.CHOOSE_RECOVERY: EFFECTS[Effect.CHOOSE_RECOVERY],
             Effect.PHOTOGRAPH_TABLE: photographed,
             Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
         }
         self.observers: tuple[Any, ...] = ()
-        self.keep: Callable[[Context], None] = lambda context: None
+        self.keep: Callable[[RunContext], None] = lambda context: None
         self.workcell = fake_workcell(self.cell)
 
     def attended(self, **changes: bool) -> None:
@@ -69,14 +72,14 @@ class Rig:
         """The operator thinks for PATIENCE before each answer; waiting takes as long on the wall."""
         self.answers[question] = list(answers)
 
-    def run(self, context: Context | None = None, first: Event = Event.START) -> RunEnd:
+    def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
         effects = {effect: self._effect(effect) for effect in Effect}
         commands = self.workcell.commands
         runner = Runner(self.workcell, effects, self.ledger, commands, self.observers, self.keep)
         return runner.run(context, first)
 
     def _effect(self, effect: Effect) -> EffectFunction:
-        def perform(cell: Any, context: Context) -> Result:
+        def perform(cell: Any, context: RunContext) -> Result:
             self.performed.append(effect)
             if effect not in {Effect.NOTHING, Effect.WAIT, Effect.ASK_APPROVAL, Effect.ASK_OPERATOR}:
                 self.cell.ports().clock.sleep_until(self.cell.now + 1.0)
@@ -107,7 +110,7 @@ def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
     """An effect that fails so often, and then works."""
     left = [times]
 
-    def effect(cell: Any, context: Context) -> Result:
+    def effect(cell: Any, context: RunContext) -> Result:
         left[0] -= 1
         if left[0] < 0:
             return Result(Event.DONE, context)
@@ -130,7 +133,7 @@ def test_a_run_without_trouble(rig: Rig) -> None:
 def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) -> None:
     seen = []
 
-    def look_at_the_ledger(cell: Any, context: Context) -> Result:
+    def look_at_the_ledger(cell: Any, context: RunContext) -> Result:
         with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
             intent = reader.last_intent(rig.ledger.id)
         assert intent is not None
@@ -213,7 +216,7 @@ def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> Non
 @pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
 def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
     held: Any = {Side.LEFT: object()}
-    rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, replace(x, held=held))
+    rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, context_with(x, held=held))
     rig.special[effect] = failing(kind)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(effect)
@@ -249,7 +252,7 @@ def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
 
 
 def test_a_driver_that_fails_while_the_operator_is_asked_is_made_safe(rig: Rig) -> None:
-    def lost(cell: Any, context: Context) -> Result:
+    def lost(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the clock stands still")
 
     rig.attended()
@@ -271,8 +274,11 @@ def test_an_event_that_the_state_does_not_know_is_a_crash_and_no_traceback(rig: 
 # what the operator leaves out
 
 
+LINE = FoldLine(np.zeros(2), np.array([1.0, 0.0]))
+
+
 def plan_of(*names: str) -> Any:
-    return tuple(SimpleNamespace(name=name) for name in names)
+    return tuple(FoldStep(name, k, LINE, (), {}, {}) for k, name in enumerate(names))
 
 
 def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig: Rig) -> None:
@@ -287,7 +293,7 @@ def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig:
 def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig) -> None:
     rig.attended()
     rig.special |= {
-        Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, replace(x, steps=plan_of("half", "quarter"))),
+        Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, context_with(x, steps=plan_of("half", "quarter"))),
         Effect.GRASP: failing(K.HARDWARE_FAULT, 9),
         Effect.NEXT_STEP: next_step,
     }
@@ -300,21 +306,19 @@ def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig
 def refused_fold(rig: Rig) -> None:
     """One fold, which is made, looked at and refused; the operator is asked."""
     rig.attended()
-    seen: Any = SimpleNamespace(
-        diagnosis=K.SAG, iou=0.9, iou_aligned=0.9, drift_m=0.0, height_m=0.01, contour=np.zeros((3, 2))
-    )
+    seen = inspection(diagnosis=K.SAG)
     shape: Any = SimpleNamespace(vertices=np.zeros((3, 3)))
     arc: Any = SimpleNamespace(source="library", duration=2.0)
 
-    def planned(cell: Any, context: Context) -> Result:
-        return Result(Event.DONE, replace(context, steps=plan_of("half"), predicted=shape, trajectory=arc))
+    def planned(cell: Any, context: RunContext) -> Result:
+        return Result(Event.DONE, context_with(context, steps=plan_of("half"), predicted=shape, trajectory=arc))
 
-    def refused(cell: Any, context: Context) -> Result:
-        return failing(K.SAG, 9)(cell, replace(context, inspection=seen))
+    def refused(cell: Any, context: RunContext) -> Result:
+        return failing(K.SAG, 9)(cell, context_with(context, inspection=seen))
 
     rig.special |= {
         Effect.PLAN_FOLDS: planned,
-        Effect.RELEASE: lambda c, x: Result(Event.DONE, replace(x, carried=True)),
+        Effect.RELEASE: lambda c, x: Result(Event.DONE, context_with(x, carried=True)),
         Effect.INSPECT: refused,
         Effect.NEXT_STEP: next_step,
     }
@@ -352,7 +356,7 @@ def test_an_effect_that_always_fails_ends_the_run_safe(rig: Rig, kind: FailureKi
 
 
 def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
-    def silent(cell: Any, context: Context) -> Result:
+    def silent(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.CAMERA_FAULT, "the camera does not answer", "look at its cable", waited_s=2.0)
 
     rig.special[Effect.LOOK] = silent
@@ -365,7 +369,7 @@ def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
 
 @pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
 def test_a_crash_makes_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
-    def crash(cell: Any, context: Context) -> Result:
+    def crash(cell: Any, context: RunContext) -> Result:
         raise ZeroDivisionError("of course")
 
     rig.special[effect] = crash
@@ -378,7 +382,7 @@ def test_a_crash_makes_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> Non
 
 
 def test_a_crash_while_making_safe_holds_the_arms(rig: Rig) -> None:
-    def crash(cell: Any, context: Context) -> Result:
+    def crash(cell: Any, context: RunContext) -> Result:
         raise ValueError("twice")
 
     rig.special[Effect.FOLD] = rig.special[Effect.MAKE_SAFE] = crash
@@ -475,7 +479,7 @@ def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
 
 
 def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_result(rig: Rig) -> None:
-    def fold(cell: Any, context: Context) -> Result:
+    def fold(cell: Any, context: RunContext) -> Result:
         cell.note("paused", {"path_s": 1.25})
         return Result(Event.DONE, context)
 
@@ -605,7 +609,7 @@ def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
 
 
 def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(rig: Rig) -> None:
-    def silent(cell: Any, context: Context) -> Result:
+    def silent(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the robot is silent")
 
     rig.special[Effect.HOLD] = silent
@@ -644,7 +648,7 @@ def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None
 
 
 def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) -> None:
-    def refused(cell: Any, context: Context) -> Result:
+    def refused(cell: Any, context: RunContext) -> Result:
         cell.ports.stop.trigger("the button")
         raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")
 
@@ -659,7 +663,7 @@ def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig)
     """Killed between the two, a run knows at least as much as its ledger."""
     kept: list[tuple[str, bool]] = []
 
-    def keep(context: Context) -> None:
+    def keep(context: RunContext) -> None:
         last = rig.journal.last_intent(rig.ledger.id)
         kept.append((last.begun.name, last.result is None))
 
@@ -675,16 +679,16 @@ def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
     drift = Failure(K.STUCK_ON_FINGER, "it clings")
     rig.special[Effect.INSPECT] = lambda c, x: Result(Event.FAILED, x.with_failure(drift))
     rig.special[Effect.CHOOSE_RECOVERY] = lambda c, x: Result(Event.CARRY_ON, x)
-    rig.special[Effect.NEXT_STEP] = lambda c, x: Result(Event.NEXT_FOLD, replace(x, index=x.index + 1))
-    rig.special[Effect.CHOOSE_TRAJECTORY] = lambda c, x: Result(Event.ABORT if x.index else Event.DONE, x)
-    rig.keep = lambda context: indices.append(context.index)
+    rig.special[Effect.NEXT_STEP] = lambda c, x: Result(Event.NEXT_FOLD, context_with(x, index=x.fold.index + 1))
+    rig.special[Effect.CHOOSE_TRAJECTORY] = lambda c, x: Result(Event.ABORT if x.fold.index else Event.DONE, x)
+    rig.keep = lambda context: indices.append(context.fold.index)
     rig.run()
     assert indices.count(0) == len(STRAIGHT) + 1 and 1 in indices
 
 
 @pytest.mark.parametrize("error", [StorageError("the disk is full"), TypeError("cannot pickle")])
 def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
-    def keep(context: Context) -> None:
+    def keep(context: RunContext) -> None:
         if rig.performed[-1] is Effect.LIFT:
             raise error
 
@@ -697,7 +701,7 @@ def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error
 @pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
 def test_a_run_is_entered_again_where_it_is_told(rig: Rig, event: Event) -> None:
     rig.special[Effect.REENTER] = lambda c, x: Result(event, x)
-    rig.run(Context(), Event.REENTER)
+    rig.run(RunContext(), Event.REENTER)
     first = {Event.START_OVER: Effect.PHOTOGRAPH_TABLE, Event.LAY: Effect.AWAIT_GARMENT}.get(event, Effect.LOOK)
     assert rig.performed[:2] == [Effect.REENTER, first] and Effect.PREPARE not in rig.performed
     states = [state for _, state in rig.transitions()][:2]

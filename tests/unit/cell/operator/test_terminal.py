@@ -8,8 +8,8 @@ from contextlib import suppress
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.terminal.keys import KEYS, TerminalOperator
 from cell.states.commands import OPERATOR_EVENTS, CommandQueue
-from cell.states.context import Context, Result
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 
@@ -76,7 +76,7 @@ def test_progress_tells_what_is_awaited() -> None:
 def test_progress_tells_a_failure_once() -> None:
     stream = io.StringIO()
     lines = ProgressLines(stream)
-    context = Context().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))
+    context = RunContext().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))
     lines.performed(2.0, STEP, Result(Event.FAILED, context))
     lines.performed(3.0, STEP, Result(Event.DONE, context))  # the old failure is still known, but over
     assert stream.getvalue().count("missed_grasp: nothing between the pads (regrasp)") == 1

@@ -15,13 +15,14 @@ from cell.recording.journal import Journal, RunJournal
 from cell.runs.checkpoint_writer import Keeper, interrupted_run, reentry
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
-from cell.states.context import Context
+from cell.states.run_context import RunContext
 from cell.states.transition_table import Event, State
 from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import Side
 from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.tare import Zero
 from skills.vocabulary import PredictedShape
+from tests.contexts import context_with
 from tests.runs import fold_request
 
 S, E = State, Event
@@ -29,33 +30,34 @@ SEEN = [S.PREPARING, S.PHOTOGRAPHING, S.AWAITING_GARMENT, S.LOOKING, S.RECOGNISI
         S.PLANNING_MOTION]  # fmt: skip
 FOLD = [S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING]
 SHAPE = PredictedShape(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 2)))
-PLANNED = Context(predicted=SHAPE)
+NOTHING: Any = None
+PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion=NOTHING)
 
 
 @pytest.mark.parametrize(
     ("way", "context", "event"),
     [
-        ([], Context(), E.START_OVER),
-        (SEEN[:2], Context(), E.START_OVER),
-        (SEEN[:3], Context(), E.LAY),
-        (SEEN[:4], Context(), E.LOOK_AGAIN),
-        (SEEN, Context(), E.LOOK_AGAIN),
+        ([], RunContext(), E.START_OVER),
+        (SEEN[:2], RunContext(), E.START_OVER),
+        (SEEN[:3], RunContext(), E.LAY),
+        (SEEN[:4], RunContext(), E.LOOK_AGAIN),
+        (SEEN, RunContext(), E.LOOK_AGAIN),
         ([*SEEN, S.AWAITING_APPROVAL], PLANNED, E.LOOK_AGAIN),
         (SEEN + FOLD[:1], PLANNED, E.LOOK_AGAIN),
         (SEEN + FOLD[:4], PLANNED, E.LOOK_AGAIN),  # it was in the hands: let go, look where it is
         (SEEN + FOLD[:5], PLANNED, E.LOOK_AFTER),  # it was carried to its place
         (SEEN + FOLD, PLANNED, E.LOOK_AFTER),
-        (SEEN + FOLD, Context(index=1), E.LOOK_AGAIN),  # judged, and the plan is one fold on
+        (SEEN + FOLD, context_with(index=1), E.LOOK_AGAIN),  # judged, and the plan is one fold on
         ([*SEEN, *FOLD[:4], S.CLEARING, S.RECOVERING, S.GIVING_UP, S.NOT_FOLDED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:6], S.CLEARING, S.MAKING_SAFE, S.FAULT], PLANNED, E.LOOK_AFTER),
         ([*SEEN, *FOLD[:4], S.PAUSED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:4], S.STOPPED], PLANNED, E.LOOK_AGAIN),
         ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # cut off once more
-        ([S.IDLE, S.RESUMING], Context(reentry=E.LAY), E.LAY),
+        ([S.IDLE, S.RESUMING], RunContext(reentry=E.LAY), E.LAY),
         ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
     ],
 )
-def test_where_a_run_is_entered_again(way: list[State], context: Context, event: Event) -> None:
+def test_where_a_run_is_entered_again(way: list[State], context: RunContext, event: Event) -> None:
     assert reentry(way, context) is event
 
 
@@ -77,7 +79,7 @@ class Logs:
         keep_request(run.directory, request)
         return run
 
-    def cut_off(self, context: Context = PLANNED, driver: str = "sim", through: int = 4) -> str:
+    def cut_off(self, context: RunContext = PLANNED, driver: str = "sim", through: int = 4) -> str:
         run = self.begin(driver)
         run.result(run.intent(0.0, S.PREPARING, "prepare"), 1.0)
         for state in SEEN + FOLD[:through]:
@@ -103,22 +105,24 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     )
     grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
     unloaded = Zero(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
-    in_hand = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
-    name = logs.cut_off(replace(failed, index=1, waited_s=7.0, **in_hand))
+    in_hand: Any = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
+    name = logs.cut_off(context_with(failed, index=1, waited_s=7.0, **in_hand))
     found = logs.resume("last", quiet=True)
     assert (found.run, found.world) == (name, b"the world")
     assert (found.request.seed, found.request.garment, found.request.quiet) == (4, "small_towel", True)
-    assert found.context.index == 1 and found.context.attempts == failed.attempts
+    assert found.context.fold.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
     assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
-    assert not found.context.held and not found.context.zeros, "the hands are opened before anything else"
+    assert not found.context.fold.held and not found.context.fold.zeros, (
+        "the hands are opened before anything else"
+    )
 
 
 @pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
 def test_a_fold_whose_release_was_begun_is_what_is_looked_at(logs: Logs, through: int, carried: bool) -> None:
     """Also where the camera fails at the first look: what was believed is from before the release."""
     logs.cut_off(through=through)
-    assert logs.resume("last").context.carried is carried
+    assert logs.resume("last").context.fold.carried is carried
 
 
 def test_hardware_has_no_world(logs: Logs) -> None:

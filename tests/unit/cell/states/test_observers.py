@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cell.recording.report.remarks import Remark, Remarks
-from cell.states.context import Context, Result
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 
@@ -19,7 +19,7 @@ def told(step: Step, result: Result) -> list[Remark]:
 
 
 def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_motion() -> None:
-    slipped = Context().with_failure(Failure(FailureKind.SLIPPED, "the left hand lost it", "grip harder"))
+    slipped = RunContext().with_failure(Failure(FailureKind.SLIPPED, "the left hand lost it", "grip harder"))
     said = told(FOLDING, Result(Event.FAILED, slipped, {}, ((5.0, "paused"), (7.5, "resumed"))))
     assert [(r.t, r.kind, r.title) for r in said] == [
         (5.0, "command", "paused"),
@@ -30,9 +30,9 @@ def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_m
 
 
 def test_a_pause_between_two_effects_is_told_and_so_is_its_end() -> None:
-    assert told(FOLDING, Result(Event.PAUSE, Context(), {"interrupted": True})) == [
+    assert told(FOLDING, Result(Event.PAUSE, RunContext(), {"interrupted": True})) == [
         Remark(9.0, "command", "pause", "before folding")
     ]
-    assert told(PAUSED, Result(Event.RESUME, Context(), {"command": "resume"})) == [
+    assert told(PAUSED, Result(Event.RESUME, RunContext(), {"command": "resume"})) == [
         Remark(9.0, "command", "resume", "while paused")
     ]

@@ -17,9 +17,9 @@ from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
 from cell.hardware.driver import OpenCell
 from cell.states.commands import CommandQueue
-from cell.states.context import Context, Result
 from cell.states.fold_request import FoldResult
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports
@@ -173,7 +173,7 @@ def played(monkeypatch: pytest.MonkeyPatch, script: Script, *, away: float = 0.0
         enter(director, state, cell)
         event = Event.FAILED if state is State.GRASPING and director.seen().failures == () else Event.DONE
         step = Step(State.IDLE, Event.DONE, state, Effect.NOTHING)
-        director.performed(cell.now, step, Result(event, Context().with_failure(FAILED)))
+        director.performed(cell.now, step, Result(event, RunContext().with_failure(FAILED)))
     return director
 
 

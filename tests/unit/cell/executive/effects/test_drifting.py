@@ -10,7 +10,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.drifting import moved_along
-from cell.states.context import Context
+from cell.states.stages import Plan
 from skills.cloth.mesh import ClothMesh
 from skills.planning.plan import plan_folds
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
@@ -30,12 +30,13 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
     mesh = ClothMesh(rest, np.zeros(40, np.int32), one, np.zeros(1, np.int32), np.zeros((0, 2), np.int32))
     seen: Any = SimpleNamespace(drift=R @ middle + t - middle, drift_rad=turn, drift_about=middle)
 
-    after = moved_along(Context(vertices=vertices, mesh=mesh, steps=(step,)), seen)
+    towel = load_garment("medium_towel")
+    flat = towel.flat_state(*towel.poses.middle)
+    after = moved_along(Plan(towel, towel, flat, (step,), mesh, vertices), seen)
 
     def moved(xy: np.ndarray) -> np.ndarray:
         return xy @ R.T + t
 
-    assert after.vertices is not None and after.mesh is not None
     np.testing.assert_allclose(after.vertices[:, :2], moved(vertices[:, :2]), atol=1e-12)
     np.testing.assert_array_equal(after.vertices[:, 2], vertices[:, 2])
     np.testing.assert_allclose(after.mesh.rest, moved(rest), atol=1e-12)
@@ -59,10 +60,9 @@ def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
         np.zeros(0, np.int32),
         np.zeros((0, 2), np.int32),
     )
-    context = Context(flat=flat, steps=steps, mesh=mesh, vertices=np.zeros((0, 3)))
+    plan = Plan(towel, towel, flat, steps, mesh, np.zeros((0, 3)))
     seen: Any = SimpleNamespace(drift=np.array([0.02, -0.01]), drift_rad=0.05, drift_about=np.array([0.6, 0.1]))
-    after = moved_along(context, seen)
-    assert after.flat is not None
+    after = moved_along(plan, seen)
     for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
         assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
         for i, grasp in anew.grasps.items():

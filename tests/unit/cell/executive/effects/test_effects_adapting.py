@@ -15,13 +15,14 @@ from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.adapting import FACTORS, adapt
 from cell.executive.effects.planning import simulated_paths
-from cell.states.context import Context
+from cell.states.stages import Plan
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.planning.plan import plan_folds
 from skills.trajectory.paths import LIFT_HEIGHT, fold_paths
 from skills.vocabulary import Material, PredictedShape
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -95,14 +96,13 @@ def after(
     """What is believed after a fold that left this outline, the record, the clock and what the view was told."""
     clock, told = FakeCell(), Told()
     cell = fake_workcell(clock, workers, expected=TOWEL, recorder=told, settings=settings(on))
-    context = Context(
-        garment=TOWEL, steps=STEPS, index=index, mesh=MESH, vertices=FLAT, motion=motion(),
-        predicted=PredictedShape(predicted, MESH.triangles, MESH.rest),
-        inspection=SimpleNamespace(contour=contour, view=View()),  # type: ignore[arg-type]
-    )  # fmt: skip
-    learned, record = adapt(cell, context)
+    seen: Any = SimpleNamespace(contour=contour, view=View())
+    shape = PredictedShape(predicted, MESH.triangles, MESH.rest)
+    made = context_with(motion=motion(), predicted=shape).fold.attempt
+    assert made is not None
+    garment, record = adapt(cell, index, Plan(TOWEL, TOWEL, STATE, STEPS, MESH, FLAT), made, seen)
     return SimpleNamespace(
-        friction=learned.known_garment.material.friction_static, record=record, spent=clock.now, told=told.heard,
+        friction=garment.material.friction_static, record=record, spent=clock.now, told=told.heard,
         each=cell.settings.computing.simulation_s,
     )  # fmt: skip
 

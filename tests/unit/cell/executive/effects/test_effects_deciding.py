@@ -13,24 +13,27 @@ import pytest
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.control.sent import Sent
-from cell.executive.effects.deciding import ask_approval, ask_operator, choose_next, pause
-from cell.states.context import Context
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.deciding import ask_approval, ask_operator, pause
 from cell.states.recovery_table import RECOVERIES, Adjustment
-from cell.states.transition_table import Event
+from cell.states.run_context import RunContext
+from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
 K = FailureKind
+choose_next = EFFECTS[Effect.CHOOSE_RECOVERY]
 
 
-SEEN = Context(reference=FakeCell().ports().camera.capture())
+SEEN = context_with(reference=FakeCell().ports().camera.capture())
 """The empty table was photographed."""
 
 
-def failed(kind: FailureKind, times: int = 1, context: Context | None = None) -> Context:
-    context = context or Context()
+def failed(kind: FailureKind, times: int = 1, context: RunContext | None = None) -> RunContext:
+    context = context or RunContext()
     for _ in range(times):
         context = context.with_failure(Failure(kind, "it failed"))
     return context
@@ -58,7 +61,7 @@ def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
     kind: FailureKind, event: Event
 ) -> None:
     plan: Any = (SimpleNamespace(name="half"),)
-    context = replace(SEEN, steps=plan, carried=True)
+    context = context_with(SEEN, steps=plan, garment=load_garment("t_shirt"), carried=True)
     for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
         assert choose_next(fake_workcell(FakeCell()), failed(kind, looks, context)).event is event
 
@@ -71,7 +74,7 @@ def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
 @pytest.mark.parametrize("kind", list(RECOVERIES))
 def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
     accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
-    context, tried = replace(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
+    context, tried = context_with(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
     while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
         context = result.context
@@ -83,7 +86,7 @@ def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
     changes = [a for _, a in tried if a is not Adjustment.NONE]
     if Adjustment.OTHER_VARIANT in changes:  # a fold that begins anew
         changes = changes[changes.index(Adjustment.OTHER_VARIANT) :]
-    assert list(context.adjustments) == changes
+    assert list(context.fold.adjustments) == changes
 
 
 @pytest.mark.parametrize("kind", [K.UNREACHABLE, K.IN_COLLISION])
@@ -91,29 +94,29 @@ def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
 def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
     kind: FailureKind, garment: str, index: int, ways: int
 ) -> None:
-    context = replace(SEEN, garment=load_garment(garment), index=index, avoided=({},))
+    context = context_with(SEEN, garment=load_garment(garment), index=index, avoided=({},))
     events = []
     while True:
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
         context, events = result.context, [*events, result.event]
         if result.event is Event.GIVE_UP:
             break
-        assert (context.avoided == ()) == (result.event is Event.PLAN_AGAIN), "another way has other postures"
+        assert (context.fold.avoided == ()) == (result.event is Event.PLAN_AGAIN), "another way has other postures"
     assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
 
 
 def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
     """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
     held: Any = {Side.LEFT: None}
-    context = replace(SEEN, garment=load_garment("pants"), held=held)
+    context = context_with(SEEN, garment=load_garment("pants"), held=held)
     result = choose_next(fake_workcell(FakeCell()), failed(K.UNREACHABLE, 3, context))
-    assert result.event is Event.LOOK_AGAIN and result.context.count(Adjustment.OTHER_VARIANT) == 1
+    assert result.event is Event.LOOK_AGAIN and result.context.fold.count(Adjustment.OTHER_VARIANT) == 1
 
 
 def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
     """Failures of ever new kinds must not add up to tries without end."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
-    context, events = Context(), []
+    context, events = RunContext(), []
     for kind in (K.NO_CONTACT, K.SLIPPED, K.TRACKING_ERROR, K.OFF_TARGET, K.DRIFT):
         result = choose_next(workcell, failed(kind, context=context))
         context = result.context
@@ -124,9 +127,9 @@ def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
 
 def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=3))
-    context, events = Context(), []
+    context, events = RunContext(), []
     for index in (0, 0, 1, 2):
-        result = choose_next(workcell, failed(K.MISSED_GRASP, context=replace(context, index=index)))
+        result = choose_next(workcell, failed(K.MISSED_GRASP, context=context_with(context, index=index)))
         context = result.context
         events.append(result.event)
     assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
@@ -137,7 +140,7 @@ def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Pat
     """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
     two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))
-    tried = replace(SEEN, carried=True, recoveries=two)
+    tried = context_with(SEEN, carried=True, recoveries=two)
     assert choose_next(workcell, failed(K.DRIFT, context=tried)).event is Event.CARRY_ON
     assert choose_next(workcell, failed(K.NO_CONTACT, context=tried)).event is Event.GIVE_UP
 
@@ -209,7 +212,7 @@ def test_before_the_table_was_seen_another_try_photographs_it() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
-    said = ask_operator(workcell, Context())
+    said = ask_operator(workcell, RunContext())
     assert said.event is Event.START_OVER and said.record == {"command": "retry"}
 
 
@@ -222,7 +225,7 @@ def test_where_no_picture_of_the_table_is_taken_another_try_looks_for_the_garmen
 @pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
 def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind) -> None:
     """Else a folded garment would be taken for a smaller one that lies flat."""
-    carried = failed(kind, context=replace(SEEN, carried=True))
+    carried = failed(kind, context=context_with(SEEN, carried=True))
     result = choose_next(fake_workcell(FakeCell()), carried)
     assert result.event is Event.LOOK_AFTER and result.record["recovery"] == "look_after"
     assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
@@ -230,7 +233,7 @@ def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind)
 
 def test_no_fold_is_made_twice() -> None:
     """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
-    strayed = failed(K.TRACKING_ERROR, context=replace(SEEN, carried=True))
+    strayed = failed(K.TRACKING_ERROR, context=context_with(SEEN, carried=True))
     assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
     before = failed(K.TRACKING_ERROR, context=SEEN)
     assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
@@ -240,8 +243,8 @@ def test_who_says_retry_has_laid_the_garment_back() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
-    said = ask_operator(workcell, replace(SEEN, carried=True, press_tries=2))
-    assert said.event is Event.RETRY and said.context.press_tries == 0
+    said = ask_operator(workcell, context_with(SEEN, carried=True, press_tries=2))
+    assert said.event is Event.RETRY and said.context.fold.attempt is None, "nothing of it was tried"
     blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
     assert blind.event is Event.LOOK_AGAIN
 
@@ -251,7 +254,7 @@ def test_what_was_not_asked_for_is_no_answer() -> None:
     workcell = fake_workcell(cell)
     cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))
     cell.at(0.6, lambda: workcell.commands.put(Event.APPROVE))
-    assert ask_approval(workcell, Context()).event is Event.APPROVE
+    assert ask_approval(workcell, RunContext()).event is Event.APPROVE
     assert cell.now >= 0.6
 
 
@@ -261,8 +264,8 @@ def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
         workcell = fake_workcell(cell)
         cell.at(0.3, lambda workcell=workcell: workcell.commands.put(Event.SKIP))
         cell.at(0.6, lambda workcell=workcell: workcell.commands.put(Event.APPROVE))
-        result = ask_approval(workcell, Context(carried=carried))
-        assert result.event is said and result.context.unpressed is carried
+        result = ask_approval(workcell, context_with(carried=carried))
+        assert result.event is said and result.context.fold.attempt.unpressed is carried
 
 
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
@@ -270,6 +273,6 @@ def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
-    result = ask(workcell, Context())
+    result = ask(workcell, RunContext())
     assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
     assert cell.now < 0.4

@@ -11,10 +11,10 @@ import pytest
 
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects import gripping, moving
+from cell.executive.effects import EFFECTS, gripping, moving
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context
-from cell.states.transition_table import Event
+from cell.states.run_context import RunContext
+from cell.states.transition_table import Effect, Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Side, arm_slice
@@ -24,6 +24,7 @@ from skills.motion.moves.grasp import Descent
 from skills.motion.moves.retreat import Withdrawal
 from skills.motion.timing.jerk_limiter import Follower
 from skills.vocabulary import Outcome
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -46,11 +47,9 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
         return Failure(FailureKind.STALE_STATE, "no tips") if np.isnan(newtons_a_metre) else None
 
     pushes.look = look
-    posture = SimpleNamespace(pitch=0.1)
-    context: Any = SimpleNamespace(
-        motion=SimpleNamespace(postures={Side.LEFT: posture}), count=lambda adjustment: 1
-    )
-    failure = gripping._press(workcell, context, {Side.LEFT: Lowering(WAY, 0.05, Follower(TOUCHED))}, pushes)
+    posture: Any = SimpleNamespace(pitch=0.1)
+    lowering = {Side.LEFT: Lowering(WAY, 0.05, Follower(TOUCHED))}
+    failure = gripping._press(workcell, {Side.LEFT: posture}, gripping.DEEPER, lowering, pushes)
     return cell, failure, pushes
 
 
@@ -104,7 +103,7 @@ def way(distance: float, seconds: float = 2.0) -> ArmTrajectory:
     return ArmTrajectory(t, q, qd, np.zeros_like(q))
 
 
-def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, Context]:
+def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, RunContext]:
     """Both hands hold cloth, with the tips 20 cm over the table."""
     cell = FakeCell()
     cell.openings, cell.pads = dict.fromkeys(Side, THICK), dict.fromkeys(Side, GRIP)
@@ -113,7 +112,7 @@ def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, Contex
     unloaded = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
     held = Held(0.0, GRIP, THICK, LayerCount((0.0, 1.0), 1.0, 0.1))
     motion: Any = Motion()
-    context = Context(motion=motion, zeros=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
+    context = context_with(motion=motion, zeros=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
     return cell, fake_workcell(cell, robot=robot, limits=LIMITS), context
 
 
@@ -125,9 +124,9 @@ def lose(cell: FakeCell, side: Side) -> None:
 def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
-    result = gripping.fold(workcell, context)
+    result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.DONE and cell.q == pytest.approx(0.5)
-    taken = [frame.stamp for frame in result.context.pictures]
+    taken = [frame.stamp for frame in result.context.fold.attempt.pictures]
     assert taken == pytest.approx(np.linspace(0.0, 2.0, len(taken)), abs=0.05)
     assert len(taken) == workcell.settings.recorder.key_frames
 
@@ -139,7 +138,7 @@ def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
     cell.at(0.8, lambda: lose(cell, side))
-    result = gripping.fold(workcell, context)
+    result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.SLIPPED
     assert f"the {side} hand" in result.context.failure.what
     q = np.array([q[0] for _, q in cell.commands])
@@ -152,7 +151,7 @@ def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.Mon
     cell, workcell, context = holding(monkeypatch)
     blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
-    result = gripping.fold(workcell, context)
+    result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.FAILED and result.context.failure is blocked and not cell.commands
 
 
@@ -169,10 +168,10 @@ def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
     monkeypatch.setattr(workcell.ports.camera, "glimpse", glimpse)
     if stopped:
         with pytest.raises(DriverError):
-            gripping.fold(workcell, context)
+            EFFECTS[Effect.FOLD](workcell, context)
         return
-    result = gripping.fold(workcell, context)
-    assert result.event is Event.DONE and result.context.pictures == ()
+    result = EFFECTS[Effect.FOLD](workcell, context)
+    assert result.event is Event.DONE and result.context.fold.attempt.pictures == ()
 
 
 @pytest.mark.parametrize("side", list(Side))
@@ -196,16 +195,16 @@ def test_a_garment_whose_hands_do_not_open_was_carried_all_the_same(monkeypatch:
     _, workcell, context = holding(monkeypatch)
     for gripper in workcell.ports.grippers.values():
         monkeypatch.setattr(gripper, "command", lambda opening, force: None)
-    result = gripping.release_garment(workcell, context)
+    result = EFFECTS[Effect.RELEASE](workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.GRIPPER_FAULT
-    assert result.context.carried and result.context.held, "and nobody knows that it was let go"
+    assert result.context.fold.carried and result.context.fold.held, "and nobody knows that it was let go"
 
 
 def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wide open pads would sweep the stack away."""
     cell, workcell, context = holding(monkeypatch)
-    result = gripping.release_garment(workcell, context)
-    assert result.event is Event.DONE and result.context.carried and not result.context.held
+    result = EFFECTS[Effect.RELEASE](workcell, context)
+    assert result.event is Event.DONE and result.context.fold.carried and not result.context.fold.held
     assert all(0.01 < opening < 0.025 for opening in cell.openings.values())
 
 

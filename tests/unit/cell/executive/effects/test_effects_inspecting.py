@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,19 +10,23 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.inspecting as inspecting
-from cell.executive.effects.inspecting import figures, find_folded, inspect_fold, next_step
-from cell.states.context import Context
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.inspecting import figures, next_step
+from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
-from cell.states.transition_table import Event
+from cell.states.run_context import RunContext
+from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
 from skills.perception.inspection.result import Inspection
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
+inspect_fold = EFFECTS[Effect.INSPECT]
 TRIANGLE = np.array([[0, 1, 2]], np.int32)
 CORNERS = np.array([[0.5, 0.0], [0.7, 0.0], [0.5, 0.2]])
 FLAT = np.column_stack([CORNERS, np.full(3, 0.001)])
@@ -37,21 +40,20 @@ def seen(diagnosis: FailureKind | None = None, **changes: Any) -> Inspection:
     return inspection(diagnosis=diagnosis, contour=CORNERS, **changes)
 
 
-def made(**changes: Any) -> Context:
+def made(**changes: Any) -> RunContext:
     """The first of two folds was carried through."""
-    trajectory: Any = SimpleNamespace(source="library")
     known: dict[str, Any] = {
         "steps": STEPS, "mesh": MESH, "vertices": FLAT, "predicted": PredictedShape(FOLDED, TRIANGLE, CORNERS),
-        "trajectory": trajectory, "carried": True,
+        "carried": True, "frame": FakeCell().ports().camera.capture(),
     }  # fmt: skip
-    return Context(**{**known, **changes})
+    return context_with(**{**known, **changes})
 
 
 def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
     """What the camera would show is known; nothing is pressed and nothing learned."""
     monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "plan_pressing", lambda *_: None)
-    monkeypatch.setattr(inspecting, "adapt", lambda cell, context: (context, {}))
+    monkeypatch.setattr(inspecting, "adapt", lambda cell, index, plan, *_: (plan.garment, {}))
 
 
 @pytest.mark.parametrize(("index", "event"), [(0, Event.NEXT_FOLD), (1, Event.ALL_FOLDED)])
@@ -73,44 +75,31 @@ def test_a_fold_that_does_not_is_a_failure_of_that_name(
     assert result.event is Event.FAILED and failure is not None and failure.kind is kind
     assert "fold half: overlap 0.87" in failure.what and failure.hint
     assert failure.values["iou_aligned"] == 0.87, "by which it is told whether it is good enough"
-    assert result.context.inspection is not None and not result.context.done
+    assert result.context.fold.attempt.inspection is not None and not result.context.done
 
 
 def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
     """Else it would be carried on with, pressed, or judged by what was true of another fold."""
-    kept = {f.name for f in fields(Context)} - {
-        "adjustments", "trajectory", "motion", "predicted", "failure", "inspection", "pictures", "plan_frames",
-        "avoided", "carried", "pressed", "press_tries", "press_motion", "unpressed", "grasps",
-    }  # fmt: skip
-    some: Any = object()
     before = made(
-        inspection=seen(), failure=Failure(K.DRIFT, "it moved"), pressed=(seen(),), press_tries=2, unpressed=True,
-        adjustments=(Adjustment.LOWER,), avoided=(some,), press_motion=some, motion=SimpleNamespace(fold=way(2.0)),
-        plan_frames=FLAT[None], pictures=(some,), grasps=3, waited_s=4.0, recoveries=((0, "drift -> carry_on"),),
+        inspection=seen(), failure=Failure(K.DRIFT, "it moved"), press_tries=2, adjustments=(Adjustment.LOWER,),
+        grasps=3, waited_s=4.0, recoveries=((0, "drift -> carry_on"),),
     )  # fmt: skip
     after = next_step(fake_workcell(FakeCell()), before).context
-    new = Context()
-    assert {f.name for f in fields(Context) if getattr(after, f.name) is getattr(new, f.name)} >= {
-        f.name for f in fields(Context) if f.name not in kept
-    }
-    assert (after.index, after.waited_s, after.recoveries) == (1, 4.0, before.recoveries)
-
-
-def way(seconds: float) -> Any:
-    return SimpleNamespace(duration=seconds)
+    assert vars(after.fold) == vars(FoldContext(1)) and after.failure is None
+    assert (after.waited_s, after.recoveries) == (4.0, before.recoveries)
 
 
 def test_a_fold_that_nobody_looked_at_is_believed_and_does_not_count_as_made() -> None:
     """It was carried through, and the operator went on without a look."""
     result = next_step(fake_workcell(FakeCell()), made())
     assert result.context.done == ()
-    np.testing.assert_array_equal(result.context.vertices, FOLDED)
+    np.testing.assert_array_equal(result.context.plan.vertices, FOLDED)
 
 
 def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_believed() -> None:
     result = next_step(fake_workcell(FakeCell()), made(carried=False))
     assert result.context.done == ()
-    np.testing.assert_array_equal(result.context.vertices, FLAT)
+    np.testing.assert_array_equal(result.context.plan.vertices, FLAT)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +107,7 @@ def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_bel
 )
 def test_a_run_has_folded_only_what_it_made(left: tuple[str, ...], why: str | None) -> None:
     notes: Any = tuple(SimpleNamespace(name=s.name) for s in STEPS if s.name not in left)
-    after = made(index=1, carried=False, predicted=None, done=notes, failure=Failure(K.SLIPPED, "lost"))
+    after = context_with(steps=STEPS, index=1, done=notes, failure=Failure(K.SLIPPED, "lost"))
     result = next_step(fake_workcell(FakeCell()), after)
     assert result.event is (Event.GIVE_UP if left else Event.ALL_FOLDED)
     if why is not None:
@@ -132,21 +121,23 @@ def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
 ) -> None:
     look(monkeypatch, seen(iou_aligned=overlap, drift=np.array([0.01, 0.02])))
     context = made(index=1, vertices=FOLDED, carried=False)
-    result = find_folded(fake_workcell(FakeCell()), context)
+    result = EFFECTS[Effect.RECOGNISE](fake_workcell(FakeCell()), context)
     assert result.event is event and result.record["iou_aligned"] == overlap
     moved = FOLDED + np.array([0.01, 0.02, 0.0]) if event is Event.DONE else FOLDED
-    np.testing.assert_allclose(result.context.vertices, moved, atol=1e-12)
+    np.testing.assert_allclose(result.context.plan.vertices, moved, atol=1e-12)
     if event is Event.FAILED:
         assert result.context.failure is not None and result.context.failure.kind is K.NOT_FLAT
 
 
-@pytest.mark.parametrize("judge", [inspect_fold, find_folded])
-def test_where_nothing_can_be_seen_nothing_is_judged(judge: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("effect", "index"), [(Effect.INSPECT, 0), (Effect.RECOGNISE, 1)])
+def test_where_nothing_can_be_seen_nothing_is_judged(
+    effect: Effect, index: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
     monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(failure=lost))
     frame: Any = object()
     with ThreadPoolExecutor(1) as workers:
-        result = judge(fake_workcell(FakeCell(), workers), made(frame=frame))
+        result = EFFECTS[effect](fake_workcell(FakeCell(), workers), made(frame=frame, index=index))
     assert result.event is Event.FAILED and result.context.failure is lost
 
 

@@ -11,10 +11,11 @@ import pytest
 
 import cell.executive.effects.moving as moving
 from cell.control.sent import Sent
-from cell.executive.effects.moving import approach, clear, hold_still, make_safe, move, prepare, reenter, retreat
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.moving import clear, hold_still, make_safe, move, prepare, retreat
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context
-from cell.states.transition_table import Event
+from cell.states.run_context import RunContext
+from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side
@@ -22,11 +23,13 @@ from skills.motion.moves.retreat import Withdrawal
 from skills.motion.timing.timing import free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Outcome
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
 K = FailureKind
-FIRST = Context().with_failure(Failure(K.CATEGORY_MISMATCH, "these are trousers"))
+approach, reenter = EFFECTS[Effect.APPROACH], EFFECTS[Effect.REENTER]
+FIRST = RunContext().with_failure(Failure(K.CATEGORY_MISMATCH, "these are trousers"))
 
 
 BAXTER = load_model()
@@ -100,7 +103,7 @@ def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
     moved.clear()
     other = Side.LEFT if free is Side.RIGHT else Side.RIGHT
     zeros: Any = {other: None}
-    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), Context(zeros=zeros))
+    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), context_with(zeros=zeros))
     assert result.event is Event.FAILED and not moved, "a hand that did not work is not moved in its place"
 
 
@@ -113,12 +116,12 @@ def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
     cell = FakeCell()
     cell.openings = dict.fromkeys(Side, 0.0)
     motion: Any = SimpleNamespace(postures={Side.LEFT: None}, approach=None)
-    result = approach(fake_workcell(cell), Context(motion=motion, frame=frame, grasps=1, carried=True))
+    result = approach(fake_workcell(cell), context_with(motion=motion, frame=frame, grasps=1, carried=True))
     assert result.event is (Event.FAILED if fails else Event.DONE)
     assert result.context.failure is (lags if fails else None)
     assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the hand that grasps"
-    after = result.context
-    assert (after.grasps, after.carried) == (2, False) and after.before_fold is frame
+    after = result.context.fold
+    assert (after.grasps, after.carried) == (2, False) and after.attempt.before is frame
 
 
 def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +137,7 @@ def test_a_stopped_cell_is_not_prepared() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     workcell.ports.stop.trigger("button")
-    result = prepare(workcell, Context())
+    result = prepare(workcell, RunContext())
     assert result.event is Event.FAILED and result.context.failure.kind is K.STOPPED
     assert cell.commands == []
 
@@ -193,7 +196,7 @@ def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
     """Straight home, where the way is free."""
     monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("they rise first"))
     cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
-    assert prepare(fake_workcell(cell, **baxter), Context()).event is Event.DONE
+    assert prepare(fake_workcell(cell, **baxter), RunContext()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
 
 
@@ -216,12 +219,12 @@ def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pyt
         workcell.ports.stop.trigger("button")
     else:
         cell.now, cell.frozen_since = 5.0, 4.0
-    result = retreat(workcell, Context())
+    result = retreat(workcell, RunContext())
     assert result.event is Event.FAILED and cell.commands == []
     assert result.context.failure.kind is (K.STOPPED if spoil == "stop" else K.STALE_STATE)
 
 
-INTERRUPTED = Context(reentry=Event.LOOK_AGAIN)
+INTERRUPTED = RunContext(reentry=Event.LOOK_AGAIN)
 
 
 class Hand:
@@ -269,7 +272,7 @@ def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_erro
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
-def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: Context) -> None:
+def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: RunContext) -> None:
     cell = FakeCell(q=np.full(14, 0.5))
     cell.openings = dict.fromkeys(Side, 0.002)
     result = effect(with_left(cell, Hand(cell, stuck=True)), context)

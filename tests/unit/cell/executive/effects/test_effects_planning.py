@@ -13,10 +13,11 @@ import pytest
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.library.library_file import entry_of
-from cell.executive.effects.planning import _draws, choose_trajectory, plan_steps
-from cell.states.context import Context, Result
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.planning import _draws
 from cell.states.recovery_table import Adjustment
-from cell.states.transition_table import Event
+from cell.states.run_context import Result, RunContext
+from cell.states.transition_table import Effect, Event
 from robots.errors import FailureKind, StorageError
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
@@ -27,6 +28,7 @@ from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.library import Library, entry_from
 from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -113,11 +115,11 @@ class Choice:
             self.cell, workers, expected=TOWEL, library=lambda: shelf, recorder=self.watcher,
             keep=self._keep, settings=self.settings, tell=self.told.append,
         )  # fmt: skip
-        context = Context(
+        context = context_with(
             garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=MESH.lay_flat(TOWEL.material.thickness),
             adjustments=changes,
         )  # fmt: skip
-        self.result: Result = choose_trajectory(cell, context)
+        self.result: Result = EFFECTS[Effect.CHOOSE_TRAJECTORY](cell, context)
 
     def _keep(self, *it: Any) -> None:
         if self.full:
@@ -126,8 +128,8 @@ class Choice:
 
     @property
     def trajectory(self) -> GraspTrajectory:
-        assert self.result.context.trajectory is not None
-        return self.result.context.trajectory
+        assert self.result.context.fold.trajectory is not None
+        return self.result.context.fold.trajectory
 
 
 @pytest.mark.parametrize(("behind", "others", "simulations"), [(0.1, 0.001, 1), (0.9, 0.016, 2)])
@@ -249,8 +251,9 @@ def perceived() -> Any:
     return Perceived(STATE)
 
 
-def planned(context: Context) -> Context:
-    result = plan_steps(fake_workcell(FakeCell(), expected=TOWEL), context)
+def planned(context: RunContext) -> RunContext:
+    """Perceived, and planned as its adjustments say."""
+    result = EFFECTS[Effect.PLAN_FOLDS](fake_workcell(FakeCell(), expected=TOWEL), context)
     assert result.event is Event.DONE
     assert result.record.get("ways", [s.variant for s in result.context.steps]) == [
         s.variant for s in result.context.steps
@@ -259,8 +262,8 @@ def planned(context: Context) -> Context:
 
 
 def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
-    first = planned(Context(perception=perceived()))
-    other = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,)))
+    first = planned(context_with(perception=perceived()))
+    other = planned(context_with(first, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
     assert [s.variant for s in other.steps] == ["right_onto_left", "far_onto_near"]
     for i in GraspId:  # what was taken hold of on one side of the line is on the other, at the same distance
@@ -268,19 +271,25 @@ def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
         assert before > 0.1 and now == pytest.approx(before)
         away = first.steps[0].line.signed_distance(other.steps[0].grasps[i].point)
         assert away == pytest.approx(-before)
-    assert other.vertices is not None and len(other.vertices) == len(first.vertices)  # type: ignore[arg-type]
-    again = planned(replace(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
+    assert other.plan is not None and first.plan is not None
+    assert len(other.plan.vertices) == len(first.plan.vertices)
+    again = planned(context_with(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
     assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
 
 
 def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> None:
-    first = planned(Context(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
-    believed = replace(first, index=1, adjustments=(), vertices=first.vertices + 0.001)  # type: ignore[operator]
-    same = planned(believed)
-    assert same.steps is believed.steps, "the plan stands"
-    other = planned(replace(believed, adjustments=(Adjustment.OTHER_VARIANT,)))
+    first = planned(context_with(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
+    assert first.plan is not None
+    moved = context_with(first, index=1, adjustments=(), vertices=first.plan.vertices + 0.001)
+    same = planned(moved)
+    assert same.steps is moved.steps, "the plan stands"
+    other = planned(context_with(moved, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in other.steps] == ["right_onto_left", "near_onto_far"]
-    assert other.steps[0] is first.steps[0] and other.vertices is believed.vertices and other.mesh is first.mesh
+    assert (
+        other.steps[0] is first.steps[0]
+        and other.plan.vertices is moved.plan.vertices
+        and other.plan.mesh is first.plan.mesh
+    )
     np.testing.assert_array_equal(other.steps[1].earlier[0].point, first.steps[0].line.point)
     np.testing.assert_array_equal(other.steps[1].earlier[0].direction, first.steps[0].line.direction)
     for i in GraspId:

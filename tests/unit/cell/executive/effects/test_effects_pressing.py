@@ -13,12 +13,14 @@ import pytest
 
 import cell.executive.effects.pressing as pressing
 from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
 from cell.control.motions.hands import Hands
 from cell.control.path_clock import PathControl
-from cell.executive.effects.inspecting import inspect_fold, judged_as_before
-from cell.executive.effects.pressing import plan_pressing, press
-from cell.states.context import Context
-from cell.states.transition_table import Event
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.inspecting import judged_as_before
+from cell.states.run_context import RunContext
+from cell.states.stages import Plan, PressPlan
+from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
@@ -28,37 +30,47 @@ from skills.perception.inspection.inspect import Inspection, InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.planning.pressing import OPENING, Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.scenes import TABLE, camera
 from tests.workcells import fake_workcell
 
+inspect_fold, press = EFFECTS[Effect.INSPECT], EFFECTS[Effect.PRESS]
 FLAT = 0.012
 STEP = FoldStep("half", 0, FoldLine(np.zeros(2), np.array([1.0, 0.0])), (), {}, {})
 STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
 
 
-AS_IT_IS = {name: getattr(pressing, name) for name in ("_flat", "_lying", "_dabs", "_planned")}
+AS_IT_IS = {name: getattr(pressing, name) for name in ("_flat", "moved_along", "_dabs", "_planned")}
 
 
 @pytest.fixture(autouse=True)
 def easy(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stack of 12 mm whose high places are known, and a planner that always finds a way."""
-    monkeypatch.setattr(pressing, "_flat", lambda context: STACK)
-    monkeypatch.setattr(pressing, "_lying", lambda context, seen: context)
+    monkeypatch.setattr(pressing, "_flat", lambda *_: STACK)
+    monkeypatch.setattr(pressing, "moved_along", lambda plan, seen: plan)
     monkeypatch.setattr(pressing, "_dabs", lambda *_: ((Dab(np.zeros(2), FLAT, 0.02),), 0.04))
     monkeypatch.setattr(pressing, "_planned", lambda *_: Outcome(({}, SimpleNamespace(tool_paths={}))))
 
 
 def seen(
     height: float, diagnosis: FailureKind | None = None, pressed: tuple[float, ...] = (), **changes: Any
-) -> Context:
+) -> RunContext:
     looked = SimpleNamespace(height_m=height, diagnosis=diagnosis)
     garment = SimpleNamespace(material=SimpleNamespace(thickness=0.002))
     step = SimpleNamespace(name="half", line=None)
     before = tuple(SimpleNamespace(height_m=height) for height in pressed)
     known: dict[str, Any] = {"inspection": looked, "garment": garment, "steps": (step,), "pressed": before}
-    return Context(**known, **{"press_tries": len(pressed), **changes})
+    shape = PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
+    frame = FakeCell().ports().camera.capture()
+    return context_with(**known, predicted=shape, frame=frame, **{"press_tries": len(pressed), **changes})
+
+
+def plan_pressing(workcell: Any, context: RunContext) -> PressPlan | None:
+    plan, made = context.plan, context.fold.attempt
+    assert plan is not None and made is not None and made.inspection is not None
+    return pressing.plan_pressing(workcell, context.fold.index, plan, made, made.inspection)
 
 
 def cell_with(tmp_path: Path, **keys: float) -> Any:
@@ -70,7 +82,7 @@ def cell_with(tmp_path: Path, **keys: float) -> Any:
 def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
     workcell = cell_with(tmp_path, tries=1, above_flat=0.007)
     planned = plan_pressing(workcell, seen(0.030))
-    assert planned is not None and planned.context.press_motion is not None
+    assert planned is not None and planned.dabs == 1
     assert plan_pressing(workcell, seen(FLAT + 0.0069)) is None
     assert plan_pressing(workcell, seen(float("nan"))) is None, "what nobody saw does not stand high"
 
@@ -83,12 +95,12 @@ def test_it_is_pressed_no_more_often_than_the_settings_say(tmp_path: Path) -> No
 
 def test_a_try_that_touched_nothing_counts_and_is_not_told_as_a_pressing(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
-    tried = replace(seen(0.030), press_tries=1)
+    tried = context_with(seen(0.030), press_tries=1)
     assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
 
 
 def test_what_the_operator_wants_left_is_left(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, tries=1), replace(seen(0.030), unpressed=True)) is None
+    assert plan_pressing(cell_with(tmp_path, tries=1), context_with(seen(0.030), unpressed=True)) is None
 
 
 def test_what_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
@@ -149,14 +161,14 @@ def high(
     diagnosis: FailureKind | None,
     outline_off: float,
     **changes: Any,
-) -> tuple[Context, Any]:
+) -> tuple[RunContext, Any]:
     """A fold that stands high when it is inspected, and a cell that may press it once."""
     import cell.executive.effects.inspecting as inspecting
 
-    shape = PredictedShape(np.zeros((1, 3)), np.zeros((0, 3)), np.zeros((1, 2)))
-    context = replace(seen(0.030, diagnosis), predicted=shape, **changes)
+    context = seen(0.030, diagnosis, **changes)
+    assert context.fold.attempt is not None
     figures = {"contour": np.zeros((3, 2)), "iou_aligned": 0.95, "edge_deviation_m": outline_off}
-    looked = SimpleNamespace(**vars(context.inspection), **figures)
+    looked = SimpleNamespace(**vars(context.fold.attempt.inspection), **figures)
     monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "figures", lambda seen: {})
     monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
@@ -203,7 +215,7 @@ CREASE = FoldLine(np.array([0.6, 0.10]), np.array([1.0, 0.0]))
 """A towel from y = -0.2 m to 0.4 m, folded so that its half beyond y = 0.1 m lies on the other one."""
 
 
-def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | None) -> tuple[Context, Inspection]:
+def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | None) -> tuple[Plan, Inspection]:
     """It lies as planned; along the crease, from one x to another, it stands high for 50 mm [m]."""
     for name, function in AS_IT_IS.items():
         monkeypatch.setattr(pressing, name, function)
@@ -221,15 +233,16 @@ def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | No
         height[region(2 * LAYER + BULGE, high, (0.05, 0.1))] = 2 * LAYER + BULGE
     step = FoldStep("half", 0, CREASE, (), {}, {})
     garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
-    context = Context(steps=(step,), mesh=mesh, garment=garment)
-    return context, inspection(height=height, mask=height > 0.0, view=VIEW, height_m=2 * LAYER)
+    flat = load_garment("medium_towel").flat_state(0.6, 0.0, 0.0)
+    plan = Plan(garment, garment, flat, (step,), mesh, np.zeros((6, 3)))
+    return plan, inspection(height=height, mask=height > 0.0, view=VIEW, height_m=2 * LAYER)
 
 
 def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lying, looked = folded_towel(monkeypatch, (0.52, 0.68))
-    dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying, looked)
+    dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)
     points = np.array([dab.point for dab in dabs])
     assert len(dabs) > 2 and points[:, 0].min() > 0.50 and points[:, 0].max() < 0.70
     np.testing.assert_allclose(points[:, 1], 0.10 - 0.029, atol=1e-9)
@@ -239,21 +252,27 @@ def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
     assert highest == pytest.approx(2 * LAYER + BULGE)
 
 
-def test_it_is_pressed_where_it_is_seen_to_lie_after_the_fold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_pressed_where_it_is_seen_to_lie_after_the_fold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It drifted by 30 mm; the crease went along."""
-    context, looked = folded_towel(monkeypatch, None)
+    plan, looked = folded_towel(monkeypatch, None)
     folded = np.array([[x, y, 0.006] for y in (-0.2, 0.1, -0.2) for x in (0.45, 0.75)])
-    assert context.mesh is not None
-    shape = PredictedShape(folded, context.mesh.triangles, context.mesh.rest)
-    drifted = replace(looked, drift=np.array([0.03, 0.0]))
-    lying = pressing._lying(replace(context, predicted=shape, vertices=np.zeros((6, 3))), drifted)
+    shape = PredictedShape(folded, plan.mesh.triangles, plan.mesh.rest)
+    asked: list[Any] = []
+    monkeypatch.setattr(pressing, "_dabs", lambda cell, step, lying, seen: ((), asked.append((step, lying))))
+    monkeypatch.setattr(pressing, "_flat", lambda *_: STACK)
+    drifted = replace(looked, drift=np.array([0.03, 0.0]), height_m=0.03)
+    context = replace(context_with(predicted=shape, inspection=drifted), plan=plan)
+    assert plan_pressing(cell_with(tmp_path, tries=1), context) is None
+    ((step, lying),) = asked
     np.testing.assert_allclose(lying.vertices, folded + np.array([0.03, 0.0, 0.0]), atol=1e-12)
-    np.testing.assert_allclose(lying.step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
+    np.testing.assert_allclose(step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
 
 
 def test_a_crease_that_lies_flat_is_not_dabbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, None)
-    assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying, looked)[0] == ()
+    assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)[0] == ()
 
 
 @pytest.mark.parametrize("reached", ["all", "some", "none"])
@@ -289,8 +308,10 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
         result = press(workcell, context)
         assert result.event is Event.DONE
         assert result.record["stopped_by_force"] is ended
-        assert [before.height_m for before in result.context.pressed] == [0.030], "how high it stood is kept"
-        assert result.context.press_tries == 1
+        assert [before.height_m for before in result.context.fold.attempt.pressed] == [0.030], (
+            "how high it stood is kept"
+        )
+        assert result.context.fold.attempt.press_tries == 1
         assert workcell.ports.grippers[Side.LEFT].state().opening == OPENING, "one finger beside the other"
         assert result.record["strongest_n"] == pytest.approx(push)
 
@@ -373,7 +394,7 @@ def test_a_hand_that_could_not_come_so_far_does_not_press(
     monkeypatch.setattr(pressing, "stream", lambda *_: pytest.fail("it pressed"))
     result = press(workcell, context)
     assert result.event is Event.FAILED and result.context.failure is why
-    assert result.context.press_tries == 1 and result.context.pressed == ()
+    assert result.context.fold.attempt.press_tries == 1 and result.context.fold.attempt.pressed == ()
 
 
 def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -385,7 +406,7 @@ def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: py
     assert result.event is Event.FAILED and result.context.failure is lag
 
 
-def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> Context:
+def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> RunContext:
     """A pressing that was planned, and arms that go where they are told while their watch looks on."""
     still = ArmTrajectory(np.array([0.0, 1.0]), np.zeros((2, 14)), np.zeros((2, 14)), np.zeros((2, 14)))
     motion = SimpleNamespace(postures={Side.LEFT: None}, approach=still, tool_paths={})
@@ -400,7 +421,8 @@ def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> Context:
     monkeypatch.setattr(pressing, "stream", stream)
     monkeypatch.setattr(Hands, "recording", lambda hands, watch: watch)
     monkeypatch.setattr(pressing, "each_hand", lambda *_: Outcome({Side.LEFT: SimpleNamespace(tip=np.zeros(2))}))
-    return replace(seen(0.030), press_motion=motion)  # type: ignore[arg-type]
+    context: Any = seen(0.030)
+    return context_with(context, press_plan=PressPlan(context.fold.attempt.inspection, {}, motion, 1))  # type: ignore[arg-type]
 
 
 def feel(monkeypatch: pytest.MonkeyPatch, force: float, stamp: float = 0.0) -> None:

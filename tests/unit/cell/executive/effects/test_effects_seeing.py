@@ -13,16 +13,20 @@ import pytest
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.control.motion import Tick
+from cell.executive.effects import EFFECTS
 from cell.executive.effects.gripping import _photographer
-from cell.executive.effects.seeing import await_garment, look, photograph_table, recognise
+from cell.executive.effects.seeing import await_garment, look, photograph_table
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context, Result
-from cell.states.transition_table import Event
+from cell.states.run_context import Result, RunContext
+from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.vocabulary import Outcome
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
+
+recognise = EFFECTS[Effect.RECOGNISE]
 
 
 class CountingCamera:
@@ -53,11 +57,11 @@ def seeing(pan_calibrated: float = 0.0, **changes: Any) -> tuple[Workcell, Count
 @pytest.mark.parametrize("pan", [0.05, -0.011, float("nan")])
 def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None:
     workcell, camera = seeing(pan)
-    result = effect(workcell, Context())
+    result = effect(workcell, RunContext())
     assert result.event is Event.FAILED
     assert result.context.failure.kind is FailureKind.CAMERA_FAULT
     assert "head" in result.context.failure.what and result.context.failure.hint
-    assert camera.shots == 0 and result.context.frame is None
+    assert camera.shots == 0 and result.context.sight.frame is None
 
 
 @pytest.mark.parametrize("effect", [look, photograph_table])
@@ -65,7 +69,7 @@ def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> Non
     workcell, camera = seeing()
     old = replace(workcell.ports.arms.state(), stamp=workcell.ports.clock.now() - 0.5)
     arms = SimpleNamespace(state=lambda: old)
-    result = effect(replace(workcell, ports=replace(workcell.ports, arms=arms)), Context())
+    result = effect(replace(workcell, ports=replace(workcell.ports, arms=arms)), RunContext())
     assert result.event is Event.FAILED and camera.shots == 0
     assert result.context.failure.kind is FailureKind.CAMERA_FAULT
     assert "500 ms old" in result.context.failure.what
@@ -73,7 +77,7 @@ def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> Non
 
 def test_the_noise_of_the_head_is_let_pass() -> None:
     workcell, camera = seeing(0.008)
-    assert look(workcell, Context()).event is Event.DONE
+    assert look(workcell, RunContext()).event is Event.DONE
     assert camera.shots == 1
 
 
@@ -81,10 +85,10 @@ def test_two_pictures_are_remembered() -> None:
     """A frozen camera is known by comparing the last picture with the one before."""
     workcell, _ = seeing()
     workcell.ports.clock.sleep_until(20.0)
-    context = Context()
+    context = RunContext()
     for _ in range(3):
         context = look(workcell, context).context
-    assert (context.frame.sequence, context.previous.sequence) == (3, 2)
+    assert (context.sight.frame.sequence, context.sight.previous.sequence) == (3, 2)
 
 
 def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> None:
@@ -93,16 +97,16 @@ def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> N
     recorder = SimpleNamespace(camera=lambda t, frame, calibration: shown.append(calibration))
     workcell, _ = seeing(recorder=recorder)
     refined = replace(workcell.calibration, T_table_camera=workcell.calibration.T_table_camera + 0.003)
-    look(workcell, Context())
-    look(workcell, Context(refined=refined))
-    watch = _photographer(workcell, Context(refined=refined), np.array([0.0]), [])
+    look(workcell, RunContext())
+    look(workcell, context_with(refined=refined))
+    watch = _photographer(workcell, refined, np.array([0.0]), [])
     watch(Tick(0.0, workcell.ports.arms.state()))
     assert shown == [workcell.calibration, refined, refined]
 
 
 def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
     workcell, _ = seeing()
-    good = look(workcell, Context()).context
+    good = look(workcell, RunContext()).context
     turned = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.4))
     failed = look(turned, good)
     assert failed.event is Event.FAILED
@@ -122,18 +126,18 @@ def test_a_camera_that_hangs_is_noticed(effect) -> None:
     workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.0))
     old = workcell.ports.camera.capture()
     workcell.ports.clock.sleep_until(2.0)
-    result = effect(replace(workcell, ports=replace(workcell.ports, camera=Camera(old))), Context())
+    result = effect(replace(workcell, ports=replace(workcell.ports, camera=Camera(old))), RunContext())
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.CAMERA_FAULT
-    assert "2.0 s ago" in result.context.failure.what and result.context.frame is None
+    assert "2.0 s ago" in result.context.failure.what and result.context.sight.frame is None
 
 
 def test_a_black_picture_is_no_reference() -> None:
     workcell, _ = seeing()
     frame = workcell.ports.camera.capture()
     black = replace(frame, rgb=np.zeros_like(frame.rgb))
-    result = photograph_table(replace(workcell, ports=replace(workcell.ports, camera=Camera(black))), Context())
+    result = photograph_table(replace(workcell, ports=replace(workcell.ports, camera=Camera(black))), RunContext())
     assert result.event is Event.FAILED and "black" in result.context.failure.what
-    assert result.context.reference is None
+    assert result.context.sight.reference is None
 
 
 def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,11 +151,11 @@ def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: 
     monkeypatch.setattr("cell.executive.effects.seeing.perceive", perceiving)
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
-        first = look(workcell, Context()).context
+        first = look(workcell, RunContext()).context
         recognise(workcell, first)
-        recognise(workcell, replace(first, garment=load_garment("medium_towel")))
+        recognise(workcell, context_with(first, garment=load_garment("medium_towel")))
         told = replace(workcell, expected=load_garment("small_towel"))
-        recognise(told, replace(first, garment=load_garment("medium_towel")))
+        recognise(told, context_with(first, garment=load_garment("medium_towel")))
     assert expected == [None, "medium_towel", "small_towel"], "what was named on the command line counts most"
 
 
@@ -160,13 +164,13 @@ def test_between_two_folds_nothing_is_recognised_but_the_folded_garment_found(
     index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Folded, it looks like another garment."""
-    found = Result(Event.DONE, Context())
-    monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda cell, context: found)
+    found = Result(Event.DONE, RunContext())
+    monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda *_: found)
     monkeypatch.setattr(
         "cell.executive.effects.seeing.perceive", lambda *_: pytest.fail("it was taken for a flat one")
     )
     workcell, _ = seeing()
-    assert recognise(workcell, replace(look(workcell, Context()).context, index=index)) is found
+    assert recognise(workcell, context_with(look(workcell, RunContext()).context, index=index, steps=())) is found
 
 
 @pytest.mark.parametrize("simulated", [True, False])
@@ -177,7 +181,7 @@ def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated
     ports.clock.sleep_until(20.0)
     laying: Any = SimpleNamespace(lay_garment=lambda: ports.clock.sleep_until(27.0))
     work = replace(workcell, ports=replace(ports, attendant=laying, simulated=simulated))
-    result = await_garment(work, Context(waited_s=2.0))
+    result = await_garment(work, RunContext(waited_s=2.0))
     assert result.event is Event.DONE
     assert result.context.waited_s == (2.0 if simulated else 9.0)
 
@@ -185,15 +189,15 @@ def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated
 def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
     workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))
-    result = photograph_table(workcell, Context())
-    assert (result.event, result.context.reference, camera.shots) == (Event.DONE, None, 0)
+    result = photograph_table(workcell, RunContext())
+    assert (result.event, result.context.sight.reference, camera.shots) == (Event.DONE, None, 0)
 
 
 def test_a_table_that_does_not_show_leaves_the_calibration_as_it_is() -> None:
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
-        result = photograph_table(workcell, Context())
+        result = photograph_table(workcell, RunContext())
     assert result.event is Event.DONE and result.record["refined"] is False
-    assert result.context.refined is None and result.context.reference is not None
-    assert result.context.calibration(workcell.calibration) is workcell.calibration
+    assert result.context.sight.refined is None and result.context.sight.reference is not None
+    assert result.context.sight.calibration(workcell.calibration) is workcell.calibration
     assert np.isfinite(workcell.calibration.T_table_camera).all()

@@ -11,11 +11,12 @@ import pytest
 
 from cell.control.motions.hands import Hands
 from cell.control.motions.pushes import Pushes
-from cell.executive.effects import gripping
+from cell.executive.effects import EFFECTS, gripping
 from cell.hardware.workcell import Workcell
-from cell.states.context import Context
+from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
-from cell.states.transition_table import Event
+from cell.states.run_context import RunContext
+from cell.states.transition_table import Effect, Event
 from robots.baxter.ros.electric_gripper import FULL_FORCE
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
@@ -24,6 +25,7 @@ from skills.grasping.tare import Zero
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
 from skills.vocabulary import GraspId, Outcome
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -78,7 +80,7 @@ class Hand:
         return TactileReading(self._cell.now, self.side, np.full((2, 4, 3), pads / 12), np.array([tip, 0.5 * tip]))
 
 
-def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, Context, Any]:
+def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, RunContext, Any]:
     """Both hands stand above two layers; `left`: what is otherwise under the left one."""
     cell = FakeCell(q=np.full(14, HOME))
     both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
@@ -91,17 +93,17 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
         postures={Side.LEFT: Posture(GraspId.LEFT, pitch=0.1), Side.RIGHT: Posture(GraspId.RIGHT, pitch=-0.1)},
     )
     step: Any = SimpleNamespace(grasps=grasps)
-    return cell, work, Context(garment=garment, motion=motion, planned_step=step), both
+    return cell, work, context_with(garment=garment, motion=motion, step=step), both
 
 
 def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
-    result = gripping.grasp(work, context)
+    result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.DONE
-    assert {s: held.count.layers for s, held in result.context.held.items()} == dict.fromkeys(Side, LAYERS)
+    assert {s: held.count.layers for s, held in result.context.fold.held.items()} == dict.fromkeys(Side, LAYERS)
     for side in Side:
-        assert result.context.zeros[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
-        assert result.context.held[side].grip == pytest.approx(work.grasp.grip_force)
+        assert result.context.fold.zeros[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
+        assert result.context.fold.held[side].grip == pytest.approx(work.grasp.grip_force)
         touched = result.record["contact_height_m"][side]  # type: ignore[index]
         assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
         # pressed from the touch on, by a millimetre and as far as a leaning hand's other tip stands higher
@@ -124,10 +126,10 @@ def test_what_one_hand_does_not_find_ends_the_grasp(
 ) -> None:
     """No table below it, nothing between its pads, or something that stands there."""
     cell, work, context, both = over_cloth(monkeypatch, **under)
-    result = gripping.grasp(work, context)
+    result = EFFECTS[Effect.GRASP](work, context)
     failure = result.context.failure
     assert result.event is Event.FAILED and failure is not None and failure.kind is kind and "left" in failure.what
-    assert not result.context.held
+    assert not result.context.fold.held
     if kind is not K.MISSED_GRASP:
         assert not any(hand.heard for hand in both.values()), "nothing is closed"
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
@@ -137,7 +139,7 @@ def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, work, context, _ = over_cloth(monkeypatch, between=LAYER)
-    result = gripping.grasp(work, context)
+    result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.FAILED and result.context.failure.kind is K.MISSED_GRASP
     assert "left hand holds 1 layers, not 2" in result.context.failure.what
 
@@ -145,7 +147,7 @@ def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
 def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, both = over_cloth(monkeypatch)
     both[Side.RIGHT].jammed = True
-    result = gripping.grasp(work, context)
+    result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
     assert "right gripper" in result.context.failure.what
 
@@ -164,11 +166,11 @@ def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
     """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
     to a stopped robot."""
     cell, work, context, _ = over_cloth(monkeypatch)
-    assert gripping.grasp(work, context).event is Event.DONE
+    assert EFFECTS[Effect.GRASP](work, context).event is Event.DONE
     for moment in np.linspace(0.02, cell.now - 0.15, 15):
         again, work, context, _ = over_cloth(monkeypatch)
         again.at(float(moment), lambda again=again: spoil(again))
-        result = gripping.grasp(work, context)
+        result = EFFECTS[Effect.GRASP](work, context)
         assert result.event is Event.FAILED and result.context.failure.kind is kind, moment
         assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
 
@@ -185,14 +187,14 @@ def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> No
 def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_can() -> None:
     work = fake_workcell(FakeCell())
     tries = [(Adjustment.STRONGER,) * n for n in range(3)]
-    forces = [gripping.grip_settings(work, Context(adjustments=a)).grip_force for a in tries]
+    forces = [gripping.grip_settings(work, FoldContext(adjustments=a)).grip_force for a in tries]
     assert forces[0] == work.grasp.grip_force and np.all(np.diff(forces) > 3.0) and forces[-1] <= FULL_FORCE
 
 
 @pytest.mark.parametrize("part", ["plan", "move"])
 def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, _ = over_cloth(monkeypatch)
-    held = gripping.grasp(work, context).context
+    held = EFFECTS[Effect.GRASP](work, context).context
     why = Failure(K.TRACKING_ERROR, "the arm lags")
     lift: Any = object()
     monkeypatch.setattr(
@@ -205,15 +207,15 @@ def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.M
 
 def test_what_is_still_held_after_the_lift_is_what_a_slip_is_told_by(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
-    context = gripping.grasp(work, context).context
+    context = EFFECTS[Effect.GRASP](work, context).context
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))
     monkeypatch.setattr(gripping, "move", lambda *_, **__: None)
     both[Side.LEFT].force *= 0.8  # it settles
     lifted = gripping.lift(work, context)
     assert lifted.event is Event.DONE
-    before, after = context.held[Side.LEFT], lifted.context.held[Side.LEFT]
+    before, after = context.fold.held[Side.LEFT], lifted.context.fold.held[Side.LEFT]
     assert after.grip == pytest.approx(0.8 * before.grip) and after.stamp > before.stamp
-    assert lifted.context.held[Side.RIGHT].grip == pytest.approx(before.grip)
+    assert lifted.context.fold.held[Side.RIGHT].grip == pytest.approx(before.grip)
     assert cell.now > after.stamp - 0.1
 
 
@@ -221,8 +223,8 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
     """It hangs a little below that: a set-point at its reading would be a jump."""
     cell, work, context, _ = over_cloth(monkeypatch)
     only = {Side.LEFT: WAY}
-    context.motion.descend = only  # type: ignore[union-attr]
-    context.motion.postures = {Side.LEFT: Posture(GraspId.LEFT)}  # type: ignore[union-attr]
+    motion: Any = SimpleNamespace(descend=only, postures={Side.LEFT: Posture(GraspId.LEFT)})
+    context = context_with(context, motion=motion)
     cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
     work.sent.q = np.full(14, HOME)
     through, cell.follows = work.ports.arms.command, False
@@ -233,7 +235,7 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
         return told
 
     monkeypatch.setattr(work.ports.arms, "command", sagging)
-    assert gripping.grasp(work, context).event is Event.DONE
+    assert EFFECTS[Effect.GRASP](work, context).event is Event.DONE
     right = np.array([q[arm_slice(Side.RIGHT)] for _, q in cell.commands])
     assert np.abs(np.diff(right, axis=0)).max() < 5e-4 and np.abs(right[0] - HOME).max() < 1e-9
 

@@ -7,7 +7,6 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,10 +18,11 @@ from websockets.sync.client import ClientConnection, connect
 from cell.operator.console.board import Board
 from cell.operator.console.server import open_listener, operators_page
 from cell.states.commands import CommandQueue
-from cell.states.context import Context, Result
 from cell.states.observers import Step
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind, StorageError
+from tests.contexts import context_with
 from tests.fakes import FakeCell
 
 ALL = frozenset(Event)
@@ -125,7 +125,7 @@ def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
         assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
         failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
         step = Step(State.PLANNING, Event.DONE, State.OPTIMISING, Effect.CHOOSE_TRAJECTORY)
-        board.performed(2.0, step, Result(Event.FAILED, Context().with_failure(failure)))
+        board.performed(2.0, step, Result(Event.FAILED, RunContext().with_failure(failure)))
         (remark,) = told(link, "board")["remarks"]
         assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
 
@@ -177,7 +177,7 @@ def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Boa
     """It is no mere look: the fold is made again, of a garment that was laid back."""
     planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
-        context = replace(Context(), steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
+        context = context_with(steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
         step = Step(State.CLEARING, Event.DONE, State.RECOVERING, Effect.CHOOSE_RECOVERY)
         board.performed(2.0, step, Result(Event.ASK, context))
         enter(board, State.ASKING)
@@ -238,11 +238,11 @@ def test_after_a_stop_the_page_says_how_to_go_on(board: Board, tmp_path: Path) -
     board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
     assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
     (tmp_path / "run-1" / "belief").mkdir(parents=True)
-    (tmp_path / "run-1" / "belief" / "context").write_bytes(b"believed")
+    (tmp_path / "run-1" / "belief" / "context").write_bytes(b"context_with")
     board.finish(State.STOPPED, failure, tmp_path / "run-1")
     assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", "where the run is"
     step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
-    board.performed(2.0, step, Result(Event.GIVE_UP, Context(through=True)))
+    board.performed(2.0, step, Result(Event.GIVE_UP, RunContext(through=True)))
     board.finish(State.FAULT, failure, tmp_path / "run-1")
     assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
 

@@ -6,24 +6,25 @@ import json
 import os
 import pickle
 import struct
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cell.config.garments.garment_file import load_garment
 from cell.recording.checkpoint import run_checkpoint
 from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
 from cell.recording.frame_store import FrameStore
-from cell.states.context import Context
 from cell.states.recovery_table import Adjustment
+from cell.states.run_context import RunContext
 from cell.states.transition_table import Event
 from robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.grasping.tare import Zero
 from skills.vocabulary import GraspId
+from tests.contexts import context_with
 
 SQUARE = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3], [0.0, 0.3]])
 
@@ -36,13 +37,14 @@ def picture(n: int) -> CameraFrame:
     )
 
 
-def context() -> Context:
+def context() -> RunContext:
     mesh = mesh_from_contour(SQUARE, 0.02, layers=2)
-    return Context(
+    return context_with(
         reference=picture(1),
         frame=picture(2),
         previous=picture(1),
         overlay=picture(3).rgb,
+        garment=load_garment("small_towel"),
         mesh=mesh,
         vertices=mesh.lay_flat(0.002),
         index=1,
@@ -77,13 +79,13 @@ def kept(tmp_path: Path) -> Path:
     return tmp_path / "belief"
 
 
-def read(folder: Path) -> Context:
+def read(folder: Path) -> RunContext:
     return read_belief(folder, FrameStore(folder.parent / "frames"))
 
 
 def test_it_comes_back_as_it_was(kept: Path) -> None:
     assert same(read(kept), context())
-    assert not same(read(kept), replace(context(), index=0))
+    assert not same(read(kept), context_with(context(), index=0))
 
 
 def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,11 +100,11 @@ def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatc
 def test_what_stays_the_same_is_written_once(kept: Path) -> None:
     """A picture and a large array of the last effect are not written again by the next one."""
     before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
-    write_belief(kept, replace(read(kept), index=0), FrameStore(kept.parent / "frames"))
+    write_belief(kept, context_with(read(kept), index=0), FrameStore(kept.parent / "frames"))
     after = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
     assert before.keys() == after.keys() and len(after) > 3
     assert {name for name in after if after[name] != before[name]} == {"context"}
-    assert read(kept).index == 0
+    assert read(kept).fold.index == 0
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])

@@ -32,8 +32,8 @@ from cell.recording.report.page import (
 )
 from cell.recording.report.report import _held_during
 from cell.recording.report.report import report as report_of
-from cell.states.context import Context
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_context import RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import State
 from robots.errors import StorageError
@@ -279,7 +279,7 @@ def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
         "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, None, (), 1.0, 1.0, {},
         str(tmp_path), recording=lost,
     )  # fmt: skip
-    end = RunEnd(State.NOT_FOLDED, Context(), 0.0, 1.0, {})
+    end = RunEnd(State.NOT_FOLDED, RunContext(), 0.0, 1.0, {})
     text = Page(report_of(tmp_path, request, end, result, [], [], None).read_text(encoding="utf-8")).text
     assert "not kept: the run cannot be decided again from here on: disk full; not kept: 7 entries" in text
     whole = replace(result, recording={"errors": [], "dropped": 0})

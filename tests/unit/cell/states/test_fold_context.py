@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cell.states.context import Context
-from cell.states.step_notes import note_of, notes_by_step
+from cell.states.run_context import RunContext
 from robots.errors import FailureKind
+from tests.contexts import context_with
 
 STEPS: Any = tuple(SimpleNamespace(name=name) for name in ("half", "quarter"))
 PREDICTED: Any = SimpleNamespace(vertices=np.zeros((4, 3)))
@@ -26,20 +25,19 @@ def seen(diagnosis: FailureKind | None) -> Any:
 
 
 def test_a_fold_that_was_not_predicted_leaves_nothing() -> None:
-    assert note_of(Context(steps=STEPS)) is None
-    assert notes_by_step(Context()) == {}
+    assert context_with(steps=STEPS).fold.note() is None
+    assert RunContext().notes() == {}
 
 
 def test_a_fold_that_broke_off_keeps_its_prediction() -> None:
-    note = notes_by_step(Context(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, grasps=2))["half"]
+    note = context_with(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, grasps=2).notes()["half"]
     assert (note.source, note.grasps, note.inspected, note.accepted) == ("library", 2, None, False)
     assert math.isnan(note.observed_iou) and math.isnan(note.height_m) and len(note.observed) == 0
 
 
 @pytest.mark.parametrize("diagnosis", [None, FailureKind.DROPPED_CORNER])
 def test_a_fold_that_was_refused_keeps_what_was_seen(diagnosis: FailureKind | None) -> None:
-    context = Context(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, inspection=seen(diagnosis))
-    note = note_of(context)
+    note = context_with(steps=STEPS, predicted=PREDICTED, inspection=seen(diagnosis)).fold.note()
     assert note is not None and note.accepted is (diagnosis is None)
     assert (note.observed_iou, note.aligned_iou, note.drift_m, note.height_m) == (0.91, 0.94, 0.004, 0.03)
     assert len(note.observed) == 5
@@ -49,17 +47,15 @@ def test_a_fold_lasts_as_long_as_the_arms_motion() -> None:
     """Not as long as its arc would at nominal speed."""
     motion: Any = SimpleNamespace(fold=SimpleNamespace(duration=7.5))
     trajectory: Any = SimpleNamespace(source="library", duration=4.0)
-    note = note_of(Context(steps=STEPS, predicted=PREDICTED, trajectory=trajectory, motion=motion))
+    note = context_with(steps=STEPS, predicted=PREDICTED, trajectory=trajectory, motion=motion).fold.note()
     assert note is not None and note.carrying_s == 7.5
-    unplanned = note_of(Context(steps=STEPS, predicted=PREDICTED, trajectory=trajectory))
-    assert unplanned is not None and math.isnan(unplanned.carrying_s)
 
 
 def test_a_fold_that_counts_as_made_is_kept_as_it_was_then() -> None:
-    made = note_of(Context(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, inspection=seen(None)))
+    made = context_with(steps=STEPS, predicted=PREDICTED, inspection=seen(None)).fold.note()
     assert made is not None
-    ended = Context(steps=STEPS, predicted=PREDICTED, trajectory=TRAJECTORY, done=(made,))
-    assert notes_by_step(ended) == {"half": made}, "the last fold is still the one at hand when all are made"
-    refused = replace(ended, index=1, inspection=seen(FailureKind.SAG))
-    assert list(notes_by_step(refused)) == ["half", "quarter"]
-    assert not notes_by_step(refused)["quarter"].accepted
+    ended = context_with(steps=STEPS, predicted=PREDICTED, done=(made,))
+    assert ended.notes() == {"half": made}, "the last fold is still the one at hand when all are made"
+    refused = context_with(steps=STEPS, index=1, done=(made,), inspection=seen(FailureKind.SAG))
+    assert list(refused.notes()) == ["half", "quarter"]
+    assert not refused.notes()["quarter"].accepted

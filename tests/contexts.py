@@ -1,0 +1,67 @@
+"""Run contexts for tests: a test names the values that it is about, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from cell.states.fold_context import FoldContext
+from cell.states.run_context import RunContext, Sight
+from cell.states.stages import Attempt, Plan, Recognition
+from skills.cloth.mesh import mesh_from_contour
+from skills.vocabulary import GarmentState
+
+__all__ = ["context_with"]
+
+_NOTHING_PLANNED: dict[str, Any] = {
+    "garment": SimpleNamespace(plan=[SimpleNamespace(variants=())] * 9),
+    "flat": GarmentState("towel", np.zeros((0, 2)), {}, 1.0),
+    "steps": (),
+    "mesh": mesh_from_contour(np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]), 0.04),
+    "vertices": np.zeros((0, 3)),
+}
+
+
+def context_with(before: RunContext | None = None, **changes: Any) -> RunContext:
+    """A context with these values, each in the part of it that has a field of that name: `carried=True` is of its
+    attempt. before: the context of which the rest stays. Values that the caller does not name are stand-ins."""
+    context = before or RunContext()
+    sight, recognition = _taken(Sight, changes), _taken(Recognition, changes)
+    attempt = _taken(Attempt, changes, but=("trajectory",))
+    plan, fold = _taken(Plan, changes), _taken(FoldContext, changes)
+    if recognition:
+        nothing = {"perception": None, "overlay": None}
+        changes["recognition"] = _with(Recognition, context.recognition, nothing, recognition)
+    if plan:
+        plan.setdefault("nominal", context.plan.nominal if context.plan else plan.get("garment", None))
+        changes["plan"] = _with(Plan, context.plan, _NOTHING_PLANNED, plan)
+    if attempt:
+        fold["attempt"] = _with(Attempt, context.fold.attempt, _stand_in(context, changes, fold), attempt)
+    return replace(context, sight=replace(context.sight, **sight), fold=replace(context.fold, **fold), **changes)
+
+
+def _taken(kind: Any, changes: dict[str, Any], but: tuple[str, ...] = ()) -> dict[str, Any]:
+    names = {f.name for f in fields(kind)} & changes.keys() - set(but)
+    return {name: changes.pop(name) for name in names}
+
+
+def _with(kind: Any, before: Any, stand_in: dict[str, Any], changes: dict[str, Any]) -> Any:
+    return replace(before, **changes) if before is not None else kind(**{**stand_in, **changes})
+
+
+def _stand_in(context: RunContext, changes: dict[str, Any], fold: dict[str, Any]) -> dict[str, Any]:
+    """A try of the step at hand."""
+    plan, index = changes.get("plan", context.plan), fold.get("index", context.fold.index)
+    return {
+        "trajectory": fold.get("trajectory", SimpleNamespace(source="library")),
+        "step": plan.steps[index] if plan and plan.steps else SimpleNamespace(name="half"),
+        "paths": {},
+        "tool_speed": 0.3,
+        "motion": SimpleNamespace(fold=SimpleNamespace(duration=2.0), tool_paths={}, postures={}),
+        "predicted": SimpleNamespace(vertices=None),
+        "dissimilarity_m": 0.004,
+        "plan_frames": None,
+    }
