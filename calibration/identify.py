@@ -95,14 +95,6 @@ class MaterialEstimate:
     stretch: Quantity
     misfit: float
 
-    def applied_to(self, material: Material, least_learned: float = 0.3) -> Material:
-        """`material` with those figures of which enough was learned; the others stay."""
-        if self.friction.learned >= least_learned:
-            material = material.with_friction(self.friction.value)
-        if self.stretch.learned >= least_learned:
-            material = replace(material, stretch_fraction=self.stretch.value)
-        return material
-
     def update_of(self, believed: Material, nominal: Material) -> Material:
         """`believed` with its friction moved towards the estimate by the share that was learned, in logarithms,
         and no further from the `nominal` one than BOUND."""

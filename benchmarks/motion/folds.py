@@ -187,7 +187,8 @@ class _Ruler:
 
     def _stop(self, part: ArmTrajectory, found: _Findings) -> None:
         for share in (0.1, 0.3, 0.5, 0.7, 0.9):
-            stop = timing.stop_profile(part, share * part.duration, self.model.protective)
+            warp = timing.ClockWarp(share * part.duration, timing.STOP_TIME, 0.0)
+            stop = timing.warped(part, timing.warp_clock(part, warp, self.model.protective))
             found.stop_s.append(stop.duration)
             found.stop_share.append(max(peak_shares(stop, self.model.protective)))
 

@@ -61,7 +61,6 @@ class BaxterBody:
         self._forces = [ARM_EFFORT] * 14 + [50.0] + [20.0] * 4
         self._links = self._link_map()
         self._tool = {side: self._links[f"{side}_gripper"] for side in Side}
-        self._hand = {side: self._links[f"{side}_hand_link"] for side in Side}
         self._filter_collisions()
 
     def _link_map(self) -> dict[str, int]:
@@ -137,10 +136,6 @@ class BaxterBody:
     def tool_pose(self, side: Side) -> tuple[Array, Array]:
         """T_base_tool as position (3,) and rotation (3, 3); see robots.ports for the tool's axes."""
         return base_pose(self._body, self._tool[side], self._client)
-
-    def hand_position(self, side: Side) -> Array:
-        """(3,) where the hand begins, behind the gripper, base frame."""
-        return base_pose(self._body, self._hand[side], self._client)[0]
 
     def touches(self, other: int | None = None) -> tuple[tuple[str, str], ...]:
         """Names of links in contact with each other, or with body `other` (its name is then '')."""

@@ -153,12 +153,6 @@ class ClothSimulation:
         """(n,) [1/kg]"""
         return self._body.w.copy()
 
-    @property
-    def table_force(self) -> Array:
-        """(3,) [N] force of the cloth on the table in the last substep, table frame."""
-        press = self._state.press[:, :3] / np.where(self._body.w > 0.0, self._body.w, np.inf)[:, None]
-        return -press.sum(axis=0) / self._rules.h**2
-
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth somewhere (n, 3), at rest or with `velocities` (n, 3); what was held is released.
 

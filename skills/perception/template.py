@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from robots.ports import Array, frozen
+from robots.ports import Array
 
-__all__ = ["GarmentOutline", "Template", "polygon_area", "symmetries"]
+__all__ = ["GarmentOutline", "polygon_area", "symmetries"]
 
 _ALIKE = 0.9
 """Second moments whose ratio is above this do not tell an outline's axes."""
@@ -34,26 +33,6 @@ class GarmentOutline(Protocol):
 
     @property
     def template(self) -> Array: ...
-
-
-@dataclass(frozen=True, eq=False)
-class Template:
-    """The smallest `GarmentOutline`: for a silhouette without a fold plan."""
-
-    name: str
-    category: str
-    keypoints: tuple[str, ...]
-    template: Array
-
-    def __post_init__(self) -> None:
-        polygon = np.asarray(self.template, dtype=float)
-        if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
-            raise ValueError(f"template of {self.name!r} must be (k >= 3, 2), not {polygon.shape}")
-        if len(self.keypoints) != len(polygon):
-            raise ValueError(f"{self.name!r}: {len(self.keypoints)} names for {len(polygon)} key points")
-        if abs(polygon_area(polygon)) < 1e-6:
-            raise ValueError(f"template of {self.name!r} has no area")
-        object.__setattr__(self, "template", frozen(polygon.copy()))
 
 
 def polygon_area(polygon: Array) -> float:

@@ -29,7 +29,7 @@ from cell.recording.transcript.transcript_codec import ENUMS, RECORDS, Channel, 
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Ports, Side
 
-__all__ = ["TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter", "write_transcript"]
+__all__ = ["TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter"]
 
 TRANSCRIPT = "run.transcript"
 SCHEMA = "foldcell transcript 1"
@@ -199,13 +199,6 @@ class Transcript:
             question, answer = data[at : at + asked], data[at + asked : at + asked + answered]
             yield Exchange(self._channels[channel], question, answer)
             at += asked + answered
-
-
-def write_transcript(path: Path, constants: CellConstants, exchanges: list[Exchange]) -> None:
-    """A whole transcript at once. Raises StorageError."""
-    with _begun(path, constants) as file:
-        if exchanges:
-            _write_all(file, _chunk(exchanges))
 
 
 def _begun(path: Path, constants: CellConstants) -> BinaryIO:

@@ -38,7 +38,6 @@ __all__ = [
     "hold",
     "join",
     "peaks",
-    "stop_profile",
     "time_law",
     "time_path",
     "warp_clock",
@@ -235,18 +234,6 @@ def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
     if warp.goal == 0.0:
         qd[-1] = 0.0
     return ArmTrajectory(frozen(tau), frozen(q), frozen(qd), frozen(qdd))
-
-
-def stop_profile(
-    trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = STOP_TIME
-) -> ArmTrajectory:
-    """From time t on, the same path with the clock run down to rest: where a protective stop leads.
-
-    It takes `duration` [s], or up to four times that as far as `limits` (the protective set) need; beyond that
-    it stops in the longest.
-    """
-    start = float(np.clip(t, 0.0, trajectory.duration))
-    return warped(trajectory, warp_clock(trajectory, ClockWarp(start, duration, 0.0), limits))
 
 
 def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:

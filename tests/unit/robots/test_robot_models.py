@@ -12,11 +12,12 @@ from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion.kinematics import ik
 from skills.motion.moves.fold import plan_fold_motion
-from skills.motion.timing.timing import free_motion, peaks, stop_profile, time_path
+from skills.motion.timing.timing import free_motion, peaks, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
 from tests.pandas import load_pandas
+from tests.stops import stop_profile
 from tests.tool_paths import path_deviation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

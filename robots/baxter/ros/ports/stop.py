@@ -28,7 +28,6 @@ CLOSE_S = 0.5
 """On the wall: so long the robot is still told of a stop by a cell that is being closed."""
 RESET_S = 3.0
 TICK_S = 0.05
-NO_BUTTON = 0
 PRESSED = 1
 SOURCES = {
     1: "the emergency button was pressed",

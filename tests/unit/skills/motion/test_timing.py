@@ -22,12 +22,12 @@ from skills.motion.timing.timing import (
     hold,
     join,
     peaks,
-    stop_profile,
     time_law,
     time_path,
     warp_clock,
     warped,
 )
+from tests.stops import stop_profile
 
 MODEL = load_model()
 LIMITS = MODEL.planning

@@ -4,8 +4,8 @@ import functools
 
 import pytest
 
-from skills.perception.template import Template
 from tests.scenes import TOWEL, TOWEL_NAMES, Scene, camera, empty, render, towel_scene
+from tests.silhouettes import Silhouette
 
 
 @functools.cache
@@ -39,4 +39,4 @@ def calibration():
 @pytest.fixture(scope="session")
 def towels():
     sizes = {"medium_towel": (0.40, 0.60), "large_towel": (0.50, 0.80), "small_towel": (0.30, 0.42)}
-    return [Template(name, "towel", TOWEL_NAMES, TOWEL * (x / 0.40, y / 0.60)) for name, (x, y) in sizes.items()]
+    return [Silhouette(name, "towel", TOWEL_NAMES, TOWEL * (x / 0.40, y / 0.60)) for name, (x, y) in sizes.items()]

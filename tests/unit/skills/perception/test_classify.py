@@ -4,8 +4,8 @@ from shapely import Polygon, box
 
 from skills.perception.classify import classify, polygon_iou
 from skills.perception.registration.energy import resample_closed
-from skills.perception.template import Template
 from tests.scenes import TOWEL, TOWEL_NAMES, place
+from tests.silhouettes import Silhouette
 
 SHIRT = np.array(
     [
@@ -38,7 +38,7 @@ TROUSERS = np.array(
 
 
 def template(name, polygon, names=None):
-    return Template(name, name, names or tuple(f"p{i}" for i in range(len(polygon))), polygon)
+    return Silhouette(name, name, names or tuple(f"p{i}" for i in range(len(polygon))), polygon)
 
 
 ALL = [template("towel", TOWEL, TOWEL_NAMES), template("shirt", SHIRT), template("trousers", TROUSERS)]

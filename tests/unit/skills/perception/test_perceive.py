@@ -8,10 +8,11 @@ from robots.ports import CameraFrame
 from skills.perception.classify import Match
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.perceive import PerceptionSettings, perceive
-from skills.perception.template import Template, polygon_area
+from skills.perception.template import polygon_area
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
+from tests.silhouettes import Silhouette
 
-TRIANGLE = Template("pennant", "pennant", ("a", "b", "c"), np.array([[0.3, 0.0], [-0.2, 0.25], [-0.2, -0.25]]))
+TRIANGLE = Silhouette("pennant", "pennant", ("a", "b", "c"), np.array([[0.3, 0.0], [-0.2, 0.25], [-0.2, -0.25]]))
 
 
 def failure(outcome):
@@ -105,7 +106,7 @@ def test_what_is_recognised_unasked_is_what_a_second_look_expects(calibration, t
 @pytest.mark.parametrize(("overlap", "taken"), [(0.955, True), (0.94, False)])
 def test_the_next_best_is_taken_where_only_it_fits_in_size(calibration, towels, monkeypatch, overlap, taken):
     """Unless it overlaps worse by more than a second look would let pass."""
-    known = [towels[0], Template("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
+    known = [towels[0], Silhouette("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
     matches = (Match("medium_towel", "towel", 0.98, 0.7, 0.0), Match("napkin", "napkin", overlap, 1.0, 0.0))
     monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])

@@ -24,7 +24,7 @@ from cell.hardware.workcell import Workcell
 from cell.recording.frame_store import FRAMES
 from cell.recording.transcript.port_recorder import Stenographer
 from cell.recording.transcript.replay_ports import Answers, Halt
-from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, Transcript, write_transcript
+from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, Transcript
 from cell.recording.transcript.transcript_codec import Channel, pack, unpack
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -33,6 +33,7 @@ from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Ports, Side
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
+from tests.transcripts import write_transcript
 from tests.workcells import fake_workcell
 
 LIMITS = JointLimits(
@@ -169,7 +170,7 @@ def test_more_questions_than_there_were_are_told_of(tmp_path: Path) -> None:
 def test_a_transcript_that_breaks_off_says_nothing_of_what_comes(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     whole = Transcript(tmp_path / TRANSCRIPT)
-    write_transcript(whole.path, whole.constants, list(whole)[:100])
+    write_transcript(tmp_path, whole.constants, list(whole)[:100])
     with pytest.raises(Halt) as caught:
         again(tmp_path, work)
     assert caught.value.then == caught.value.now == "" and caught.value.trouble is None
@@ -271,7 +272,7 @@ def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
 def test_where_the_transcript_is_over_nothing_is_computed_in_vain(
     tmp_path: Path, workers: ThreadPoolExecutor
 ) -> None:
-    write_transcript(tmp_path / TRANSCRIPT, CellConstants.of(FakeCell().ports()), [])
+    write_transcript(tmp_path, CellConstants.of(FakeCell().ports()), [])
     there, ages = answers(tmp_path), threading.Event()
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
     try:
@@ -330,5 +331,5 @@ def test_an_altered_answer_is_what_is_answered(tmp_path: Path) -> None:
     whole = Transcript(tmp_path / TRANSCRIPT)
     first, *rest = list(whole)
     state = replace(unpack(first.answer), head_pan=0.7)
-    write_transcript(whole.path, whole.constants, [replace(first, answer=pack(state)), *rest])
+    write_transcript(tmp_path, whole.constants, [replace(first, answer=pack(state)), *rest])
     assert answers(tmp_path).ports().arms.state().head_pan == 0.7

@@ -16,12 +16,12 @@ from cell.recording.transcript.transcript import (
     CellConstants,
     Transcript,
     TranscriptWriter,
-    write_transcript,
 )
 from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Intrinsics
 from tests.fakes import FakeCell
+from tests.transcripts import write_transcript
 
 CONSTANTS = CellConstants.of(FakeCell().ports())
 
@@ -65,12 +65,11 @@ def test_what_was_noted_is_on_disk_within_a_moment(tmp_path: Path) -> None:
 
 
 def test_one_that_breaks_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
-    path = tmp_path / TRANSCRIPT
-    write_transcript(path, CONSTANTS, sleeps(100))
+    path = write_transcript(tmp_path, CONSTANTS, sleeps(100))
     first = path.stat().st_size
     with path.open("ab") as file:
-        write_transcript(tmp_path / "more", CONSTANTS, sleeps(50))
-        whole = (tmp_path / "more").read_bytes()
+        (tmp_path / "more").mkdir()
+        whole = write_transcript(tmp_path / "more", CONSTANTS, sleeps(50)).read_bytes()
         file.write(whole[whole.index(b"\n", whole.index(b"\n") + 1) + 1 :])
     assert list(Transcript(path)) == sleeps(100) + sleeps(50)
     data = path.read_bytes()
@@ -80,8 +79,7 @@ def test_one_that_breaks_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
 
 
 def test_a_damaged_one_is_told_of(tmp_path: Path) -> None:
-    path = tmp_path / TRANSCRIPT
-    write_transcript(path, CONSTANTS, sleeps(100))
+    path = write_transcript(tmp_path, CONSTANTS, sleeps(100))
     data = bytearray(path.read_bytes())
     for at in (-1, -40):
         path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[len(data) + at + 1 :])
@@ -120,8 +118,7 @@ def no_constants(head: dict) -> bytes:
      lambda head: b"foldcell transcript 1\n[1, 2]", lambda head: b"foldcell transcript 1\nnot JSON"],
 )  # fmt: skip
 def test_one_of_another_version_is_refused(make, tmp_path: Path) -> None:
-    path = tmp_path / TRANSCRIPT
-    write_transcript(path, CONSTANTS, sleeps(3))
+    path = write_transcript(tmp_path, CONSTANTS, sleeps(3))
     head = json.loads(path.read_bytes().split(b"\n")[1])
     path.write_bytes(make(head) + b"\n")
     with pytest.raises(StorageError, match="no transcript of this version") as caught:
