@@ -13,7 +13,7 @@ from benchmarks.cloth import Tell
 from calibration.friction import calibrate_friction
 from calibration.identify import identify_material, predict_candidates, silhouette
 from calibration.shear import calibrate_shear, clip_and_lowest, elongations
-from cell.commands.calibrate.material import PAPER
+from cell.commands.calibrate.paper import PAPER
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold

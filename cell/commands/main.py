@@ -22,7 +22,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "trials": ("run.trials", "repeat runs over seeds and garments, with Wilson intervals"),
     "perceive": ("skill.perceive", "key points of the garment in a picture, and an overlay PNG"),
     "optimise": ("skill.optimise", "find the trajectory of a garment's folds by cloth simulation"),
-    "library": ("library.library", "the library of optimised trajectories"),
+    "library": ("library.actions", "the library of optimised trajectories"),
     "calibrate": ("calibrate.actions", "measure what the cell has to know, and write it to a file"),
     "garment": ("garment.actions", "the garments that the cell knows"),
     "runs": ("history.runs", "the runs in the ledger and how each ended"),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.calibrate import board, cell, material
+from cell.commands.calibrate import bending, board, camera, friction, hand_eye, paper, shear, table, tactile
 
 __all__ = ["add_options"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    board.add_actions(actions)
-    cell.add_actions(actions)
-    material.add_actions(actions)
+    for action in (board, table, camera, hand_eye, tactile, shear, friction, bending, paper):
+        action.add_options(actions)

@@ -14,10 +14,10 @@ from cell.commands.output import print_json
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 
-__all__ = ["add_actions", "run"]
+__all__ = ["add_options", "run"]
 
 
-def add_actions(actions: Commands) -> None:
+def add_options(actions: Commands) -> None:
     """The sheet to print; no cell takes part."""
     board = add_command(
         actions, "board", "write the calibration board as a page to print, A4 and true to scale", run

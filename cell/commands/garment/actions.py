@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.garment import files, new
+from cell.commands.garment import check, list, new, show
 
 __all__ = ["add_options"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    files.add_actions(actions)
-    new.add_actions(actions)
+    for action in (list, check, show, new):
+        action.add_options(actions)

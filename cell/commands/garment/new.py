@@ -22,14 +22,14 @@ from robots.errors import ConfigurationError
 from skills.garments.fitted import fitted_template
 from skills.garments.garment import Garment
 
-__all__ = ["add_actions", "run"]
+__all__ = ["add_options", "run"]
 
 HINT = "lay it flat and straight on a plain ground, photograph it from above, or name another garment with --like"
 SHORTEST, LONGEST = 0.05, 3.0
 """Of what may be measured on a garment [m]."""
 
 
-def add_actions(actions: Commands) -> None:
+def add_options(actions: Commands) -> None:
     new = add_command(actions, "new", "make the file of a garment of one's own from a photograph of it", run)
     new.add_argument("image", type=Path, metavar="IMAGE", help="it lies flat, seen from above, nothing else on it")
     new.add_argument("--like", required=True, metavar="GARMENT", help="name or file of one that folds alike")

@@ -284,7 +284,7 @@ def test_a_built_library_replaces_what_it_built_and_nothing_else(tmp_path: Path,
 def test_the_command_builds_writes_and_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
-    monkeypatch.setattr("cell.commands.library.library.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.commands.library.build.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Bowl)
     line = ["library", "build", "small_towel", "--method", "two_parameter", "--workers", "2",
             "--logs", str(tmp_path)]  # fmt: skip
@@ -317,7 +317,7 @@ def test_a_build_is_for_the_cell_that_it_is_asked_for(tmp_path: Path, monkeypatc
             lifts.append(path[straight, 2].max() - path[0, 2])
             return super().__call__(mesh, positions, material, paths)
 
-    monkeypatch.setattr("cell.commands.library.library.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.commands.library.build.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Watching)
     (tmp_path / "cell.yaml").write_text("grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\n")
     line = ["library", "build", "small_towel", "--method", "initial", "--cell", str(tmp_path / "cell.yaml")]

@@ -1,4 +1,4 @@
-"""`foldcell library build|show`: the trajectories that need no optimising any more."""
+"""`foldcell library build`: optimise every fold, so that no run has to."""
 
 from __future__ import annotations
 
@@ -6,26 +6,25 @@ import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.library.build import BuildProgress, BuiltStep, build_library
 from cell.campaigns.library.unfinished_build import UnfinishedBuild
-from cell.commands.options import add_command, cell_option, count, json_option, logs_option
-from cell.commands.output import print_json, print_table, progress_stream
+from cell.commands.library.entry_figures import figures
+from cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
+from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.library.library_file import load_library, put_garments, user_library_path
+from cell.config.library.library_file import put_garments, user_library_path
 from cell.operator.progress.bar import ProgressBar
 from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.process.workers import worker_pool
 from skills.trajectory.library import LibraryEntry
 
-__all__ = ["add_options", "run"]
+__all__ = ["add_options"]
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    build = add_command(actions, "build", "optimise every fold of the garments and keep the trajectories", run)
+def add_options(actions: Commands) -> None:
+    build = add_command(actions, "build", "optimise every fold of the garments and keep the trajectories", _run)
     build.add_argument("garments", nargs="*", metavar="GARMENT", help="names or files (all that are shipped)")
     build.add_argument(
         "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
@@ -33,19 +32,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, among the logs)")
     cores = os.cpu_count() or 1
     build.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one a core)")
-    show = add_command(actions, "show", "what the library holds", run)
-    for action, name in ((build, "build"), (show, "show")):
-        action.set_defaults(action=name)
-        cell_option(action)
-        logs_option(action)
-        json_option(action)
+    cell_option(build)
+    logs_option(build)
+    json_option(build)
 
 
-def run(options: argparse.Namespace) -> int:
-    return _build(options) if options.action == "build" else _show(options)
-
-
-def _build(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """0 when every fold has its entry, 2 when one could not be optimised (the others are kept)."""
     settings = load_settings(options.cell)
     loaded = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
@@ -86,50 +78,12 @@ def _build(options: argparse.Namespace) -> int:
     if options.json:
         print_json({
             "library": str(path),
-            "entries": [_figures(e) for e in library.entries],
+            "entries": [figures(e) for e in library.entries],
             "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
         })  # fmt: skip
     return 2 if failures else 0
 
 
-def _show(options: argparse.Namespace) -> int:
-    loaded = load_library(logs_directory(options.logs))
-    entries = loaded.library.entries
-    refused = [f"{path}, entry {r.index}: {r.reason}" for path, r in loaded.refused]
-    if options.json:
-        print_json({"entries": [_figures(e) for e in entries], "refused": refused})
-        return 0
-    if entries:
-        print_table(
-            ("garment", "fold", "variant", "method", "D first [mm]", "D [mm]", "simulations", "arms"),
-            [
-                (e.garment, e.step, e.variant, e.method, 1e3 * e.dissimilarity_initial, 1e3 * e.dissimilarity,
-                 e.simulations, len(e.inner))
-                for e in entries
-            ],
-        )  # fmt: skip
-    else:
-        print("the library is empty; 'foldcell library build' fills it")
-    for line in refused:
-        print(f"not used: {line}")
-    return 0
-
-
 def _gain(entry: LibraryEntry) -> str:
     first, best = 1e3 * entry.dissimilarity_initial, 1e3 * entry.dissimilarity
     return f"D {first:.1f} -> {best:.1f} mm (predicted) in {entry.simulations} simulations"
-
-
-def _figures(entry: LibraryEntry) -> dict[str, Any]:
-    return {
-        "garment": entry.garment,
-        "category": entry.category,
-        "step": entry.step,
-        "variant": entry.variant,
-        "size_m": entry.size_m,
-        "method": entry.method,
-        "dissimilarity_initial_m": entry.dissimilarity_initial,
-        "dissimilarity_m": entry.dissimilarity,
-        "simulations": entry.simulations,
-        "version": entry.version,
-    }

@@ -1,0 +1,166 @@
+"""What the calibrations of the cell (table, camera, hand-eye, tactile) share: flags, the run, the file."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from calibration.effects import Procedure
+from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
+from cell.commands.options import Commands, add_command, cell_option, driver_option, json_option, logs_option, seed
+from cell.commands.output import print_json, progress_stream
+from cell.config.calibration_file import read_camera_file
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.workcell import Workcell
+from cell.simulation import Truth
+from cell.support.files.paths import logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
+
+__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "settings_of"]
+
+Provenance = dict[str, dict[str, Any]]
+DATA_SHEET = "data sheet"
+S = TypeVar("S")
+
+
+@dataclass(frozen=True)
+class CellCalibration:
+    """procedure: for a cell. figures: what is reported of its value. error: against the simulated truth, for
+    the record only. text: of the file, with its provenance. setting: the key of cell.yaml that names the file."""
+
+    part: str
+    setting: str
+    procedure: Callable[[Workcell], Procedure[Any]]
+    figures: Callable[[Any], dict[str, Any]]
+    error: Callable[[Any, Truth], dict[str, float]]
+    text: Callable[[Any, Provenance], str]
+    warning: str = ""
+
+
+Choose = Callable[[argparse.Namespace, CellSettings], CellCalibration]
+
+
+def add_action(actions: Commands, name: str, about: str, choose: Choose) -> argparse.ArgumentParser:
+    """The command with the flags that all of them have."""
+    action = add_command(actions, name, about, lambda options: _run(options, name, choose))
+    action.add_argument("--seed", type=seed, default=0, metavar="N", help="of the simulated cell (0)")
+    action.add_argument("--output", type=Path, metavar="FILE", help="where to write (in the run's folder)")
+    cell_option(action)
+    logs_option(action)
+    json_option(action)
+    driver_option(action)
+    action.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
+    return action
+
+
+def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
+    settings = load_settings(options.cell)
+    chosen = choose(options, settings)
+    if options.output is not None:
+        _check_output(options.output)
+    stream = progress_stream(options.json)
+    request = CalibrationRequest(
+        name=name,
+        seed=options.seed,
+        driver=options.driver,
+        settings=settings,
+        logs=prepare_logs(logs_directory(options.logs)),
+        realtime=options.realtime,
+        say=lambda text: print(text, file=stream, flush=True),
+    )
+
+    def figures(value: Any, truth: Truth | None) -> dict[str, Any]:
+        error = {} if truth is None else chosen.error(value, truth)
+        return {**chosen.figures(value), "simulated_truth": error or None}
+
+    end = calibrate(request, chosen.procedure, figures)
+    report: dict[str, Any] = {"calibration": name, "seed": options.seed, "driver": options.driver}
+    report |= end.as_json()
+    if end.value is not None:
+        report |= figures(end.value, end.truth) | {"warning": chosen.warning or None}
+        report["file"] = str(_write(options, name, chosen, end))
+    if options.json:
+        print_json(report)
+    else:
+        _summary(chosen, end, report)
+    return end.exit_code
+
+
+def _check_output(path: Path) -> None:
+    """Before anything moves."""
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise ConfigurationError(
+            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
+        )
+
+
+def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end: CalibrationEnd[Any]) -> Path:
+    path = options.output or end.run_dir / f"{name}.yaml"
+    told = {
+        "made": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "by": f"foldcell calibrate {name}",
+        "run": end.run_id,
+        "driver": options.driver,
+        "simulated": end.simulated,
+        "figures": chosen.figures(end.value),
+    }
+    write_whole(path, chosen.text(end.value, {chosen.part: told}).encode())
+    return path.absolute()
+
+
+def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[str, Any]) -> None:
+    words = {"done": "done", "not_done": "NOT DONE (the cell is safe)", "fault": "FAULT"}
+    print(f"\ncalibrate {report['calibration']}, seed {report['seed']}: {words[end.result]}")
+    if end.failure:
+        print(f"  {end.failure.what}\n  {end.failure.hint}")
+    if end.value is not None:
+        for name, value in chosen.figures(end.value).items():
+            print(f"  {name:<28} {_shown(value)}")
+        for name, value in (report["simulated_truth"] or {}).items():
+            print(f"  simulated truth: {name:<11} {_shown(value)}")
+        print(f"  file  {report['file']}")
+        print(f"  next: in cell.yaml, {_named(chosen.setting, report['file'])}")
+        if chosen.warning:
+            print(f"  mind: {chosen.warning}")
+    print(f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s")
+    print(f"  run   {end.run_dir}")
+
+
+def _named(setting: str, path: str) -> str:
+    """A file as it stands in cell.yaml."""
+    group, key = setting.split(".")
+    return f"{group}: {{{key}: {path}}}"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value + 0.0:.6g}"  # no -0
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(v) for v in value)
+    return str(value)
+
+
+def camera_provenance(settings: CellSettings) -> Provenance:
+    """Of the parts of the camera's calibration as they are believed now."""
+    told: Provenance = {"intrinsics": {"by": DATA_SHEET}, "pose": {"by": "drawing of the bracket"}}
+    if settings.camera.calibration is None:
+        return told
+    kept = read_camera_file(settings.camera.calibration).provenance
+    return told | {part: dict(notes) for part, notes in kept.items()} if kept else {}
+
+
+def settings_of(kind: Callable[..., S], **values: Any) -> S:
+    """A procedure's settings; what it refuses is a wrong argument."""
+    try:
+        return kind(**values)
+    except ValueError as e:
+        raise ConfigurationError(str(e), "see foldcell calibrate --help") from e
+
+
+def mm(metres: float) -> float:
+    return round(1e3 * metres, 4)

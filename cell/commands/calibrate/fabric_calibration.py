@@ -1,0 +1,154 @@
+"""What the calibrations of a fabric (shear, friction, bending) share: flags, the test, the garment file."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
+from cell.commands.output import print_json, progress_stream
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
+from cell.config.garments.material_file import with_material
+from cell.config.yaml_file import read_yaml
+from cell.operator.progress.compiling import compiling_told
+from cell.support.files.paths import logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
+from skills.garments.garment import Garment
+
+__all__ = [
+    "FabricTest",
+    "Tell",
+    "add_action",
+    "add_garment_action",
+    "add_output",
+    "check_output",
+    "provenance",
+]
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class FabricTest:
+    """values: for the file's `material`; measured: where they come from; fields: no longer assumed; figures: for
+    the report; agrees: whether the simulated test does; record: writes the recording to a path."""
+
+    values: Mapping[str, Any]
+    measured: Mapping[str, str]
+    fields: tuple[str, ...]
+    figures: Mapping[str, Any]
+    agrees: bool
+    record: Callable[[Path], None]
+
+
+Measure = Callable[[Garment, argparse.Namespace, str, Tell], FabricTest]
+
+
+def add_action(
+    actions: Commands, name: str, about: str, run: Callable[[argparse.Namespace], int]
+) -> argparse.ArgumentParser:
+    """The command with the flags that all of them have."""
+    action = add_command(actions, name, about, run)
+    cell_option(action)
+    logs_option(action)
+    json_option(action)
+    return action
+
+
+def add_garment_action(
+    actions: Commands,
+    name: str,
+    about: str,
+    measure: Measure,
+    lengths: Mapping[str, str],
+    any_surface: bool,
+) -> argparse.ArgumentParser:
+    """The command that measures one garment's fabric. lengths: the flags of what the operator has measured, and
+    what each says. any_surface: whether the file need not know the table's surface yet."""
+    action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
+    action.add_argument("garment", metavar="GARMENT", help="name or file")
+    for option, help_text in lengths.items():
+        action.add_argument(option, type=float, required=True, metavar="M", help=f"metres {help_text}")
+    return action
+
+
+def add_output(action: argparse.ArgumentParser) -> None:
+    action.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (among the logs)")
+    action.add_argument("--replace", action="store_true", help="write over a file that exists")
+
+
+def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: bool) -> int:
+    surface = load_settings(options.cell).surface
+    stream = progress_stream(options.json)
+
+    def tell(line: str) -> None:
+        print(line, file=stream, flush=True)
+
+    source = garment_path(options.garment)
+    garment = load_garment(source, _known_surface(source, surface) if any_surface else surface)
+    check_output(options.output, options.replace)
+    folder = _folder(options, name, garment)
+    with compiling_told(tell):
+        result = measure(garment, options, surface, tell)
+    text = with_material(
+        source.read_text(encoding="utf-8"), garment.name, result.values, result.measured, result.fields, surface
+    )
+    folder.mkdir(parents=True)
+    recording, file = folder / "test.rrd", options.output or folder / f"{garment.name}.yaml"
+    result.record(recording)
+    write_whole(file, text.encode())
+    report = {
+        "calibration": name, "garment": garment.name, "surface": surface, **result.figures,
+        "agrees": result.agrees, "file": str(file.absolute()), "recording": str(recording), "simulated": True,
+    }  # fmt: skip
+    if options.json:
+        print_json(report)
+        return 0
+    for key, value in report.items():
+        print(f"  {key:<28} {f'{value:.5g}' if isinstance(value, float) else value}")
+    if not result.agrees:
+        print("  the simulated test does not agree with the measured value: predictions are off by as much")
+    return 0
+
+
+def _known_surface(source: Path, surface: str) -> str:
+    """The surface to load the garment for: friction may be measured on one that the file does not have yet."""
+    material = read_yaml(source, "garment file").data.get("material")
+    angles = material.get("friction_angle_deg") if isinstance(material, dict) else None
+    if not isinstance(angles, dict) or not angles or surface in angles:  # what else it is, loading it says
+        return surface
+    return str(next(iter(angles)))
+
+
+def check_output(path: Path | None, replace: bool) -> None:
+    """Before anything is computed."""
+    if path is None:
+        return
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise ConfigurationError(
+            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
+        )
+    if path.suffix not in (".yaml", ".yml"):
+        raise ConfigurationError(f"--output {path}: a garment file ends in .yaml")
+    if path.exists() and not replace:
+        shipped = path.resolve().parent == shipped_garment_path("").resolve().parent
+        what = "is a shipped garment file" if shipped else "exists already"
+        raise ConfigurationError(f"--output {path} {what}", "give another file, or --replace to write over it")
+
+
+def _folder(options: argparse.Namespace, name: str, garment: Garment) -> Path:
+    logs = prepare_logs(logs_directory(options.logs))
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
+    base = logs / f"{stamp}-calibrate-{name}-{garment.name}"
+    return next(p for p in (base, *(base.with_name(f"{base.name}-{k}") for k in range(2, 100))) if not p.exists())
+
+
+def provenance(text: str) -> str:
+    return f"{text} ({time.strftime('%Y-%m-%d', time.gmtime())}, foldcell {version('foldcell')})"

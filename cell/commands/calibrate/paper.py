@@ -1,0 +1,103 @@
+"""`foldcell calibrate paper`: the paper's table of garments, calibrated here and printed beside the paper's."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from calibration.shear import ShearCalibration, clip_and_lowest
+from cell.commands.calibrate.fabric_calibration import Tell, add_action, check_output, provenance
+from cell.commands.calibrate.friction import tilt_test
+from cell.commands.calibrate.shear import hang_test, modulus
+from cell.commands.options import Commands
+from cell.commands.output import print_json, print_table, progress_stream
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.config.garments.material_file import with_material
+from cell.operator.progress.compiling import compiling_told
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
+from skills.vocabulary import Array
+
+__all__ = ["PAPER", "add_options"]
+
+PAPER = {
+    "long_sleeve_shirt_large": (2.9, 24.3, 200, 0.7),
+    "long_sleeve_shirt_small": (2.9, 24.7, 200, 0.7),
+    "jeans": (2.9, 19.1, 200, 0.5),
+    "pants": (1.7, 21.9, 340, 0.6),
+    "large_towel": (2.2, 18.7, 260, 0.5),
+    "medium_towel": (3.1, 22.3, 190, 0.6),
+    "small_towel": (1.1, 24.3, 530, 0.7),
+}
+"""Li et al. 2015, its table of garments: stretch [%], friction angle [degrees], Maya's shear resistance, Maya's
+friction."""
+
+
+def add_options(actions: Commands) -> None:
+    about = "the paper's table of garments, calibrated here and printed beside the paper's"
+    paper = add_action(actions, "paper", about, _run)
+    paper.add_argument("garments", nargs="*", metavar="GARMENT", help="names (all seven)")
+    paper.add_argument("--output", type=Path, metavar="DIR", help="write their garment files, calibrated, there")
+    paper.add_argument("--replace", action="store_true", help="write over files that exist")
+
+
+def _run(options: argparse.Namespace) -> int:
+    stream = progress_stream(options.json)
+
+    def tell(line: str) -> None:
+        print(line, file=stream, flush=True)
+
+    with compiling_told(tell):
+        return _calibrate(options, load_settings(options.cell).surface, tell)
+
+
+def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
+    """The paper's measurements, calibrated here: ours beside the paper's; with --output the garment files too."""
+    names = options.garments or list(PAPER)
+    if options.output is not None and not options.output.is_dir():
+        raise ConfigurationError(f"cannot write into {options.output}: no such folder", "make it, or give another")
+    for name in names:
+        if name not in PAPER:
+            raise ConfigurationError(f"the paper's table has no {name!r}", f"it has {', '.join(PAPER)}")
+        if options.output is not None:
+            check_output(options.output / f"{name}.yaml", options.replace)
+    rows = []
+    for name in names:
+        stretch, degrees, maya_shear, maya_friction = PAPER[name]
+        garment = load_garment(name, surface)
+        l2 = _laid_length(garment.template, clip_and_lowest(garment.template, garment.keypoints))
+        hung = hang_test(garment, l2 * (1.0 + 0.01 * stretch), l2, None, tell)
+        tilt = tilt_test(garment, math.sin(math.radians(degrees)), 1.0, tell)
+        rows.append({
+            "garment": name, "paper_stretch_percent": stretch, "simulated_stretch_percent": 100.0 * hung.simulated,
+            "simulated_spread_percent": 100.0 * hung.spread,
+            "hang_drop_m": hung.hang_drop, "membrane_modulus_N_per_m": modulus(garment, hung),
+            "paper_maya_shear_resistance": maya_shear, "paper_friction_angle_deg": degrees,
+            "friction": tilt.coefficient, "simulated_friction": tilt.simulated,
+            "paper_maya_friction": maya_friction,
+        })  # fmt: skip
+        if options.output is not None:
+            _write_paper(options.output / f"{name}.yaml", name, surface, hung)
+        tell(f"{name} done")
+    if options.json:
+        print_json({"calibration": "paper", "simulated": True, "garments": rows})
+        return 0
+    print_table(
+        ("garment", "stretch %: paper", "simulated", "spread", "hang drop m", "membrane N/m", "Maya shear",
+         "angle deg: paper", "friction tan", "simulated", "Maya"),
+        [tuple(v if isinstance(v, str) else f"{v:.3g}" for v in row.values()) for row in rows],
+    )  # fmt: skip
+    return 0
+
+
+def _write_paper(path: Path, name: str, surface: str, hung: ShearCalibration) -> None:
+    text = shipped_garment_path(name).read_text(encoding="utf-8")
+    values = {"hang_drop": round(hung.hang_drop, 3)}
+    source = {"stretch_fraction": provenance("Li et al. 2015, table of garments")}
+    write_whole(path, with_material(text, name, values, source, (), surface).encode())
+
+
+def _laid_length(template: Array, pair: tuple[int, int]) -> float:
+    return math.dist(template[pair[0]], template[pair[1]])

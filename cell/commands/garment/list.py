@@ -1,0 +1,30 @@
+"""`foldcell garment list`."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.commands.garment.drawn import figures, size
+from cell.commands.options import Commands, add_command, cell_option, json_option
+from cell.commands.output import print_json, print_table
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+
+__all__ = ["add_options"]
+
+
+def add_options(actions: Commands) -> None:
+    action = add_command(actions, "list", "names, sizes and folds", _run)
+    cell_option(action)
+    json_option(action)
+
+
+def _run(options: argparse.Namespace) -> int:
+    surface = load_settings(options.cell).surface
+    garments = [load_garment(name, surface) for name in list_garments()]
+    if options.json:
+        print_json({"garments": [figures(g) for g in garments]})
+        return 0
+    rows = [(g.name, g.title, g.category, size(g), g.layers, len(g.plan)) for g in garments]
+    print_table(("name", "title", "category", "x by y [m]", "layers", "folds"), rows)
+    return 0

@@ -1,0 +1,15 @@
+"""`foldcell library`: its actions."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.commands.library import build, show
+
+__all__ = ["add_options"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    for action in (build, show):
+        action.add_options(actions)

@@ -1,0 +1,24 @@
+"""An entry of the library as plain numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skills.trajectory.library import LibraryEntry
+
+__all__ = ["figures"]
+
+
+def figures(entry: LibraryEntry) -> dict[str, Any]:
+    return {
+        "garment": entry.garment,
+        "category": entry.category,
+        "step": entry.step,
+        "variant": entry.variant,
+        "size_m": entry.size_m,
+        "method": entry.method,
+        "dissimilarity_initial_m": entry.dissimilarity_initial,
+        "dissimilarity_m": entry.dissimilarity,
+        "simulations": entry.simulations,
+        "version": entry.version,
+    }

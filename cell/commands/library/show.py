@@ -1,0 +1,43 @@
+"""`foldcell library show`."""
+
+from __future__ import annotations
+
+import argparse
+
+from cell.commands.library.entry_figures import figures
+from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
+from cell.commands.output import print_json, print_table
+from cell.config.library.library_file import load_library
+from cell.support.files.paths import logs_directory
+
+__all__ = ["add_options"]
+
+
+def add_options(actions: Commands) -> None:
+    action = add_command(actions, "show", "what the library holds", _run)
+    cell_option(action)
+    logs_option(action)
+    json_option(action)
+
+
+def _run(options: argparse.Namespace) -> int:
+    loaded = load_library(logs_directory(options.logs))
+    entries = loaded.library.entries
+    refused = [f"{path}, entry {r.index}: {r.reason}" for path, r in loaded.refused]
+    if options.json:
+        print_json({"entries": [figures(e) for e in entries], "refused": refused})
+        return 0
+    if entries:
+        print_table(
+            ("garment", "fold", "variant", "method", "D first [mm]", "D [mm]", "simulations", "arms"),
+            [
+                (e.garment, e.step, e.variant, e.method, 1e3 * e.dissimilarity_initial, 1e3 * e.dissimilarity,
+                 e.simulations, len(e.inner))
+                for e in entries
+            ],
+        )  # fmt: skip
+    else:
+        print("the library is empty; 'foldcell library build' fills it")
+    for line in refused:
+        print(f"not used: {line}")
+    return 0
