@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from benchmarks.d_relax import distance_to_target, ideal_fold
+from benchmarks.attainable_dissimilarity import distance_to_target, ideal_fold
 from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.adapting import FACTORS

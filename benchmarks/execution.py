@@ -23,7 +23,7 @@ from cell.config.cell_settings import load_settings
 from cell.control import loop
 from cell.control.checks import ExecutionLimits
 from cell.control.motion import Motion
-from cell.control.motions import standing, trajectory
+from cell.control.motions import hold_position, trajectory
 from cell.control.ticks import TICK_S
 from cell.runs.fold_run import FoldRequest, FoldResult, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
@@ -124,7 +124,7 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
     with (
         patch.object(loop, "followed", followed),
         patch.object(trajectory, "follow", noted(trajectory.follow)),
-        patch.object(standing, "stand", noted(standing.stand)),
+        patch.object(hold_position, "stand", noted(hold_position.stand)),
     ):
         yield off
 

@@ -2,7 +2,7 @@
 
 A procedure is a generator: it yields effects and is sent their outcomes, and it returns its own outcome. It
 has no other way to the cell. Who performs the effects (cell/calibrating) plans, checks, watches the stop and
-keeps the ledger. Only a plan that was refused (UNREACHABLE, IN_COLLISION) is for the procedure to answer; every
+keeps the journal. Only a plan that was refused (UNREACHABLE, IN_COLLISION) is for the procedure to answer; every
 other failure ends it without asking it.
 """
 

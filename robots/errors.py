@@ -75,7 +75,7 @@ class Failure:
     what: str
     hint: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """The figures behind it (JSON-able, SI units in the key), for the ledger and the report."""
+    """The figures behind it (JSON-able, SI units in the key), for the journal and the report."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}" + (f" ({self.hint})" if self.hint else "")
@@ -111,11 +111,11 @@ class DriverError(CellError):
 
 
 class StorageError(CellError):
-    """Logs, ledger or recording cannot be written. Raised before anything moves."""
+    """Logs, journal or recording cannot be written. Raised before anything moves."""
 
 
 class RecordError(CellError):
-    """The ledger took no more lines while the cell was at work. The arms are held; the ledger ends before that."""
+    """The journal took no more lines while the cell was at work. The arms are held; the journal ends before."""
 
 
 class InternalError(CellError):

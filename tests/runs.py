@@ -26,7 +26,7 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
 
-__all__ = ["PLAIN", "Onlooker", "Sent", "decided_again", "fold_request"]
+__all__ = ["PLAIN", "LastCommand", "Onlooker", "decided_again", "fold_request"]
 
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
 """One simulation instead of an optimisation: enough where it does not matter how well the garment is folded."""
@@ -40,12 +40,12 @@ def fold_request(
     seed: int = 1,
     **changes: Any,
 ) -> FoldRequest:
-    """A run that keeps its ledger in `folder`/logs, without a recording and unscored unless it is asked for."""
+    """A run that keeps its journal in `folder`/logs, without a recording and unscored unless it is asked for."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
     (folder / "logs").mkdir(exist_ok=True)
-    options: dict[str, Any] = {"quiet": True, "record": False, "witness": False, **changes}
+    options: dict[str, Any] = {"quiet": True, "record": False, "record_truth": False, **changes}
     return FoldRequest(
         garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
         logs=folder / "logs", **options,
@@ -54,13 +54,13 @@ def fold_request(
 
 def decided_again(logs: Path, run: str = "last") -> Verdict:
     """A recorded run's decisions, taken again by what was read then."""
-    with Journal.open(logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(logs / "journal.db", readonly=True) as journal:
         record = journal.run(run)
         return decide_again(record, journal.entries(record.id))
 
 
 @dataclass(frozen=True, eq=False)
-class Sent:
+class LastCommand:
     """One set-point as the driver got it and as it sent it on, and the effect that it belongs to."""
 
     t: float
@@ -83,7 +83,7 @@ class Onlooker:
     at_set_point: Callable[[Ports, Effect, float], object] = lambda ports, effect, t: None
     performed: list[tuple[Effect, Event]] = field(default_factory=list)
     results: list[Result] = field(default_factory=list)
-    set_points: list[Sent] = field(default_factory=list)
+    set_points: list[LastCommand] = field(default_factory=list)
     last_q: Array = field(default_factory=lambda: np.zeros(14))
     openings: list[float] = field(default_factory=list)
     under_way: Effect = Effect.NOTHING
@@ -153,7 +153,7 @@ class Onlooker:
 
         def heard(port: Any, q: Array, qd: Array) -> JointSetpoint:
             sent = command(port, q, qd)
-            self.set_points.append(Sent(ports.clock.now(), self.under_way, np.array(q), np.array(qd), sent))
+            self.set_points.append(LastCommand(ports.clock.now(), self.under_way, np.array(q), np.array(qd), sent))
             self.at_set_point(ports, self.under_way, ports.clock.now())
             return sent
 

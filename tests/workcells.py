@@ -30,7 +30,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "calibration": camera_calibration(settings),
         "robot": SimpleNamespace(q_park=np.zeros(14), protective=None),
         "checker": SimpleNamespace(contact=lambda q: None),
-        "guard": None,
+        "execution_checker": None,
         "limits": None,
         "execution": ExecutionLimits(),
         "garments": (),

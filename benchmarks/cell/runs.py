@@ -11,7 +11,7 @@ from typing import Any
 from unittest.mock import patch
 
 from cell.config.cell_settings import load_settings
-from cell.runs.checkpoint_writer import Keeper
+from cell.runs.checkpoint_writer import CheckpointWriter
 from cell.runs.fold_run import fold_once
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.observers import Step
@@ -23,7 +23,7 @@ __all__ = ["measure"]
 GARMENT, SEED = "small_towel", 1
 KINDS: dict[str, dict[str, Any]] = {
     "run": {},
-    "bare_run": {"record": False, "witness": False},
+    "bare_run": {"record": False, "record_truth": False},
     "shown_run": {"live": True},
 }
 """All that a user gets; without recording, report, truth and score; and with a live stream that nobody reads."""
@@ -85,12 +85,12 @@ def _fold(options: dict[str, Any], walls: _Walls) -> FoldResult:
 def _keeping_timed() -> Iterator[list[float]]:
     """What each putting down of belief and world took [s]."""
     took: list[float] = []
-    keep = Keeper.keep
+    keep = CheckpointWriter.keep
 
-    def timed(self: Keeper, context: Any) -> None:
+    def timed(self: CheckpointWriter, context: Any) -> None:
         began = time.perf_counter()
         keep(self, context)
         took.append(time.perf_counter() - began)
 
-    with patch.object(Keeper, "keep", timed):
+    with patch.object(CheckpointWriter, "keep", timed):
         yield took

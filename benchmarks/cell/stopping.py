@@ -89,15 +89,17 @@ def measure(tell: Callable[[str], None], stops: int) -> dict[str, Any]:
 def _stopped_at(due: float) -> _Stop | None:
     clocks: list[_StoppingClock] = []
 
-    def prelude(cell: OpenCell, _: Any) -> Ports:
+    def on_open(cell: OpenCell, _: Any) -> Ports:
         ports = cell.ports
         clocks.append(_StoppingClock(ports, due))
         return replace(ports, clock=clocks[0])
 
     with tempfile.TemporaryDirectory() as folder:
         settings, logs = load_settings(), Path(folder)
-        request = FoldRequest(GARMENT, 1, "sim", settings, None, logs, quiet=True, record=False, witness=False)
-        fold_once(request, prelude)
+        request = FoldRequest(
+            GARMENT, 1, "sim", settings, None, logs, quiet=True, record=False, record_truth=False
+        )
+        fold_once(request, on_open)
     return clocks[0].stop
 
 

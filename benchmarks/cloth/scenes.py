@@ -225,7 +225,7 @@ def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
 
 def optimised_fold() -> SharedFold:
     """The medium towel's first fold along the trajectory that our predictor found (the shipped library's)."""
-    from benchmarks.d_relax import distance_to_target
+    from benchmarks.attainable_dissimilarity import distance_to_target
     from cell.config.library.library_file import load_library
     from skills.trajectory.library import lookup, trajectory_from
     from skills.trajectory.paths import tool_paths

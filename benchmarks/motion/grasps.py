@@ -28,7 +28,7 @@ from skills.grasping.confirm import Expectation, Held, LayerCount, confirm, star
 from skills.grasping.hand_reading import HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
-from skills.grasping.tare import Zero, ZeroState, start_zero, zero
+from skills.grasping.tare import TactileBias, TareState, start_tare, tare
 from skills.vocabulary import Outcome
 
 __all__ = ["measure_grasps"]
@@ -130,7 +130,7 @@ class _Record:
     """One hand's zero and its readings: the planned layers, twice as many, one more, none (slack or pressing)."""
 
     trial: _Trial
-    zero: Zero
+    tare: TactileBias
     readings: dict[str, list[HandReading]]
 
 
@@ -142,10 +142,10 @@ def _draw(rng: np.random.Generator, garments: list[Garment]) -> _Trial:
     return _Trial(thickness, real, layers, float(rng.uniform(8.0, 20.0)))
 
 
-def _zeroed(hand: _Hand, settings: GraspSettings) -> Zero:
-    state: ZeroState | Outcome[Zero] = start_zero(settings)
+def _zeroed(hand: _Hand, settings: GraspSettings) -> TactileBias:
+    state: TareState | Outcome[TactileBias] = start_tare(settings)
     while not isinstance(state, Outcome):
-        state = zero(hand.read(), state)
+        state = tare(hand.read(), state)
     return state.unwrap()
 
 
@@ -170,7 +170,7 @@ def _recorded(seed: int, scale: float, garments: list[Garment], settings: GraspS
 
 
 def _judged(record: _Record, name: str, settings: GraspSettings) -> Outcome[Held]:
-    state = start_confirm(settings, record.zero, Expectation(record.trial.thickness, record.trial.layers))
+    state = start_confirm(settings, record.tare, Expectation(record.trial.thickness, record.trial.layers))
     for reading in record.readings[name]:
         after = confirm(reading, state)
         if isinstance(after, Outcome):
@@ -205,7 +205,7 @@ def _share(kinds: list[FailureKind | None], wanted: FailureKind) -> float:
 class _SlipRecord:
     """A fold's readings as they are when the cloth stays and when it goes at `lost` [s into the fold]."""
 
-    zero: Zero
+    tare: TactileBias
     held: Held
     begun: float
     lost: float
@@ -258,7 +258,7 @@ def _told_slipped(records: list[_SlipRecord], settings: GraspSettings) -> tuple[
 
 
 def _first_alarm(record: _SlipRecord, readings: list[HandReading], settings: GraspSettings) -> float | None:
-    watch = start_slip_watch(settings, record.zero, record.held)
+    watch = start_slip_watch(settings, record.tare, record.held)
     for reading in readings:
         after = watch_slip(reading, watch)
         if isinstance(after, Outcome):

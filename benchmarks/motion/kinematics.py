@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.pybullet_body import joint_map, pb
 from robots.baxter.pybullet_files import moving_urdf
-from robots.baxter.suppress_output import silenced
+from robots.baxter.suppress_output import suppress_output
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion.kinematics import ik
@@ -149,7 +149,7 @@ class _PyBullet:
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
         self.model, self.starts = model, starts
         self.client = pb.connect(pb.DIRECT)
-        with silenced():
+        with suppress_output():
             self.body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, physicsClientId=self.client)
         joints = joint_map(self.body, self.client)
         self.arms = [joints[name] for name in JOINT_NAMES]

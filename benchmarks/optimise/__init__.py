@@ -5,9 +5,9 @@
 What is optimised on the optimiser's mesh is judged on finer ones, three in turn, by the median of D over arcs
 whose inner control points were moved by half a millimetre: neither the luck of the draw nor a mesh's own habits
 count. D is the paper's, three-dimensional and unaligned. Beside it stand D of the paper's initial arc, at the same
-grasp, meshes and duration, and D_relax, the ideal fold left to settle (benchmarks/d_relax.py): the median over the
-same meshes. Earlier steps are ideal and settled. All arcs are simulated with the lift before them, as the cell
-executes them.
+grasp, meshes and duration, and D_relax, the ideal fold left to settle
+(benchmarks/attainable_dissimilarity.py): the median over the same meshes. Earlier steps are ideal and settled. All
+arcs are simulated with the lift before them, as the cell executes them.
 
 Grasps are released at their mirror image, as in the paper and in D_relax. What the cell adds, some millimetres of
 tension, moves the garment by as much whatever the arc (small_towel, first fold, initial arc: D 4.4 mm with it, 1.1

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.d_relax import d_relax, distance_to_target, evaluation_edge, ideal_fold
+from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, evaluation_edge, ideal_fold
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold

@@ -1,1 +1,1 @@
-"""Running calibration procedures (calibration/) with a cell: the same checks, stop and ledger as a fold."""
+"""Running calibration procedures (calibration/) with a cell: the same checks, stop and journal as a fold."""

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import Procedure
-from cell.calibrating.asking import Asking
-from cell.calibrating.performing import STATE, Performer
+from cell.calibrating.calibration_prompts import CalibrationPrompts
+from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble, load_robot
@@ -142,7 +142,7 @@ def _with_cell(
     began: float,
     interrupts: Interrupts,
 ) -> CalibrationEnd[T]:
-    robot, commands, asking = load_robot(request.settings), CommandQueue(), Asking(request.say)
+    robot, commands, asking = load_robot(request.settings), CommandQueue(), CalibrationPrompts(request.say)
 
     def person(stop: Stop) -> PersonAttendant:
         return PersonAttendant(commands, stop, asking.ask)
@@ -191,7 +191,7 @@ def _perform(
     def say(t: float, text: str) -> None:
         request.say(f"{t:8.1f} s  {text}")
 
-    performer = Performer(cell, run, say, lambda name, picture: _keep(run.directory, name, picture))
+    performer = ProcedureRunner(cell, run, say, lambda name, picture: _keep(run.directory, name, picture))
     say(cell.ports.clock.now(), "preparing")
     outcome = _caught(lambda: _prepared(cell, run) or performer.run(procedure(cell)))
     if outcome.failure:
@@ -203,7 +203,7 @@ def _perform(
 
 
 def _caught(work: Callable[[], Outcome[T]]) -> Outcome[T]:
-    """Whatever is raised becomes a failure, so that the cell is made safe; but for what the ledger raises."""
+    """Whatever is raised becomes a failure, so that the cell is made safe; but for what the journal raises."""
     try:
         return work()
     except StorageError:
@@ -225,7 +225,7 @@ def _prepared(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
     return Outcome(failure=result.context.failure) if result.context.failure else None
 
 
-def _made_safe(cell: Workcell, run: RunJournal, performer: Performer) -> bool:
+def _made_safe(cell: Workcell, run: RunJournal, performer: ProcedureRunner) -> bool:
     """Board out of the hand, arms parked; a stopped robot is left as it stands."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "making_safe", "make_safe")

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
-from cell.commands.frame import USAGE, framed
+from cell.commands.exit_codes import USAGE, framed
 from cell.commands.options import add_command
 
 __all__ = ["build_parser", "main"]
@@ -25,8 +25,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "library": ("library.actions", "the library of optimised trajectories"),
     "calibrate": ("calibrate.actions", "measure what the cell has to know, and write it to a file"),
     "garment": ("garment.actions", "the garments that the cell knows"),
-    "runs": ("history.runs", "the runs in the ledger and how each ended"),
-    "tidy": ("history.tidy", "free the disk of old recordings; reports and the ledger stay"),
+    "runs": ("history.runs", "the runs in the journal and how each ended"),
+    "tidy": ("history.tidy", "free the disk of old recordings; reports and the journal stay"),
     "report": ("history.report", "what happened in a run, and where its report page is"),
     "replay": ("history.replay", "open a run's recording in the Rerun viewer, or decide it again"),
     "resume": ("run.resume", "go on with a run that was killed, stopped or ended before it had folded"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.control.sent import Sent
+from cell.control.last_command import LastCommand
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, JointSetpoint, JointState, Ports
@@ -20,7 +20,7 @@ class ExecutionLimits:
     """What a motion is held to.
 
     start [rad]: how far the arms may stand from a trajectory's first point; tracking [rad]: from the set-point
-    while moving; settled [rad], settle_s: when a motion counts as arrived; stale_s: oldest joint state. sent
+    while moving; settled [rad], settle_s: when a motion counts as arrived; stale_s: oldest joint state. altered
     [rad]: how much a driver may alter a set-point.
     """
 
@@ -29,7 +29,7 @@ class ExecutionLimits:
     settled: float = 0.01
     settle_s: float = 1.0
     stale_s: float = 0.1
-    sent: float = 0.002
+    altered: float = 0.002
 
 
 def stopped(ports: Ports) -> Failure | None:
@@ -91,14 +91,14 @@ def hold(ports: Ports, limits: ExecutionLimits) -> None:
         ports.arms.command(q, np.zeros_like(q))
 
 
-def come_to_rest(ports: Ports, limits: ExecutionLimits, sent: Sent) -> Failure | None:
+def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastCommand) -> Failure | None:
     """Let arms that are off their last set-point come back to it before anything is planned from where they stand:
     a sudden drop takes a moment. Those that do not within settle_s are left to the checks of the next motion."""
     deadline = ports.clock.now() + limits.settle_s
-    while sent.q is not None and ports.clock.now() < deadline:
+    while last_command.q is not None and ports.clock.now() < deadline:
         read = fresh_state(ports, limits)
         failure = stopped(ports) or read.failure
-        if failure or np.abs(read.unwrap().q - sent.q).max() <= limits.settled:
+        if failure or np.abs(read.unwrap().q - last_command.q).max() <= limits.settled:
             return failure
         ports.clock.sleep_until(ports.clock.now() + TICK_S)
     return None
@@ -121,13 +121,18 @@ def _altered(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure 
     """A driver that sends something else than it was told leads the arms off the path."""
     off = np.abs(sent.q - q)
     joint = int(off.argmax())
-    if off[joint] <= limits.sent:
+    if off[joint] <= limits.altered:
         return None
     return Failure(
         FailureKind.LIMIT_EXCEEDED,
         f"the driver moved joint {joint}'s set-point by {np.rad2deg(off[joint]):.2f} degrees",
         "compare the robot's own limits with the model's",
-        {"joint": joint, "off_rad": float(off[joint]), "limit_rad": limits.sent, "clipped": sent.clipped},
+        {
+            "joint": joint,
+            "off_rad": float(off[joint]),
+            "limit_rad": limits.altered,
+            "clipped": sent.clipped,
+        },
     )
 
 

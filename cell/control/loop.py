@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from cell.control.checks import ExecutionLimits, followed, fresh_state, start_mismatch, stopped
+from cell.control.last_command import LastCommand
 from cell.control.motion import Feedback, Motion, SetPoint
 from cell.control.path_clock import PathControl
 from cell.control.pausing import Interruptions
-from cell.control.sent import Sent
 from cell.control.ticks import Ticks
 from robots.errors import FailureKind
 from robots.ports import JointState, Ports
@@ -34,7 +34,7 @@ class ControlLoop:
 
     ports: Ports
     limits: ExecutionLimits
-    sent: Sent
+    last_command: LastCommand
 
     def run(
         self,
@@ -71,7 +71,7 @@ class ControlLoop:
             late, read = self._tick(point, ticks, sends)
             bad = read.failure
             if bad and bad.kind is not FailureKind.STALE_STATE:
-                self.sent.q = None
+                self.last_command.q = None
                 return Outcome(failure=bad)
             if bad and interruptions.resting:
                 return Outcome(failure=bad)
@@ -88,7 +88,7 @@ class ControlLoop:
         """Whether the tick came so late that the arms have come to rest; and their state, or what is wrong."""
         if sends:
             sent = self.ports.arms.command(point.q, point.qd)
-            self.sent.q = point.q
+            self.last_command.q = point.q
             return ticks.wait(), followed(self.ports, point.q, sent, self.limits)
         late, halted = ticks.wait(), stopped(self.ports)
         return late, Outcome(failure=halted) if halted else Outcome(self.ports.arms.state())

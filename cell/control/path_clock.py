@@ -20,7 +20,7 @@ class PathControl:
     """What can hold up a motion on its path, and the limits within which it then stops and starts.
 
     commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
-    the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the ledger: paused
+    the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the journal: paused
     and resumed, both written while the arms rest. waited_s: cell time spent at rest in a pause, summed over the
     motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
     """

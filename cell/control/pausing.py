@@ -30,7 +30,7 @@ class Interruptions:
         self._ending: Failure | None = None
         """Why the motion is being brought to rest, when that is to end it."""
         self._asked: float | None = None
-        """When the pause was asked for that is not in the ledger yet [s]."""
+        """When the pause was asked for that is not in the journal yet [s]."""
 
     def judge(self, ahead: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
         """After a tick: the failure with which the motion ends now, or None while it goes on.

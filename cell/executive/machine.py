@@ -22,7 +22,7 @@ _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
 
 def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
-    """The table with the rows that hold in every working state: stop, lost ledger, crash, abort, pause and resume.
+    """The table with the rows that every working state has: stop, lost journal, crash, abort, pause and resume.
 
     Pause is taken between two effects; resuming enters the interrupted state anew (its effect is
     issued again and checks its own start). While the cell makes itself safe it can only be stopped.

@@ -27,7 +27,7 @@ __all__ = ["EffectFunction", "Runner"]
 EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
-"""Effects that touch neither the cell nor the clock: an event in the ledger is enough."""
+"""Effects that touch neither the cell nor the clock: an event in the journal is enough."""
 
 _FAILING = FAILING | {Event.GIVE_UP}
 """Events of which the failure at hand is the reason. With others it is one that was met, and mended, before."""
@@ -40,7 +40,7 @@ class Runner:
     """One run of the machine over the effects of a cell.
 
     keep: puts down what is believed after each effect, so that an interrupted run can be gone on with. What was
-    folded to its end is not: its last fold is judged again, should the ledger not know of the end.
+    folded to its end is not: its last fold is judged again, should the journal not know of the end.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Runner:
         return RunEnd(state, self._context, started, clock.now(), self._times)
 
     def _walk(self, event: Event) -> State:
-        """Through the table to its end. Raises StorageError when the ledger takes no more lines."""
+        """Through the table to its end. Raises StorageError when the journal takes no more lines."""
         clock = self._cell.ports.clock
         while True:
             step = self._moved(event)
@@ -103,7 +103,7 @@ class Runner:
             return self._machine.handle(Event.CRASH)
 
     def _unrecorded(self, error: StorageError) -> State:
-        """What the ledger cannot tell of is not done: the arms are held where they are, and that is the end."""
+        """What the journal cannot tell of is not done: the arms are held where they are, and that is the end."""
         now, source = self._cell.ports.clock.now(), self._machine.state
         hint = f"the arms are held where they are: free by hand what the hands hold. {error.hint}"
         failure = Failure(FailureKind.UNRECORDED, error.what, hint)
@@ -116,7 +116,7 @@ class Runner:
             o.entered(now, step)
         try:
             self._effects[Effect.HOLD](self._cell, self._context)
-        except Exception as e:  # there is no ledger to tell, and no other way to hold them
+        except Exception as e:  # there is no journal to tell, and no other way to hold them
             told = replace(failure, hint=f"{hint}. Holding them failed ({e}): press the emergency stop")
             self._context = replace(self._context, failure=told)
         return State.FAULT
@@ -136,7 +136,7 @@ class Runner:
             o.entered(t, step)
 
     def _perform(self, step: Step, context: RunContext) -> Result:
-        """The effect with its intent and result in the ledger; whatever it raises becomes an event."""
+        """The effect with its intent and result in the journal; whatever it raises becomes an event."""
         pending = self._interruption(step)
         if pending:
             return Result(pending, self._with_cause(pending, context), {"interrupted": True})
@@ -151,11 +151,11 @@ class Runner:
             # a stop between two looks at it is met by the driver first: it is told of as any other
             halted = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
             result = Result(Event.FAILED, context.with_failure(halted or e.failure()))
-        except Exception as e:  # a bug or a broken file: the machine must know, the ledger must keep it
+        except Exception as e:  # a bug or a broken file: the machine must know, the journal must keep it
             result = Result(Event.CRASH, context.with_failure(_crash(e)))
         result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
-            self._put_down(result.context)  # before the result: what is believed is never older than the ledger
+            self._put_down(result.context)  # before the result: what is believed is never older than the journal
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event in _FAILING and result.context.failure:

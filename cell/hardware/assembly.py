@@ -60,7 +60,7 @@ def assemble(
         calibration=camera_calibration(settings),
         robot=robot,
         checker=CollisionChecker(robot, settings.table),
-        guard=CollisionChecker(
+        execution_checker=CollisionChecker(
             robot,
             settings.table,
             body_margin=BODY_MARGIN - SLACK,

@@ -11,9 +11,9 @@ import numpy as np
 
 from cell.config.cell_settings import CellSettings
 from cell.control.checks import ExecutionLimits, stopped
+from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
-from cell.control.sent import Sent
 from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
 from robots.errors import DriverError, FailureKind
@@ -44,7 +44,7 @@ class Workcell:
     calibration: CameraCalibration
     robot: RobotModel
     checker: CollisionChecker
-    guard: CollisionChecker
+    execution_checker: CollisionChecker
     """Judges what is about to be executed, with a little less margin than what is planned keeps."""
     limits: JointLimits
     execution: ExecutionLimits
@@ -68,8 +68,8 @@ class Workcell:
     rng: Callable[[], np.random.Generator]
     """Makes the motion planner's generator, always from the same seed."""
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
-    """Keeps in the ledger what happens within an effect: name, figures."""
-    sent: Sent = field(default_factory=Sent)
+    """Keeps in the journal what happens within an effect: name, figures."""
+    last_command: LastCommand = field(default_factory=LastCommand)
     """What the arms were last told."""
     watched_stop: Stop | None = None
     """The stop as it is asked while a skill computes, at the pace of the wall's clock; None: that of the ports.
@@ -78,7 +78,7 @@ class Workcell:
     @property
     def loop(self) -> ControlLoop:
         """Sends the arms whatever they are sent."""
-        return ControlLoop(self.ports, self.execution, self.sent)
+        return ControlLoop(self.ports, self.execution, self.last_command)
 
     @property
     def hands(self) -> Hands:

@@ -1,4 +1,4 @@
-"""The ledger: every run and all that it did, in one SQLite file that survives `kill -9` at any instant.
+"""The journal: every run and all that it did, in one SQLite file that survives `kill -9` at any instant.
 
 An effect (one look, one motion, one gripper command) is written as an intent before it begins and as a
 result after it ended. Each entry is its own transaction, on disk when the call returns. What a reader finds
@@ -108,7 +108,7 @@ class RunRecord:
 
 
 class Journal:
-    """The ledger file of one logs folder. Make it with `open`; several processes may have it open."""
+    """The journal file of one logs folder. Make it with `open`; several processes may have it open."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection, readonly: bool) -> None:
         self.path = path
@@ -118,9 +118,9 @@ class Journal:
 
     @classmethod
     def open(cls, path: Path, readonly: bool = False) -> Self:
-        """Open the ledger, making it unless `readonly`.
+        """Open the journal, making it unless `readonly`.
 
-        Raises StorageError when it cannot be read or written, is no ledger, or was written by a newer
+        Raises StorageError when it cannot be read or written, is no journal, or was written by a newer
         version. A file that is not ours is never changed.
         """
         try:
@@ -153,7 +153,7 @@ class Journal:
         versions: Mapping[str, str] | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> RunJournal:
-        """Open a run: its folder beside the ledger, its row, and the lock that says that it is alive.
+        """Open a run: its folder beside the journal, its row, and the lock that says that it is alive.
 
         The run's id is its folder's name. On a StorageError neither row nor folder is left.
         """
@@ -270,7 +270,7 @@ class Journal:
         try:
             yield
         except sqlite3.IntegrityError as e:
-            raise InternalError(f"the ledger refused an entry: {e}") from e
+            raise InternalError(f"the journal refused an entry: {e}") from e
         except sqlite3.Error as e:
             raise _storage_error(self.path, e) from e
 
@@ -324,7 +324,7 @@ class RunJournal:
             )
             if changed != 1:
                 raise StorageError(
-                    f"the run {self.id} is no longer open in the ledger", "was the ledger replaced?"
+                    f"the run {self.id} is no longer open in the journal", "was the journal replaced?"
                 )
             self._ended = True
         self._owner.release()
@@ -417,7 +417,7 @@ def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
 def _connect_readonly(path: Path) -> sqlite3.Connection:
     """For looking only; works in a folder that cannot be written, where WAL's side files cannot be made."""
     if not path.is_file():
-        raise StorageError(f"there is no ledger {path}", "no run was made with this logs folder", path=str(path))
+        raise StorageError(f"there is no journal {path}", "no run was made with this logs folder", path=str(path))
     wal = path.with_name(path.name + "-wal")
     modes = ["mode=ro"]
     if not wal.exists() or wal.stat().st_size == 0:
@@ -433,7 +433,7 @@ def _connect_readonly(path: Path) -> sqlite3.Connection:
         try:
             connection.row_factory = sqlite3.Row
             if _check_version(connection, path) == 0:
-                raise StorageError(f"{path} is empty: it is no ledger", "move it aside", path=str(path))
+                raise StorageError(f"{path} is empty: it is no journal", "move it aside", path=str(path))
             return connection
         except sqlite3.OperationalError:
             connection.close()
@@ -455,7 +455,7 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
         return 0
     if application != APPLICATION_ID:
         raise StorageError(
-            f"{path} is a SQLite file of another program, not a ledger",
+            f"{path} is a SQLite file of another program, not a journal",
             "choose another --logs DIR",
             path=str(path),
         )
@@ -496,6 +496,6 @@ def _storage_error(path: Path, error: sqlite3.Error) -> StorageError:
         sqlite3.SQLITE_CANTOPEN: "the folder cannot be written: choose another --logs DIR or FOLDCELL_LOGS",
         sqlite3.SQLITE_NOTADB: "it is no SQLite file: move it aside",
         sqlite3.SQLITE_CORRUPT: "the file is damaged: keep a copy, move it aside",
-        sqlite3.SQLITE_BUSY: "another process keeps the ledger locked",
+        sqlite3.SQLITE_BUSY: "another process keeps the journal locked",
     }.get(code, "check the disk")
-    return StorageError(f"the ledger {path}: {error}", hint, path=str(path), sqlite=code)
+    return StorageError(f"the journal {path}: {error}", hint, path=str(path), sqlite=code)

@@ -1,32 +1,33 @@
 """Going on with a run that was interrupted: what it believed, its simulated world, and where it is entered again.
 
-While a run goes its belief is put down after each effect, and the simulated world beside it (`Keeper`). What was
-under way is read from the ledger (`interrupted_run`). The executive that goes on gets its belief and nothing of
-the world: it lets go, parks, and has to look again.
+After each effect the run's context is written to a checkpoint, with the simulated world beside it
+(`CheckpointWriter`). The journal says which effect was under way (`interrupted_run`). The executive that resumes
+gets the context and nothing of the world: it opens the hands, parks the arms, and looks again.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.run_checkpoint import BELIEF, read_belief, write_belief
+from cell.recording.checkpoint.run_checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import Journal
+from cell.runs.reentry import reentered, reentry_event
 from cell.runs.request_file import load_request
 from cell.runs.resumable import check_resumable, last_begun
 from cell.states.fold_request import FoldRequest
 from cell.states.run_context import RunContext
-from cell.states.transition_table import REENTRIES, Event, State
+from cell.states.transition_table import State
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, StorageError
 
-__all__ = ["Interrupted", "Keeper", "interrupted_run", "reentry"]
+__all__ = ["CheckpointWriter", "Interrupted", "interrupted_run"]
 
 WORLD = "world.npz"
 
@@ -42,7 +43,7 @@ class Interrupted:
     world: bytes | None
 
 
-class Keeper:
+class CheckpointWriter:
     """Puts down what a run is gone on with from. world: gives the simulated one as it stands, None on hardware."""
 
     def __init__(self, folder: Path, world: Callable[[], bytes] | None) -> None:
@@ -53,13 +54,13 @@ class Keeper:
         """On disk when the call returns. Raises StorageError."""
         if self._world is not None:
             write_whole(self._folder / WORLD, self._world())
-        write_belief(self._folder / BELIEF, context, self._frames)
+        write_checkpoint(self._folder / CHECKPOINT, context, self._frames)
 
     def forget(self) -> None:
         """There is nothing to go on with any more. What cannot be removed stays."""
         with suppress(OSError):
             (self._folder / WORLD).unlink(missing_ok=True)
-        shutil.rmtree(self._folder / BELIEF, ignore_errors=True)
+        shutil.rmtree(self._folder / CHECKPOINT, ignore_errors=True)
 
 
 def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
@@ -72,36 +73,18 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
     asked = request.settings.fingerprint(), request.seed, request.driver
     if asked != (record.settings_hash, record.seed, record.driver):
         raise ConfigurationError(
-            f"settings or request of the run {record.id} are not those that the ledger knows",
+            f"settings or request of the run {record.id} are not those that the journal knows",
             f"put {record.directory / 'cell.yaml'} back as it was, or start a new run",
         )
-    context = read_belief(record.directory / BELIEF, FrameStore(record.directory / FRAMES))
+    context = read_checkpoint(record.directory / CHECKPOINT, FrameStore(record.directory / FRAMES))
     if context.through:
         raise ConfigurationError(
             f"the run {record.id} is through its plan, and left folds out",
             "lay the garment flat and start a new one",
         )
-    event = reentry([State(entry.state) for entry in journal.entries(record.id)], context)
-    fresh = RunContext() if event is Event.START_OVER else context
+    event = reentry_event([State(entry.state) for entry in journal.entries(record.id)], context)
     world = _world(record.directory / WORLD) if is_simulated(record.driver) else None
-    return Interrupted(record.id, request, _entered(fresh, event), world)
-
-
-def reentry(states: Sequence[State], context: RunContext) -> Event:
-    """Where a run that passed through `states` and believes `context` is entered again."""
-    known = [REENTRIES[state] for state in states if state in REENTRIES]
-    event = known[-1] if known else context.reentry or Event.START_OVER  # itself gone on with, but no further
-    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # judged already, the next fold not begun
-        return Event.LOOK_AGAIN
-    return event
-
-
-def _entered(context: RunContext, event: Event) -> RunContext:
-    """The belief of who goes on: nothing is held, waited for or failed any more."""
-    fold = replace(context.fold, held={}, zeros={})
-    if fold.attempt:  # carried also where the release was begun, and not ended
-        fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
-    return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)
+    return Interrupted(record.id, request, reentered(context, event), world)
 
 
 def _world(path: Path) -> bytes:

@@ -1,7 +1,7 @@
 """Deciding a run again: today's program, given what was read then, is compared with what was decided then.
 
 The same runner, effects and skills go through the run; the ports answer from the transcript. Everything that the
-executive asks and sends has to be what it was then, bit for bit, and so has every line of the ledger. The first
+executive asks and sends has to be what it was then, bit for bit, and so has every line of the journal. The first
 difference ends it.
 """
 
@@ -28,27 +28,27 @@ from cell.recording.transcript.replay_ports import Answers, Halt, asked_in_words
 from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
 from cell.recording.transcript.transcript_codec import Channel
 from cell.runs.resumable import RESUMED_FROM
-from cell.runs.run_inputs import first_belief, restored_request
+from cell.runs.run_inputs import initial_checkpoint, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.states.observers import Observer, Step
 from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
-from cell.support.files.paths import ledger_path
+from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
 UNREPEATED = frozenset({"wall", "traceback", "not_kept"})
-"""In the ledger's payloads: what is of the wall's clock, of our own lines, and of the disk."""
+"""In the journal's payloads: what is of the wall's clock, of our own lines, and of the disk."""
 
 
 @dataclass(frozen=True)
 class Deviation:
     """Where a run that is decided again leaves what was decided then. cell_time_s: of the cell's clock.
 
-    place: in the ledger or the transcript; state, effect: what was under way (no effect: between two); then, now:
+    place: in the journal or the transcript; state, effect: what was under way (no effect: between two); then, now:
     what was done and what would be done, in words.
     """
 
@@ -90,7 +90,7 @@ def decide_again(
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
 ) -> Verdict:
-    """Take the decisions of a run that has ended again, from where it began. entries: its lines in the ledger.
+    """Take the decisions of a run that has ended again, from where it began. entries: its lines in the journal.
     tell, progress: as `cell.hardware.assembly.assemble` has them.
 
     Raises ConfigurationError where the run cannot be set up as it was, StorageError where its transcript or a
@@ -136,8 +136,8 @@ def decide_again(
 def first_difference(
     then: Sequence[Entry], now: Sequence[Entry], whole: bool = True
 ) -> tuple[int, Deviation] | None:
-    """The first line in which two ledgers of a run differ, by index, and what differs. whole: both go to the run's
-    end; otherwise lines that only one of them has are not compared."""
+    """Index of the first line in which two journals of a run differ, and the difference. whole: both go to the
+    run's end; otherwise lines that only one of them has are not compared."""
     effect = None
     for i, (a, b) in enumerate(zip_longest(then, now) if whole else zip(then, now, strict=False)):
         if a is not None and b is not None and _essence(a) == _essence(b):
@@ -147,7 +147,7 @@ def first_difference(
         between = there.kind == "event" and "from" in there.payload
         state = there.payload["from"] if between else there.state
         during = None if between else effect if there.kind == "event" else there.name
-        return i, Deviation(there.cell_time, f"line {i + 1} of the ledger", state, during, *_lines(a, b))
+        return i, Deviation(there.cell_time, f"line {i + 1} of the journal", state, during, *_lines(a, b))
     return None
 
 
@@ -178,7 +178,7 @@ class _Where:
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """How a run began. lines: in its ledger before the machine's first; context, first: what the runner had."""
+    """How a run began. lines: in its journal before the machine's first; context, first: what the runner had."""
 
     lines: tuple[Entry, ...]
     context: RunContext
@@ -188,13 +188,15 @@ class _Beginning:
     def of(cls, run: RunRecord, entries: Sequence[Entry]) -> Self:
         """Raises StorageError, ConfigurationError where what it began with cannot be read."""
         lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
-        belief = first_belief(run.directory)
-        if lines and belief is None:
+        checkpoint = initial_checkpoint(run.directory)
+        if lines and checkpoint is None:
             raise StorageError(
                 f"the run {run.id} goes on with another one, and what it began with is missing",
                 "have the other one decided again, or a new one",
             )
-        return cls(lines, RunContext(), Event.START) if belief is None else cls(lines, belief, Event.REENTER)
+        return (
+            cls(lines, RunContext(), Event.START) if checkpoint is None else cls(lines, checkpoint, Event.REENTER)
+        )
 
 
 def _taken_again(
@@ -205,9 +207,9 @@ def _taken_again(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> tuple[list[Entry], _Where]:
-    """The decisions as they are taken now: the lines of a ledger of their own, and how far it went."""
+    """The decisions as they are taken now: the lines of a journal of their own, and how far it went."""
     where = _Where()
-    with Journal.open(ledger_path(request.logs)) as journal:
+    with Journal.open(journal_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
         try:
             for line in beginning.lines:
@@ -242,13 +244,13 @@ def _workcell(
 def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[Deviation | None, str | None]:
     """Where not all of a run was gone along: what was decided otherwise, or why there is no more to compare.
 
-    ledger_over: the run's own ledger has no line for what is decided here.
+    ledger_over: the run's own journal has no line for what is decided here.
     """
     there = answers.next
     if there is None:
         return None, "the transcript breaks off here"
     if ledger_over:  # it took no more lines then, and the run was ended for that
-        return None, "the ledger of the run breaks off here"
+        return None, "the journal of the run breaks off here"
     then, now = asked_in_words(there), f"the end of the run: {where.state}"
     if where.halt is not None:
         then, now = where.halt.then, where.halt.now
@@ -257,7 +259,7 @@ def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[De
 
 
 def _was_cut_off(run: RunRecord) -> bool:
-    """Whether the ledger of a run took no more lines before it had ended, as far as it could tell."""
+    """Whether the journal of a run took no more lines before it had ended, as far as it could tell."""
     failure = run.summary.get("failure") or {}
     return run.status == "interrupted" or failure.get("kind") == FailureKind.UNRECORDED
 
@@ -269,7 +271,7 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-# lines of a ledger
+# lines of a journal
 
 
 def _essence(entry: Entry) -> tuple[Any, ...]:

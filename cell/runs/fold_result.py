@@ -16,7 +16,7 @@ from cell.states.step_note import StepNote
 from cell.states.transition_table import State
 from robots.errors import Failure
 
-__all__ = ["fold_result", "told"]
+__all__ = ["failure_to_dict", "fold_result"]
 
 RESULTS = {
     State.FOLDED: "folded",
@@ -47,7 +47,7 @@ def fold_result(
         world=request.world if is_simulated(request.driver) else None,
         result=RESULTS[end.state],
         state=end.state.value,
-        failure=None if failure is None else told(failure),
+        failure=None if failure is None else failure_to_dict(failure),
         score=score,
         steps=tuple(_steps(context)),
         robot_time_s=end.ended - end.started - context.waited_s,
@@ -60,7 +60,7 @@ def fold_result(
     )
 
 
-def told(failure: Failure) -> dict[str, str]:
+def failure_to_dict(failure: Failure) -> dict[str, str]:
     """A failure as it stands in results."""
     return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 

@@ -1,6 +1,6 @@
 """One run, from a request to a result: open the cell, run the machine, score, report, close.
 
-Whatever happens, the ledger is ended, the recording closed and the result written. Ctrl-C and a termination
+Whatever happens, the journal is ended, the recording closed and the result written. Ctrl-C and a termination
 signal trigger the stop circuit, and the machine ends in a declared state.
 """
 
@@ -24,19 +24,19 @@ from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
-from cell.operator.console.board import Board
-from cell.operator.progress.audience import Audience, say
+from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.compiling import compiling_told
 from cell.operator.progress.lines import ProgressLines
+from cell.operator.progress.notifier import Notifier, say
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
 from cell.recording.journal import RunJournal
-from cell.recording.report.remarks import Remark, Remarks
+from cell.recording.report.run_events import RunEvent, RunEvents
 from cell.recording.rerun import Recorder
 from cell.recording.rerun.observer import RecorderObserver
-from cell.recording.transcript.port_recorder import Stenographer
-from cell.runs.checkpoint_writer import Interrupted, Keeper
-from cell.runs.fold_result import fold_result, told
+from cell.recording.transcript.port_recorder import PortRecorder
+from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
+from cell.runs.fold_result import failure_to_dict, fold_result
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
@@ -59,20 +59,20 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
-Prelude = Callable[[OpenCell, CommandQueue], Ports | None]
+OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 """Gets cell and command queue before the first effect; may give back other ports for the executive."""
 
 
 def fold_once(
     request: FoldRequest,
-    prelude: Prelude | None = None,
+    on_open: OnOpen | None = None,
     bystanders: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run, or go on with an interrupted one. prelude, bystanders: of tests and HIL scripts; these
+    """Perform one run, or go on with an interrupted one. on_open, bystanders: of tests and HIL scripts; these
     observe the run as the view does.
 
-    Raises ConfigurationError and StorageError before anything moves. A ledger that takes no more lines later on
+    Raises ConfigurationError and StorageError before anything moves. A journal that takes no more lines later on
     ends the run as a fault, the arms held.
     """
     began = time.monotonic()
@@ -85,20 +85,20 @@ def fold_once(
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
         with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
-            ended = _perform(request, run, began, prelude, bystanders, listener, interrupted, interrupts)
+            ended = _perform(request, run, began, on_open, bystanders, listener, interrupted, interrupts)
             result = _ended_in_ledger(run, ended.result)
         if result.result == "folded" or ended.end.context.through:
-            Keeper(run.directory, None).forget()
+            CheckpointWriter(run.directory, None).forget()
         return _with_files(run.directory, request, replace(ended, result=result))
 
 
 def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
-    """The result, once it is in the ledger. What cannot be put there has not ended well: a fault."""
+    """The result, once it is in the journal. What cannot be put there has not ended well: a fault."""
     try:
         run.end(result.result, result.as_json())
     except StorageError as e:
         run.abandon()
-        failure = told(Failure(FailureKind.UNRECORDED, e.what, e.hint))
+        failure = failure_to_dict(Failure(FailureKind.UNRECORDED, e.what, e.hint))
         if result.failure is None or result.failure["kind"] == FailureKind.UNRECORDED:
             return replace(result, result="fault", failure=result.failure or failure)
         return replace(result, result="fault", unwritten=(e.what,))
@@ -125,7 +125,7 @@ class _Ended:
 
     end: RunEnd
     result: FoldResult
-    remarks: list[Remark]
+    remarks: list[RunEvent]
     frames: list[TrueFrame]
     triangles: NDArray[np.int32] | None
 
@@ -143,7 +143,7 @@ def _perform(
     request: FoldRequest,
     run: RunJournal,
     began: float,
-    prelude: Prelude | None,
+    on_open: OnOpen | None,
     bystanders: Sequence[Observer],
     listener: socket | None,
     interrupted: Interrupted | None,
@@ -154,51 +154,53 @@ def _perform(
         keep_surroundings(run.directory, request, interrupted.context if interrupted else None)
     robot = load_robot(request.settings)
     recorder = _recorder(request, run)
-    stenographer = Stenographer(run.directory if request.record else None)
-    board = Board(run.id, request.garment, request.seed, is_simulated(request.driver))
-    commands = CommandQueue(board.heard)
-    supervision = _supervision(request, board, commands, listener)
-    remarks = Remarks()
+    port_recorder = PortRecorder(run.directory if request.record else None)
+    run_status = RunStatus(run.id, request.garment, request.seed, is_simulated(request.driver))
+    commands = CommandQueue(run_status.heard)
+    supervision = _supervision(request, run_status, commands, listener)
+    remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
-    audience = Audience(lines, board, request.quiet, request.terminal)
+    notifier = Notifier(lines, run_status, request.quiet, request.terminal)
     # the board before who reads it out: an answer may come at once
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, board, lines, *bystanders)
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *bystanders)
 
     try:
         with (
             compiling_told(lines.note),
-            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, audience.ask)) as opened,
+            _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, notifier.ask)) as opened,
             ThreadPoolExecutor(1, "skill") as workers,
             interrupts.stop(opened.ports, asked=request.approve or not opened.ports.simulated),
             supervision.page(recorder, opened.ports.stop, say) if supervision else nullcontext(),
         ):
             ports = opened.ports
-            used = (prelude(opened, commands) if prelude is not None else None) or ports
+            used = (on_open(opened, commands) if on_open is not None else None) or ports
             if isinstance(ports.attendant, PersonAttendant):
                 ports.attendant.clock = used.clock
-            heard = stenographer.between(used, commands)
+            heard = port_recorder.between(used, commands)
             cell = assemble(
-                request, robot, heard.ports, recorder, heard.commands, workers, audience.note, audience.computing
+                request, robot, heard.ports, recorder, heard.commands, workers, notifier.note, notifier.computing
             )
             cell = replace(cell, watched_stop=used.stop)
-            witness = _witness(request, opened, recorder)
+            truth_recorder = _truth_recorder(request, opened, recorder)
             asked = request.approve or not ports.simulated
             if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 alone = not request.page
-                TerminalOperator(commands, sys.stdin, sys.stderr, alone, board.allowed).start()
-            keeper = Keeper(run.directory, opened.simulated.checkpoint.save if opened.simulated else None)
+                TerminalOperator(commands, sys.stdin, sys.stderr, alone, run_status.allowed).start()
+            checkpoint_writer = CheckpointWriter(
+                run.directory, opened.simulated.checkpoint.save if opened.simulated else None
+            )
             context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
             if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
-                keeper.keep(context)
+                checkpoint_writer.keep(context)
                 run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
-            end = Runner(cell, EFFECTS, run, heard.commands, observers, keeper.keep).run(context, first)
-            stenographer.end()
+            end = Runner(cell, EFFECTS, run, heard.commands, observers, checkpoint_writer.keep).run(context, first)
+            port_recorder.end()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
-                board.finish(end.state, failure, run.directory)
-            score = _score(witness)
+                run_status.finish(end.state, failure, run.directory)
+            score = _score(truth_recorder)
     finally:
-        kept, unkept = recorder.close(), stenographer.close()
+        kept, unkept = recorder.close(), port_recorder.close()
     errors = [f"recording: {error}" for error in kept.errors] + ([unkept] if unkept else [])
     live = {"live_dropped": kept.live_dropped, "live_errors": list(kept.live_errors)}
     recording = {"dropped": kept.dropped, "errors": errors, **live}
@@ -206,7 +208,7 @@ def _perform(
         request, run.directory, began, end, score, interrupts.received, recording,
         interrupted.run if interrupted else None,
     )  # fmt: skip
-    frames, triangles = (witness.key_frames, witness.triangles) if witness else ([], None)
+    frames, triangles = (truth_recorder.key_frames, truth_recorder.triangles) if truth_recorder else ([], None)
     return _Ended(end, result, remarks.list, frames, triangles)
 
 
@@ -220,13 +222,13 @@ def _opened(request: FoldRequest, interrupted: Interrupted | None, person: Perso
 
 
 def _supervision(
-    request: FoldRequest, board: Board, commands: CommandQueue, listener: socket | None
+    request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket | None
 ) -> Supervision | None:
     if listener is None:
         return None
     from cell.operator.console.supervision import Supervision
 
-    return Supervision(request, board, commands, listener)
+    return Supervision(request, run_status, commands, listener)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
@@ -257,19 +259,19 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
     )
 
 
-def _witness(request: FoldRequest, cell: OpenCell, recorder: Recorder) -> Any:
+def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) -> Any:
     """Who records and scores the truth of a simulated cell."""
-    if not request.witness or cell.simulated is None:
+    if not request.record_truth or cell.simulated is None:
         return None
-    from cell.simulation.scoring.truth_recorder import Witness
+    from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 
-    return Witness(cell.simulated.truth, recorder, request)
+    return GroundTruthRecorder(cell.simulated.truth, recorder, request)
 
 
-def _score(witness: Any) -> dict[str, Any] | None:
+def _score(truth_recorder: Any) -> dict[str, Any] | None:
     """None where there is nothing to score, or nobody left who knows what is true."""
     try:
-        return witness.score() if witness else None
+        return truth_recorder.score() if truth_recorder else None
     except CellError as e:
         say(f"not scored: {e.what}")
         return None

@@ -1,4 +1,4 @@
-"""The frame of what moves a cell, a fold or a calibration: the cell is this process's, and the ledger has it."""
+"""The frame of what moves a cell, a fold or a calibration: the cell is this process's, and the journal has it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cell.config.cell_settings import CellSettings
 from cell.recording.journal import Journal, RunJournal
-from cell.support.files.paths import ledger_path
+from cell.support.files.paths import journal_path
 from cell.support.process.interrupts import Interrupts, taking_signals
 from cell.support.process.lock import OwnerLock
 from robots.errors import CellError
@@ -26,8 +26,12 @@ VERSIONED = (
 @contextmanager
 def owned_cell(logs: Path) -> Iterator[tuple[Interrupts, Journal]]:
     """Signals may be taken (`Interrupts.stop`), and `logs` is nobody else's, until it ends. Raises
-    ConfigurationError when the cell is in use, StorageError for a ledger that cannot be opened."""
-    with taking_signals() as interrupts, OwnerLock(logs / "cell.lock"), Journal.open(ledger_path(logs)) as journal:
+    ConfigurationError when the cell is in use, StorageError for a journal that cannot be opened."""
+    with (
+        taking_signals() as interrupts,
+        OwnerLock(logs / "cell.lock"),
+        Journal.open(journal_path(logs)) as journal,
+    ):
         yield interrupts, journal
 
 
@@ -40,7 +44,7 @@ def begun_run(
     settings: CellSettings,
     packages: Sequence[str] = VERSIONED,
 ) -> Iterator[RunJournal]:
-    """A new run in the ledger. A CellError before its first line (the cell does not answer) ends it as not begun,
+    """A new run in the journal. A CellError before its first line (the cell does not answer) ends it as not begun,
     with the reason; whatever else is raised before its end leaves it open: it shows as interrupted."""
     run = journal.begin_run(
         garment=garment,

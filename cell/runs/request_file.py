@@ -24,7 +24,7 @@ SETTINGS, REQUEST, GARMENT = "cell.yaml", "request.json", "garment"
 SCHEMA = 1
 KEPT: dict[str, type] = {
     "garment": str, "seed": int, "driver": str, "world": str, "approve": bool, "page": bool, "page_port": int,
-    "realtime": bool, "record": bool, "witness": bool,
+    "realtime": bool, "record": bool, "record_truth": bool,
 }  # fmt: skip
 
 

@@ -1,18 +1,18 @@
-"""Which runs can be gone on with, read off the ledger and the run's folder."""
+"""Which runs can be gone on with, read off the journal and the run's folder."""
 
 from __future__ import annotations
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.run_checkpoint import has_belief
+from cell.recording.checkpoint.run_checkpoint import has_checkpoint
 from cell.recording.journal import Journal
 from robots.errors import ConfigurationError
 
 __all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]
 
 RESUMED_FROM = "resumed_from"
-"""The event in the ledger of a run that goes on with another one."""
+"""The event in the journal of a run that goes on with another one."""
 CALIBRATION = "calibrate-"
-"""How the ledger's garment of a calibration begins."""
+"""How the journal's garment of a calibration begins."""
 
 
 def resumable(journal: Journal, name: str) -> bool:
@@ -57,7 +57,7 @@ def check_resumable(journal: Journal, name: str) -> None:
             f"the cell has done other runs since {name} (the last is {used[-1]})",
             "lay the garment flat and start a new one",
         )
-    if not has_belief(record.directory):
+    if not has_checkpoint(record.directory):
         raise ConfigurationError(
             f"the run {name} has kept nothing to go on with: it came no further than preparing, or left folds out",
             "start a new one: foldcell fold",

@@ -13,7 +13,7 @@ import yaml
 
 from cell.config.library.library_file import user_library_path
 from cell.config.yaml_file import read_yaml
-from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
+from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.runs.request_file import SETTINGS, load_request
 from cell.states.fold_request import FoldRequest
@@ -21,18 +21,18 @@ from cell.states.run_context import RunContext
 from cell.support.files.whole_file import write_whole
 from robots.errors import StorageError
 
-__all__ = ["BEGAN_WITH", "CALIBRATIONS", "first_belief", "keep_surroundings", "restored_request"]
+__all__ = ["BEGAN_WITH", "CALIBRATIONS", "initial_checkpoint", "keep_surroundings", "restored_request"]
 
 CALIBRATIONS, BEGAN_WITH = "calibrations", "began_with"
 GROUPS = ("table", "camera", "grasp")
 """Of the settings: each may name a calibration file."""
 
 
-def keep_surroundings(folder: Path, request: FoldRequest, belief: RunContext | None = None) -> None:
-    """Put them into the run's folder, as they are when it begins. belief: of a run that goes on with another one.
-    Raises StorageError."""
-    if belief is not None:
-        write_belief(folder / BEGAN_WITH, belief, FrameStore(folder / FRAMES))
+def keep_surroundings(folder: Path, request: FoldRequest, checkpoint: RunContext | None = None) -> None:
+    """Copy them into the run's folder when it begins. checkpoint: of the run that this one resumes. Raises
+    StorageError."""
+    if checkpoint is not None:
+        write_checkpoint(folder / BEGAN_WITH, checkpoint, FrameStore(folder / FRAMES))
     _copy_library(request.logs, folder)
     for group, source in request.settings.calibrations.items():
         try:
@@ -58,17 +58,17 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
             told[group] = {**told.get(group, {}), "calibration": str(path.resolve())}
         settings = logs / SETTINGS
         write_whole(settings, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
-    return load_request(folder, logs, settings, quiet=True, record=False, witness=False, terminal=False)
+    return load_request(folder, logs, settings, quiet=True, record=False, record_truth=False, terminal=False)
 
 
-def first_belief(folder: Path) -> RunContext | None:
+def initial_checkpoint(folder: Path) -> RunContext | None:
     """What the run in `folder` believed at its beginning; None: nothing, it began from START.
 
     Raises StorageError where it is damaged, ConfigurationError where another version wrote it.
     """
     if not (folder / BEGAN_WITH).is_dir():
         return None
-    return read_belief(folder / BEGAN_WITH, FrameStore(folder / FRAMES))
+    return read_checkpoint(folder / BEGAN_WITH, FrameStore(folder / FRAMES))
 
 
 def _copy_library(source: Path, target: Path) -> None:

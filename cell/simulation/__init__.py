@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cell.simulation.door import SimulatedCell, check_settings, open_simulated_cell
 from cell.simulation.faults import Fault, FaultKind
 from cell.simulation.settings import SimulationSettings
+from cell.simulation.simulated_cell import SimulatedCell, check_settings, open_simulated_cell
 from cell.simulation.truth import Truth
 
 __all__ = [

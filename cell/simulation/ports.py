@@ -1,9 +1,9 @@
-"""The simulated cell's ports. None of them carries the world: cell/simulation/binding.py knows it."""
+"""The simulated cell's ports. None of them carries the world: cell/simulation/world_of_port.py knows it."""
 
 from __future__ import annotations
 
-from cell.simulation.binding import bind, world_behind
 from cell.simulation.world import World
+from cell.simulation.world_of_port import bind, world_behind
 from robots.baxter.pybullet_body import MAX_OPENING
 from robots.ports import (
     Array,

@@ -13,7 +13,7 @@ from threading import Condition
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 
-__all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "Said"]
+__all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
 """Commands that answer a question, and are void for the next one."""
@@ -24,7 +24,7 @@ ABORTED = Failure(
 
 
 @dataclass(eq=False)
-class Said:
+class QueuedCommand:
     """A command that was given. taken: whether the machine has acted on it."""
 
     command: Event
@@ -37,23 +37,23 @@ class CommandQueue:
     def __init__(self, heard: Callable[[Event], None] = lambda command: None) -> None:
         """heard: is told of each command, on the thread of whoever gives it."""
         self._heard = heard
-        self._queue: deque[Said] = deque()
+        self._queue: deque[QueuedCommand] = deque()
         self._lock = Condition()
         self.deserted = False
         """Nobody is left who could say anything."""
 
-    def put(self, command: Event) -> Said:
+    def put(self, command: Event) -> QueuedCommand:
         """Raises ValueError for what is not an operator's to say."""
         if command not in OPERATOR_EVENTS:
             raise ValueError(f"'{command}' is no command; there are {', '.join(sorted(OPERATOR_EVENTS))}")
         with self._lock:
-            said = Said(command)
+            said = QueuedCommand(command)
             self._queue.append(said)
             self._lock.notify_all()
         self._heard(command)
         return said
 
-    def desert(self) -> None:
+    def close(self) -> None:
         """Whoever spoke here has left: the run is told to end, and what is asked from now on stays unanswered."""
         self.deserted = True
         self.put(Event.ABORT)

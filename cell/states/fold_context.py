@@ -13,7 +13,7 @@ from cell.states.stages import Attempt
 from cell.states.step_note import StepNote
 from robots.ports import Side
 from skills.grasping.confirm import Held
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
 from skills.vocabulary import GraspTrajectory
 
@@ -33,7 +33,7 @@ class FoldContext:
     """What recoveries changed, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
     """Hand postures that were tried: another search leaves them out."""
-    zeros: Mapping[Side, Zero] = field(default_factory=dict)
+    zeros: Mapping[Side, TactileBias] = field(default_factory=dict)
     """The tactile cells' zero of each hand in use, taken above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """What each hand was confirmed to hold."""

@@ -38,7 +38,7 @@ class FoldRequest:
     world: str = "xpbd"
     quiet: bool = False
     record: bool = True
-    witness: bool = True
+    record_truth: bool = True
 
 
 @dataclass(frozen=True)

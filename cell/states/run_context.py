@@ -93,4 +93,4 @@ class Result:
     context: RunContext
     record: Mapping[str, object] = field(default_factory=dict)
     within: tuple[tuple[float, str], ...] = ()
-    """What the runner was told of on the way, in the ledger by then: (cell time [s], name)."""
+    """What the runner was told of on the way, in the journal by then: (cell time [s], name)."""

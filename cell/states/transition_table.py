@@ -5,7 +5,7 @@ event. DONE says that it worked; FAILED that it did not (the failure travels bes
 are choices that were made before the event.
 
 Four rows hold in every working state and are added by `cell/executive/machine.py`: STOP -> STOPPED (HOLD),
-CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a ledger
+CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a journal
 nothing moves any more.
 """
 
@@ -86,7 +86,7 @@ class Event(StrEnum):
     ABORT = "abort"
     STOP = "stop"
     CRASH = "crash"
-    UNRECORDED = "unrecorded"  # the ledger takes no more lines
+    UNRECORDED = "unrecorded"  # the journal takes no more lines
 
 
 class Effect(StrEnum):

@@ -13,10 +13,10 @@ import numpy as np
 
 from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES
 from robots.baxter.pybullet_files import moving_urdf, srdf_disabled_pairs
-from robots.baxter.suppress_output import silenced
+from robots.baxter.suppress_output import suppress_output
 from robots.ports import Array, Side
 
-with silenced():  # it prints when it was built
+with suppress_output():  # it prints when it was built
     import pybullet as pb
 
 __all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map", "pb"]
@@ -51,7 +51,7 @@ class BaxterBody:
     def __init__(self, client: int) -> None:
         self._client = client
         flags = pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_USE_SELF_COLLISION
-        with silenced():  # it warns of links without mass, which are only frames
+        with suppress_output():  # it warns of links without mass, which are only frames
             self._body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, flags=flags, physicsClientId=client)
         joints = joint_map(self._body, client)
         self._arms = [joints[name] for name in JOINT_NAMES]

@@ -10,11 +10,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["silenced"]
+__all__ = ["suppress_output"]
 
 
 @contextmanager
-def silenced() -> Iterator[None]:
+def suppress_output() -> Iterator[None]:
     """Standard output and error go nowhere meanwhile. What Python has buffered is written out before."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:

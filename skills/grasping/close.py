@@ -8,7 +8,7 @@ import numpy as np
 
 from skills.grasping.hand_reading import GripCommand, HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["CloseState", "Closed", "close", "speed_of", "start_close"]
@@ -29,7 +29,7 @@ class Closed:
 @dataclass(frozen=True, eq=False)
 class CloseState:
     settings: GraspSettings
-    zero: Zero
+    tare: TactileBias
     started: float
     start_opening: float
     tactile_stamp: float = -np.inf
@@ -37,8 +37,8 @@ class CloseState:
     openings: tuple[tuple[float, float], ...] = ()
 
 
-def start_close(settings: GraspSettings, zero: Zero, reading: HandReading) -> CloseState:
-    return CloseState(settings, zero, reading.stamp, reading.gripper.opening)
+def start_close(settings: GraspSettings, tare: TactileBias, reading: HandReading) -> CloseState:
+    return CloseState(settings, tare, reading.stamp, reading.gripper.opening)
 
 
 def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseState | Outcome[Closed]]:
@@ -55,7 +55,7 @@ def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseSt
     state = _watch(reading, state)
     seconds = reading.stamp - state.started
     if state.count >= s.close_readings or _at_rest(state):
-        force = float(state.zero.pads(reading).min())
+        force = float(state.tare.pads(reading).min())
         return command, Outcome(Closed(reading.gripper.opening, force, seconds))
     if seconds > s.close_timeout:
         return command, Outcome(failure=_too_long(reading, state, seconds))
@@ -86,7 +86,7 @@ def _watch(reading: HandReading, state: CloseState) -> CloseState:
 
 
 def _pads(reading: HandReading, state: CloseState) -> Array:
-    return state.zero.pads(reading)
+    return state.tare.pads(reading)
 
 
 def _at_rest(state: CloseState) -> bool:

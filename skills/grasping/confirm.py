@@ -13,7 +13,7 @@ import numpy as np
 
 from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Confirmation", "Expectation", "Held", "LayerCount", "confirm", "count_layers", "start_confirm"]
@@ -72,15 +72,15 @@ class Confirmation:
     """State of a confirmation: what has been gathered so far."""
 
     settings: GraspSettings
-    zero: Zero
+    tare: TactileBias
     expected: Expectation
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
     openings: tuple[float, ...] = ()
 
 
-def start_confirm(settings: GraspSettings, zero: Zero, expected: Expectation) -> Confirmation:
-    return Confirmation(settings, zero, expected)
+def start_confirm(settings: GraspSettings, tare: TactileBias, expected: Expectation) -> Confirmation:
+    return Confirmation(settings, tare, expected)
 
 
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
@@ -94,7 +94,7 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
     state = replace(
         state,
         stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.zero.pads(reading)),
+        pads=(*state.pads, state.tare.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
     if len(state.pads) < state.settings.confirm_readings:

@@ -13,7 +13,7 @@ import numpy as np
 
 from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent"]
@@ -69,7 +69,7 @@ class Contact:
 class DescentState:
     settings: GraspSettings
     goal: DescentGoal
-    zero: Zero
+    tare: TactileBias
     target: float
     stamp: float
     tactile_stamp: float = -np.inf
@@ -85,9 +85,11 @@ class DescentState:
     """When and where the hand was of late [s], [m]."""
 
 
-def start_descent(settings: GraspSettings, goal: DescentGoal, zero: Zero, reading: HandReading) -> DescentState:
+def start_descent(
+    settings: GraspSettings, goal: DescentGoal, bias: TactileBias, reading: HandReading
+) -> DescentState:
     """From where the hand is. The zero was taken above the garment, just before."""
-    return DescentState(settings, goal, zero, reading.height, reading.stamp, effort=reading.effort)
+    return DescentState(settings, goal, bias, reading.height, reading.stamp, effort=reading.effort)
 
 
 def descend(reading: HandReading, state: DescentState) -> tuple[DescentCommand, DescentState | Outcome[Contact]]:
@@ -116,7 +118,7 @@ def _stay(reading: HandReading) -> DescentCommand:
 
 
 def _tip_force(reading: HandReading, state: DescentState) -> float:
-    return float((reading.tactile.tip - state.zero.tip).max())
+    return float((reading.tactile.tip - state.tare.tip).max())
 
 
 def _feel(reading: HandReading, state: DescentState, dt: float) -> DescentState:

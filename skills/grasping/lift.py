@@ -9,7 +9,7 @@ import numpy as np
 from skills.grasping.confirm import Held
 from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["LiftCheck", "check_lift", "start_lift_check"]
@@ -18,16 +18,16 @@ __all__ = ["LiftCheck", "check_lift", "start_lift_check"]
 @dataclass(frozen=True, eq=False)
 class LiftCheck:
     settings: GraspSettings
-    zero: Zero
+    tare: TactileBias
     held: Held
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
     openings: tuple[float, ...] = ()
 
 
-def start_lift_check(settings: GraspSettings, zero: Zero, held: Held) -> LiftCheck:
+def start_lift_check(settings: GraspSettings, tare: TactileBias, held: Held) -> LiftCheck:
     """`held`: what `confirm` found before the lift."""
-    return LiftCheck(settings, zero, held)
+    return LiftCheck(settings, tare, held)
 
 
 def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[Held]:
@@ -41,7 +41,7 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
     state = replace(
         state,
         stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.zero.pads(reading)),
+        pads=(*state.pads, state.tare.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
     if len(state.pads) < s.confirm_readings:

@@ -18,7 +18,7 @@ import numpy as np
 from skills.grasping.confirm import Held
 from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]
@@ -59,20 +59,20 @@ class SlipWatch:
     """stamp, gripper_stamp: of the newest tactile reading and of the newest gripper state [s]."""
 
     settings: GraspSettings
-    zero: Zero
+    tare: TactileBias
     grip: Channel
     opening: Channel
     stamp: float = -np.inf
     gripper_stamp: float = -np.inf
 
 
-def start_slip_watch(settings: GraspSettings, zero: Zero, held: Held) -> SlipWatch:
+def start_slip_watch(settings: GraspSettings, tare: TactileBias, held: Held) -> SlipWatch:
     """`held`: what the lift check found. Its figures stand in until the watch has its own baseline, so that a
     loss in the first readings is seen too."""
-    grip = Channel(settings.slip_fraction, held.grip, held.grip, zero.pad_noise)
+    grip = Channel(settings.slip_fraction, held.grip, held.grip, tare.pad_noise)
     opening = held.opening - settings.empty_opening
     return SlipWatch(
-        settings, zero, grip, Channel(settings.slip_opening_fraction, opening, opening, settings.opening_noise)
+        settings, tare, grip, Channel(settings.slip_opening_fraction, opening, opening, settings.opening_noise)
     )
 
 
@@ -84,7 +84,7 @@ def watch_slip(reading: HandReading, state: SlipWatch) -> SlipWatch | Outcome[Sl
     if reading.tactile.stamp <= state.stamp:
         return state
     s, now = state.settings, reading.tactile.stamp
-    grip, opening = _follow(state.grip, float(state.zero.pads(reading).min()), now, s), state.opening
+    grip, opening = _follow(state.grip, float(state.tare.pads(reading).min()), now, s), state.opening
     if reading.gripper.stamp > state.gripper_stamp:  # the same word again is no further evidence
         opening = _follow(opening, reading.gripper.opening - s.empty_opening, now, s)
     if grip.lost or opening.lost:

@@ -12,7 +12,7 @@ import numpy as np
 
 from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Clear", "StuckCheck", "check_stuck", "start_stuck_check"]
@@ -29,14 +29,14 @@ class Clear:
 @dataclass(frozen=True, eq=False)
 class StuckCheck:
     settings: GraspSettings
-    zero: Zero
+    tare: TactileBias
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
 
 
-def start_stuck_check(settings: GraspSettings, zero: Zero) -> StuckCheck:
+def start_stuck_check(settings: GraspSettings, tare: TactileBias) -> StuckCheck:
     """`zero`: the one from before the grasp."""
-    return StuckCheck(settings, zero)
+    return StuckCheck(settings, tare)
 
 
 def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome[Clear]:
@@ -47,12 +47,12 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
         return Outcome(failure=bad)
     if reading.tactile.stamp <= state.stamp:
         return state
-    state = replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.zero.pads(reading)))
+    state = replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.tare.pads(reading)))
     if len(state.pads) < s.stuck_readings:
         return state
     mean = np.mean(state.pads, axis=0)
     pad = int(mean.argmax())
-    residual, bound = float(mean[pad]), residual_bound(state.zero, reading.stamp, s)
+    residual, bound = float(mean[pad]), residual_bound(state.tare, reading.stamp, s)
     if residual < bound:
         return Outcome(Clear(residual, bound))
     return Outcome(
@@ -65,15 +65,15 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
     )
 
 
-def residual_bound(zero: Zero, now: float, settings: GraspSettings) -> float:
+def residual_bound(tare: TactileBias, now: float, settings: GraspSettings) -> float:
     """Largest mean force of an unloaded pad that noise and drift since the zero explain [N].
 
     A cell that wanders with standard deviation sigma and period T has moved by 2 sigma sin(pi t / T) after a
     time t, in the mean over its phases; by 2 sigma at most.
     """
     s = settings
-    cells = zero.cells[0].size
-    share = float(np.clip((now - zero.stamp) / s.drift_time, 0.0, 0.5))
-    drift = 2.0 * s.drift_ratio * zero.cell_noise * np.sin(np.pi * share)
-    noise = zero.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
+    cells = tare.cells[0].size
+    share = float(np.clip((now - tare.stamp) / s.drift_time, 0.0, 0.5))
+    drift = 2.0 * s.drift_ratio * tare.cell_noise * np.sin(np.pi * share)
+    noise = tare.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
     return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells) * np.hypot(drift, noise)))

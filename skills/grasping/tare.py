@@ -16,7 +16,7 @@ from skills.grasping.hand_reading import HandReading, fault
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Outcome, frozen
 
-__all__ = ["Zero", "ZeroState", "start_zero", "zero"]
+__all__ = ["TactileBias", "TareState", "start_tare", "tare"]
 
 LEAP = 20.0
 """Standard deviations from its median at which a cell's reading leaps: cells differ in noise by up to 5."""
@@ -27,7 +27,7 @@ LEAST_NOISE = 0.002
 
 
 @dataclass(frozen=True, eq=False)
-class Zero:
+class TactileBias:
     """stamp: of the last reading in it [s]. cells: (2, rows, columns), tip: (2,) [N]. cell_noise: standard
     deviation of one reading of one cell [N]."""
 
@@ -47,7 +47,7 @@ class Zero:
 
 
 @dataclass(frozen=True, eq=False)
-class ZeroState:
+class TareState:
     settings: GraspSettings
     stamp: float = -np.inf
     cells: tuple[Array, ...] = ()
@@ -56,11 +56,11 @@ class ZeroState:
     """Readings that leapt, so far."""
 
 
-def start_zero(settings: GraspSettings) -> ZeroState:
-    return ZeroState(settings)
+def start_tare(settings: GraspSettings) -> TareState:
+    return TareState(settings)
 
 
-def zero(reading: HandReading, state: ZeroState) -> ZeroState | Outcome[Zero]:
+def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileBias]:
     """Gather readings of open, unloaded pads, in place of those that leap further ones, as many again at most.
     Fails as `fault` says."""
     bad = fault(reading, state.settings)
@@ -77,7 +77,7 @@ def zero(reading: HandReading, state: ZeroState) -> ZeroState | Outcome[Zero]:
     left_out = state.left_out + int(np.count_nonzero(~calm))
     if not calm.all() and left_out <= wanted:
         kept = np.flatnonzero(calm)
-        return ZeroState(
+        return TareState(
             state.settings,
             reading.tactile.stamp,
             tuple(cells[i] for i in kept),
@@ -85,7 +85,9 @@ def zero(reading: HandReading, state: ZeroState) -> ZeroState | Outcome[Zero]:
             left_out,
         )
     noise = float(np.sqrt(stack.var(axis=0, ddof=1).mean()))
-    return Outcome(Zero(reading.tactile.stamp, frozen(stack.mean(axis=0)), frozen(np.mean(tips, axis=0)), noise))
+    return Outcome(
+        TactileBias(reading.tactile.stamp, frozen(stack.mean(axis=0)), frozen(np.mean(tips, axis=0)), noise)
+    )
 
 
 def _leaps(readings: Array) -> NDArray[np.bool_]:

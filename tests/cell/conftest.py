@@ -35,7 +35,7 @@ def see(folder: Path, **options: bool) -> Seen:
     onlooker = Onlooker()
     request = fold_request(folder, SETTINGS, garment="medium_towel", seed=1, **options)
     result = onlooker.fold(request)
-    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         record = journal.run("last")
         return Seen(request, result, onlooker, record, tuple(journal.entries(record.id)))
 
@@ -43,10 +43,10 @@ def see(folder: Path, **options: bool) -> Seen:
 @pytest.fixture(scope="session")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
     """A medium towel folded with everything on: recording, report, scorer."""
-    yield see(tmp_path_factory.mktemp("seen"), record=True, witness=True)
+    yield see(tmp_path_factory.mktemp("seen"), record=True, record_truth=True)
 
 
 @pytest.fixture(scope="session")
 def unseen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """The same seed, with recording, scorer and truth taken out."""
-    return see(tmp_path_factory.mktemp("unseen"), record=False, witness=False)
+    return see(tmp_path_factory.mktemp("unseen"), record=False, record_truth=False)

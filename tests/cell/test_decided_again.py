@@ -173,7 +173,7 @@ def test_an_altered_picture_is_told_where_it_is_seen(seen: Any, copied: RunRecor
     there = decided(seen, copied).deviation
     assert there is not None
     (recognised, *_) = [i for i, e in enumerate(seen.entries) if (e.kind, e.name) == ("result", "recognise")]
-    assert there.place == f"line {recognised + 1} of the ledger"
+    assert there.place == f"line {recognised + 1} of the journal"
     assert (there.state, there.effect) == (seen.entries[recognised].state, "recognise")
     assert there.cell_time_s == seen.entries[recognised].cell_time
     assert there.then.startswith("recognise ends: done") and there.now.startswith("recognise ends: failed")
@@ -227,7 +227,7 @@ def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: 
     payload = {**entries[at].payload, "confidence": 0.125}
     entries[at] = replace(entries[at], payload=payload)
     there = decide_again(seen.record, entries, (Enough("recognise"),)).deviation
-    assert there is not None and there.place == f"line {at + 1} of the ledger"
+    assert there is not None and there.place == f"line {at + 1} of the journal"
     assert "confidence 0.125" in there.then and "confidence 0." in there.now
 
 

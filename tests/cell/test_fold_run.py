@@ -73,7 +73,7 @@ def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
     assert {"passed", "iou", "correspondence_m", "edges_m", "drift_m", "height_m"} <= figures["score"].keys()
 
 
-# the ledger
+# the journal
 
 
 def test_the_ledger_has_no_gaps_and_time_does_not_go_back(seen: Any) -> None:
@@ -209,8 +209,8 @@ def test_the_runs_folder_is_whole(seen: Any) -> None:
     assert not any(name.startswith(".") or name.endswith(".part") for name in names), "something half-written"
     assert all(p.stat().st_size > 0 for p in seen.folder.iterdir())
     assert (seen.folder / "cell.yaml").read_text(encoding="utf-8") == seen.request.settings.as_yaml()
-    logs = {p.name for p in seen.request.logs.iterdir()} - {"ledger.db-shm", "ledger.db-wal"}
-    assert logs == {"cell.lock", "ledger.db", "library.json", seen.record.id}
+    logs = {p.name for p in seen.request.logs.iterdir()} - {"journal.db-shm", "journal.db-wal"}
+    assert logs == {"cell.lock", "journal.db", "library.json", seen.record.id}
     assert not is_held(seen.request.logs / "cell.lock")
 
 
@@ -311,7 +311,7 @@ def test_a_run_that_nobody_watches_is_not_scored_and_not_recorded(unseen: Any) -
 
 
 def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:
-    """A ledger without what the wall's clock has put into it."""
+    """A journal without what the wall's clock has put into it."""
     for e in entries:
         yield e.sequence, e.cell_time, e.state, e.kind, e.name, e.answers, _timeless(e.payload)
 

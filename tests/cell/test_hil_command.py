@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cell.campaigns.hil.performing import Performance
 from cell.campaigns.hil.script import Script
+from cell.campaigns.hil.script_run import ScriptResult
 from cell.commands.main import main
 from tests.runs import decided_again
 
@@ -80,13 +80,13 @@ def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
         pytest.skip("the signal is ignored here, as under nohup")
     performed: list[str] = []
 
-    def perform(script: Script, *_: Any, **__: Any) -> Performance:
+    def perform(script: Script, *_: Any, **__: Any) -> ScriptResult:
         performed.append(script.name)
         if len(performed) == 2:
             os.kill(os.getpid(), number)
-        return Performance(script, ("it did not pass",), None, 1.0)
+        return ScriptResult(script, ("it did not pass",), None, 1.0)
 
-    monkeypatch.setattr("cell.commands.run.hil.perform_script", perform)
+    monkeypatch.setattr("cell.commands.run.hil.run_script", perform)
     junit = tmp_path / "hil.xml"
     scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
     code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])

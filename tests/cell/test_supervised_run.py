@@ -35,12 +35,12 @@ class Operator(threading.Thread):
             try:
                 while True:
                     message = json.loads(link.recv(timeout=120.0))
-                    if "board" not in message:
+                    if "run_status" not in message:
                         self.answers.append(message)
                         continue
-                    self.boards.append(message["board"])
-                    word = self._word(message["board"])
-                    number = (message["board"]["question"] or {}).get("number")
+                    self.boards.append(message["run_status"])
+                    word = self._word(message["run_status"])
+                    number = (message["run_status"]["question"] or {}).get("number")
                     if word is not None and word not in said:
                         said.add(word)
                         link.send(json.dumps({"say": word, "question": number}))

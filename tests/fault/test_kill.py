@@ -1,4 +1,4 @@
-"""`kill -9` in the middle of a run: the ledger tells what was under way, the cell is free for the next run, and
+"""`kill -9` in the middle of a run: the journal tells what was under way, the cell is free for the next run, and
 whoever goes on with it folds the garment."""
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[s
 
 
 def under_way(logs: Path) -> str | None:
-    """The effect that the ledger's last run is in the middle of, read as another process would."""
-    with suppress(StorageError), Journal.open(logs / "ledger.db", readonly=True) as journal:
+    """The effect that the journal's last run is in the middle of, read as another process would."""
+    with suppress(StorageError), Journal.open(logs / "journal.db", readonly=True) as journal:
         runs = journal.runs()
         intent = journal.last_intent(runs[-1].id) if runs else None
         return intent.begun.name if intent and intent.result is None else None
@@ -84,7 +84,7 @@ def test_while_it_lived_it_was_running(killed: dict[str, Any]) -> None:
 
 
 def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
-    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+    with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         assert journal.check() == "ok"
         (run,) = journal.runs()
         assert (run.status, run.ended, run.result) == ("interrupted", None, None)
@@ -117,7 +117,7 @@ def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
     figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
     assert answer.returncode == 0 and figures["same"], figures
     assert figures["broken_off"] == "the transcript breaks off here"
-    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+    with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         (run,) = journal.runs()
         entries = journal.entries(run.id)
     done = sum(1 for e in entries if e.kind == "result")
@@ -143,7 +143,7 @@ def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
     onlooker = Onlooker()
     result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
     assert result.state == "not_folded"
-    with Journal.open(killed["logs"] / "ledger.db", readonly=True) as journal:
+    with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]
 
 
@@ -157,7 +157,7 @@ def test_the_run_can_be_gone_on_with(killed: dict[str, Any]) -> None:
     assert (result["result"], result["resumed_from"]) == ("folded", folder.name)
     assert [step["done"] for step in result["steps"]] == [True, True]
     assert result["score"]["passed"], result["score"]
-    with Journal.open(logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(logs / "journal.db", readonly=True) as journal:
         entries = journal.entries(Path(result["run_dir"]).name)
     states = [e.state for e in entries if e.kind == "event"]
     assert states[:3] == ["idle", "resuming", "looking"], "no picture of a table that is not empty any more"

@@ -43,11 +43,11 @@ def parked(onlooker: Onlooker) -> bool:
 
 
 def told(request: FoldRequest) -> list[Any]:
-    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         return journal.entries(journal.run("last").id)
 
 
-# the ledger
+# the journal
 
 
 def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,11 +72,11 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
     held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
     assert len(held) == 1 and not np.any(held[0].qd)
     assert min(onlooker.openings) < 0.01, "what was held is still held"
-    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         assert journal.run("last").status == "interrupted"
         assert journal.last_intent(journal.run("last").id).begun.name == "fold"
     again = decided_again(request.logs)
-    assert again.same and again.broken_off == "the ledger of the run breaks off here"
+    assert again.same and again.broken_off == "the journal of the run breaks off here"
 
 
 # seeing
@@ -209,7 +209,10 @@ def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
 
     monkeypatch.setattr("cell.executive.effects.planning.plan_fold_motion", blocked)
     # a seed at which nothing is near a limit: with seed 1 a corner lies 16 or 31 mm behind, by the last bits
-    onlooker, request = Onlooker(), fold_request(tmp_path, {}, seed=4, witness=True, record=which == "quarter")
+    onlooker, request = (
+        Onlooker(),
+        fold_request(tmp_path, {}, seed=4, record_truth=True, record=which == "quarter"),
+    )
     result = onlooker.fold(request)
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.GRASP_AGAIN, Event.GRASP_AGAIN, Event.PLAN_AGAIN]
     ways = {step.name: step.variant for step in onlooker.results[-1].context.steps}
@@ -314,7 +317,7 @@ def test_a_signal_stops_the_run_and_names_itself(number: signal.Signals, code: i
 
 def test_an_aborted_run_is_whole(tmp_path: Path) -> None:
     """Recording and report are made however a run ends."""
-    onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, witness=True)
+    onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, record_truth=True)
     onlooker.after[Effect.LOOK] = abort
     result = onlooker.fold(request)
     assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")

@@ -29,12 +29,12 @@ class Died(BaseException):
 
 
 def last_run(request: FoldRequest) -> Interrupted:
-    with Journal.open(request.logs / "ledger.db", readonly=True) as journal:
+    with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         return interrupted_run(journal, "last", request.logs)
 
 
 def after_the_restart(request: FoldRequest) -> tuple[FoldResult, Onlooker]:
-    """The last run of the ledger, gone on with, and who looked on."""
+    """The last run of the journal, gone on with, and who looked on."""
     onlooker, interrupted = Onlooker(), last_run(request)
     return onlooker.fold(interrupted.request, interrupted=interrupted), onlooker
 
@@ -45,7 +45,9 @@ def die(ports: Ports, commands: CommandQueue, n: int) -> None:
 
 def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
     """Nothing re-arms by itself; told to go on it lets go, parks, finds the half-folded towel and folds it."""
-    request = fold_request(tmp_path, {}, witness=True)  # the usual arcs: cloth that was let go lies less neatly
+    request = fold_request(
+        tmp_path, {}, record_truth=True
+    )  # the usual arcs: cloth that was let go lies less neatly
     stopping = Onlooker()
 
     def stop(ports: Ports, effect: Effect, t: float) -> None:

@@ -6,10 +6,10 @@ from typing import Protocol
 
 from robots.ports import Clock
 
-__all__ = ["Agenda", "PunctualClock"]
+__all__ = ["Schedule", "ScheduledClock"]
 
 
-class Agenda(Protocol):
+class Schedule(Protocol):
     """What is to happen when, in cell time [s]."""
 
     def next_due(self) -> float | None: ...
@@ -18,11 +18,11 @@ class Agenda(Protocol):
         """Do all that is due by now."""
 
 
-class PunctualClock:
+class ScheduledClock:
     """The clock of a cell, which stops on its way at what is due and has it carried out: between two set-points
     of a motion as well as while somebody waits."""
 
-    def __init__(self, clock: Clock, agenda: Agenda) -> None:
+    def __init__(self, clock: Clock, agenda: Schedule) -> None:
         self._clock, self._agenda = clock, agenda
 
     def now(self) -> float:

@@ -15,11 +15,11 @@ from functools import partial
 
 import numpy as np
 
-from cell.campaigns.hil.clock import PunctualClock
+from cell.campaigns.hil.clock import ScheduledClock
 from cell.campaigns.hil.script import Action, Script
 from cell.hardware.driver import OpenCell
 from cell.simulation import Fault
-from cell.states.commands import CommandQueue, Said
+from cell.states.commands import CommandQueue, QueuedCommand
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
 from cell.states.transition_table import TERMINAL, Event, State
@@ -73,7 +73,7 @@ class Director:
         self._states: list[State] = []
         self._failures: list[FailureKind] = []
         self._parked = False
-        self._said: list[tuple[Said, Action]] = []
+        self._said: list[tuple[QueuedCommand, Action]] = []
         self._late: list[Action] = []
         self._missed: tuple[Action, ...] = script.do
         self._limit = script.limit_s
@@ -91,7 +91,7 @@ class Director:
         self._guard.daemon = True
         self._guard.start()
         self.carry_out(self._began)
-        return replace(ports, clock=PunctualClock(ports.clock, self))
+        return replace(ports, clock=ScheduledClock(ports.clock, self))
 
     def close(self) -> None:
         """The run is over: nothing is to be stopped any more."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from cell.campaigns.hil.performing import Performance
 from cell.campaigns.hil.script import Script
+from cell.campaigns.hil.script_run import ScriptResult
 
 __all__ = ["junit_text"]
 
 NO_LETTERS = "\ufffe\uffff"
 
 
-def junit_text(performances: Sequence[Performance], left: Sequence[Script] = ()) -> bytes:
+def junit_text(performances: Sequence[ScriptResult], left: Sequence[Script] = ()) -> bytes:
     """One test case a script, with what was not as expected and the run's folder. left: scripts that were not
     performed any more, as skipped."""
     failed = sum(not p.passed for p in performances)

@@ -7,7 +7,7 @@ from typing import Any
 
 from cell.commands.output import print_json, progress_stream
 from cell.recording.journal import Journal
-from cell.support.files.paths import ledger_path, logs_directory
+from cell.support.files.paths import journal_path, logs_directory
 
 __all__ = ["run"]
 
@@ -15,7 +15,7 @@ SAME, DEVIATES = 0, 2
 
 
 def run(options: argparse.Namespace) -> int:
-    with Journal.open(ledger_path(logs_directory(options.logs)), readonly=True) as journal:
+    with Journal.open(journal_path(logs_directory(options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
         entries = journal.entries(record.id)
     from cell.operator.progress.compiling import compiling_told

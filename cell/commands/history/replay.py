@@ -11,7 +11,7 @@ from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
 from cell.recording.journal import Journal
 from cell.recording.rerun.viewer import find_viewer
-from cell.support.files.paths import ledger_path, logs_directory
+from cell.support.files.paths import journal_path, logs_directory
 from robots.errors import StorageError
 
 __all__ = ["add_options", "run"]
@@ -35,13 +35,13 @@ def run(options: argparse.Namespace) -> int:
 
         return decide(options)
     logs = logs_directory(options.logs)
-    with Journal.open(ledger_path(logs), readonly=True) as journal:
+    with Journal.open(journal_path(logs), readonly=True) as journal:
         record = journal.run(options.name)
     recording = record.directory / "run.rrd"
     if not recording.is_file():
         raise StorageError(
             f"the run {record.id} ({record.status}) has no recording {recording}",
-            f"foldcell report {record.id} shows what the ledger knows",
+            f"foldcell report {record.id} shows what the journal knows",
         )
     viewer = find_viewer()
     screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform == "darwin"

@@ -1,4 +1,4 @@
-"""`foldcell report RUN`: what happened, from the ledger, and where the report page is."""
+"""`foldcell report RUN`: what happened, from the journal, and where the report page is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
 from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord
 from cell.runs.resumable import resumable
-from cell.support.files.paths import command_for, ledger_path, logs_directory
+from cell.support.files.paths import command_for, journal_path, logs_directory
 
 __all__ = ["add_options", "run"]
 
@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
-    with Journal.open(ledger_path(logs), readonly=True) as journal:
+    with Journal.open(journal_path(logs), readonly=True) as journal:
         record = journal.run(options.name)
         figures = run_figures(journal, record)
         entries = journal.entries(record.id)
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     for effect in figures["effects"]:
         print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
     if record.status == "interrupted":
-        print("  the process ended here without ending the run (killed, machine down, or the ledger's disk full)")
+        print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
     if reason := record.summary.get("reason"):
         print(f"  nothing was begun: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
     if figures["resumable"]:

@@ -1,4 +1,4 @@
-"""`foldcell runs`: the ledger's runs and what is true of each now."""
+"""`foldcell runs`: the journal's runs and what is true of each now."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.recording.checkpoint.run_checkpoint import has_belief
+from cell.recording.checkpoint.run_checkpoint import has_checkpoint
 from cell.recording.journal import Journal, RunRecord
-from cell.support.files.paths import command_for, ledger_path, logs_directory
+from cell.support.files.paths import command_for, journal_path, logs_directory
 
 __all__ = ["add_options", "run", "run_figures"]
 
@@ -25,7 +25,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
-    rows = _read(ledger_path(logs), options.last)
+    rows = _read(journal_path(logs), options.last)
     if options.json:
         print_json({"logs": str(logs), "runs": rows})
         return 0
@@ -46,16 +46,16 @@ def run(options: argparse.Namespace) -> int:
         for r in rows
     ]
     print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
-    if rows[-1]["status"] == "interrupted" and has_belief(Path(rows[-1]["run_dir"])):
+    if rows[-1]["status"] == "interrupted" and has_checkpoint(Path(rows[-1]["run_dir"])):
         last = Path(rows[-1]["run_dir"])
         print(f"go on with the last one: {command_for(f'resume {last.name}', last.parent)}")
     return 0
 
 
-def _read(ledger: Path, last: int | None) -> list[dict[str, Any]]:
-    if not ledger.exists():
+def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:
+    if not journal_file.exists():
         return []
-    with Journal.open(ledger, readonly=True) as journal:
+    with Journal.open(journal_file, readonly=True) as journal:
         records = journal.runs()
         return [run_figures(journal, r) for r in (records[-last:] if last else records)]
 

@@ -6,7 +6,7 @@ import argparse
 
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.runs.tidying import heavy_runs, lighten
+from cell.runs.pruning import prunable_runs, prune
 from cell.support.files.paths import logs_directory
 
 __all__ = ["add_options", "run"]
@@ -28,10 +28,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Shows what would go; removes it with --yes."""
     logs = logs_directory(options.logs)
-    heavy = heavy_runs(logs, options.keep, options.unfinished)
+    heavy = prunable_runs(logs, options.keep, options.unfinished)
     if options.yes:
         for each in heavy:
-            lighten(each)
+            prune(each)
     total = sum(each.bytes for each in heavy)
     if options.json:
         print_json(
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     print_table(("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy])
     if options.yes:
-        print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the ledger stay")
+        print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the journal stay")
     else:
         print(f"{total / MEBI:.0f} MiB would go (recordings, pictures, transcripts); --yes removes them")
     return 0

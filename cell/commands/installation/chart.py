@@ -7,8 +7,8 @@ from pathlib import Path
 
 from cell.commands.options import json_option
 from cell.commands.output import print_json
-from cell.executive.chart import draw_chart
-from cell.states.chart import CHART
+from cell.executive.draw_state_chart import draw_chart
+from cell.states.state_chart import CHART
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["add_options", "run"]

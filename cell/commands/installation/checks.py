@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from cell.recording.rerun.viewer import find_viewer
-from cell.support.files.paths import free_bytes, ledger_path, repository_root, user_cache
+from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
 from robots.errors import CellError
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
@@ -183,17 +183,17 @@ def _logs(logs: Path) -> Iterable[Check]:
         )
         return
     yield Check("logs", Verdict.GOOD, str(logs))
-    ledger = ledger_path(logs)
-    if not ledger.exists():
+    journal_file = journal_path(logs)
+    if not journal_file.exists():
         return
     from cell.recording.journal import Journal
 
-    with Journal.open(ledger, readonly=True) as journal:
+    with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()
         runs = journal.runs()
-    hint = "" if state == "ok" else f"keep a copy of {ledger} and move it aside"
+    hint = "" if state == "ok" else f"keep a copy of {journal} and move it aside"
     verdict = Verdict.GOOD if state == "ok" else Verdict.BAD
-    yield Check("ledger", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
+    yield Check("journal_file", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
 
 
 def _write_problem(folder: Path) -> str | None:

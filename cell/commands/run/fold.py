@@ -11,7 +11,7 @@ from cell.commands.options import json_option, run_options
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.recording.checkpoint.run_checkpoint import has_belief
+from cell.recording.checkpoint.run_checkpoint import has_checkpoint
 from cell.recording.report.recording_losses import recording_losses
 from cell.support.files.paths import command_for, logs_directory, prepare_logs
 
@@ -109,7 +109,7 @@ def _summary(figures: dict) -> None:
     for what in (*unwritten, *lost):
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")
-    if folder and figures.get("state") in {"stopped", "fault"} and has_belief(Path(folder)):
+    if folder and figures.get("state") in {"stopped", "fault"} and has_checkpoint(Path(folder)):
         go_on = command_for(f"resume {Path(folder).name}", Path(folder).parent)
         print(f"  go on      {go_on}   (it lets go, parks, and looks)")
     if folder:

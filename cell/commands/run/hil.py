@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cell.campaigns.hil.junit import junit_text
-from cell.campaigns.hil.performing import Performance, check_script, perform_script
 from cell.campaigns.hil.script import Script, read_script
+from cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
 from cell.commands.options import cell_option, driver_options, json_option, logs_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path) -> int:
-    done: list[Performance] = []
+    done: list[ScriptResult] = []
     ended_by: int | None = None
     try:
         ended_by = _perform(options, settings, scripts, folder, done)
@@ -79,13 +79,13 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
 
 def _perform(
     options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path,
-    done: list[Performance],
+    done: list[ScriptResult],
 ) -> int | None:  # fmt: skip
     """Each script in turn, added to `done`; -> the signal that ended a run, if one did."""
     out = progress_stream(options.json)
     for number, script in enumerate(scripts, 1):
         print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
-        performance = perform_script(
+        performance = run_script(
             script, settings, folder, driver=options.driver, world=options.world, live=options.live,
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
@@ -113,7 +113,7 @@ def _files(given: list[Path]) -> list[Path]:
     return files
 
 
-def _figures(done: list[Performance], left: list[Script], driver: str) -> dict[str, Any]:
+def _figures(done: list[ScriptResult], left: list[Script], driver: str) -> dict[str, Any]:
     return {
         "schema": 1,
         "simulated": is_simulated(driver),
@@ -128,7 +128,7 @@ def _keep(folder: Path, figures: dict[str, Any]) -> None:
     write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
 
 
-def _outcome(p: Performance) -> str:
+def _outcome(p: ScriptResult) -> str:
     times = f"{p.result.robot_time_s:.1f} s robot, {p.seconds:.1f} s wall" if p.result else "no run"
     lines = [f"         {'passed' if p.passed else 'FAILED'}  ({times})"]
     lines += [f"         - {what}" for what in p.broken]
@@ -137,7 +137,7 @@ def _outcome(p: Performance) -> str:
     return "\n".join(lines)
 
 
-def _summary(done: list[Performance], left: list[Script], folder: Path) -> None:
+def _summary(done: list[ScriptResult], left: list[Script], folder: Path) -> None:
     failed = [p.script.name for p in done if not p.passed]
     names = f"; not: {', '.join(failed)}" if failed else ""
     lines = [f"\n{len(done) - len(failed)} of {len(done)} passed{names}"]

@@ -8,7 +8,7 @@ from typing import Any
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.run.fold import tell
 from cell.recording.journal import Journal
-from cell.support.files.paths import ledger_path, logs_directory, prepare_logs
+from cell.support.files.paths import journal_path, logs_directory, prepare_logs
 
 __all__ = ["add_options", "run"]
 
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     changes: dict[str, Any] = {"quiet": options.json, "live": options.live}
     if options.approve:
         changes["approve"] = True
-    with Journal.open(ledger_path(logs), readonly=True) as journal:
+    with Journal.open(journal_path(logs), readonly=True) as journal:
         interrupted = interrupted_run(journal, options.name, logs, **changes)
     prepare_logs(logs)
     return tell(fold_once(interrupted.request, interrupted=interrupted), options.json)

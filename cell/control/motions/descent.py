@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from cell.control.last_command import LastCommand
 from cell.control.motion import Motion
 from cell.control.motions.hands import Hands, control_hands
 from cell.control.motions.lowering import Lowering, lowered_joints
-from cell.control.sent import Sent
 from cell.control.ticks import TICK_S
 from robots.ports import Array, JointState, Side
 from skills.grasping.descend import Contact, DescentState, descend
@@ -28,7 +28,7 @@ class GuardedHand:
 
 def guarded_descent(
     hands: Hands,
-    sent: Sent,
+    last_command: LastCommand,
     start: JointState,
     descending: Mapping[Side, GuardedHand],
     settles: bool = False,
@@ -44,7 +44,7 @@ def guarded_descent(
     goals = {side: (hand.state.target, 0.0) for side, hand in descending.items()}
     """Height of each hand's goal [m], and how fast it falls [m/s]."""
     ended: dict[Side, Outcome[Contact]] = {}
-    q0 = start.q + sent.offset(start.q)
+    q0 = start.q + last_command.offset(start.q)
 
     def control(side: Side, reading: HandReading, before: DescentState) -> DescentState | Outcome[Contact]:
         if side in ended:
@@ -66,4 +66,4 @@ def guarded_descent(
         return lowered_joints(q0, lowering)
 
     states = {side: hand.state for side, hand in descending.items()}
-    return (yield from control_hands(hands, sent, start, states, control, arms))
+    return (yield from control_hands(hands, last_command, start, states, control, arms))

@@ -12,9 +12,9 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from cell.control.last_command import LastCommand, blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, SetPoint, Tick, Watch
-from cell.control.sent import Sent, faded
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
@@ -110,12 +110,12 @@ def each_hand(
 
     Failures: those of the loop; the first hand's that fails; GRIPPER_FAULT for one that never ends.
     """
-    return loop.run(lambda start: control_hands(hands, loop.sent, start, states, control))
+    return loop.run(lambda start: control_hands(hands, loop.last_command, start, states, control))
 
 
 def control_hands(
     hands: Hands,
-    sent: Sent,
+    last_command: LastCommand,
     start: JointState,
     states: Mapping[Side, S],
     control: Control[S, V],
@@ -128,10 +128,10 @@ def control_hands(
     running, values = dict(states), dict[Side, V]()
     still = start.q
     first = arms() if arms else still
-    offset, begins = sent.offset(first), first - sent.offset(still)
+    offset, begins = last_command.offset(first), first - last_command.offset(still)
     q = first + offset
     for k in range(round(LONGEST_LOOP_S / TICK_S) - 1):
-        goal = (still if not arms else first if k == 0 else arms()) + faded(k) * offset
+        goal = (still if not arms else first if k == 0 else arms()) + blend(k) * offset
         fed = yield SetPoint(goal, (goal - q) / TICK_S if arms else np.zeros_like(q), begins)
         q = goal
         hands.telemetry.joints(fed.state)

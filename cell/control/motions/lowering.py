@@ -10,7 +10,7 @@ import numpy as np
 from cell.control.ticks import TICK_S
 from robots.ports import Array, Side, arm_slice
 from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import Follower, follow
+from skills.motion.timing.jerk_limiter import JerkLimiter, follow
 
 __all__ = ["Lowering", "lowered_joints"]
 
@@ -24,7 +24,7 @@ class Lowering:
 
     way: Descent
     top: float
-    hand: Follower = field(default_factory=lambda: Follower(0.0))
+    hand: JerkLimiter = field(default_factory=lambda: JerkLimiter(0.0))
 
     @property
     def height(self) -> float:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from cell.control.last_command import LastCommand, blend
 from cell.control.motion import Motion, SetPoint, Tick
+from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering, lowered_joints
-from cell.control.motions.pushes import Pushes
-from cell.control.sent import Sent, faded
 from cell.control.ticks import TICK_S
 from robots.ports import JointState, Side
 from skills.vocabulary import Outcome
@@ -20,11 +20,11 @@ PRESS_S = 0.4
 
 def press_down(
     hands: Hands,
-    sent: Sent,
+    last_command: LastCommand,
     start: JointState,
     lowering: Mapping[Side, Lowering],
     strokes: Mapping[Side, tuple[float, float]],
-    pushes: Pushes,
+    pushes: FingertipForceMonitor,
     most: float,
 ) -> Motion[JointState]:
     """lowering: where each hand's set-point is, kept up to date. strokes: from which depth to which [m]. most:
@@ -32,11 +32,11 @@ def press_down(
 
     Ends after PRESS_S, or with the failure of what reads the tips.
     """
-    last, state, record = start.q + sent.offset(start.q), start, hands.recording()
+    last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
     enough: dict[Side, float] = {}
     """The depth at which each hand brakes that is pushed hard enough [m]."""
     for k in range(1, round(PRESS_S / TICK_S) + 1):
-        left, left_before = faded(k, PRESS_S), faded(k - 1, PRESS_S)
+        left, left_before = blend(k, PRESS_S), blend(k - 1, PRESS_S)
         for side, hand in lowering.items():
             way = strokes[side][1] - strokes[side][0]
             depth, speed = strokes[side][1] - left * way, (left_before - left) * way / TICK_S

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cell.control.last_command import blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
 from cell.control.path_clock import PathClock, PathControl
-from cell.control.sent import faded
 from cell.control.ticks import TICK_S
 from robots.ports import ArmTrajectory, JointState
 from skills.vocabulary import Outcome
@@ -31,11 +31,11 @@ def follow(
     loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
 ) -> Motion[JointState]:
     """Ends when the arms are within `settled` of the trajectory's end, or settle_s after it."""
-    path, offset = PathClock(trajectory, control), loop.sent.offset(trajectory.q[0])
+    path, offset = PathClock(trajectory, control), loop.last_command.offset(trajectory.q[0])
     settling, failure, k = 0.0, None, 0
     while True:
         q, qd = path.setpoint()
-        fed = yield SetPoint(q + faded(k) * offset, qd, trajectory.q[0], path.t, path.resting, failure)
+        fed = yield SetPoint(q + blend(k) * offset, qd, trajectory.q[0], path.t, path.resting, failure)
         k += 1
         if fed.order is Order.REST:
             path.stop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cell.control.checks import stopped
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED

@@ -9,12 +9,12 @@ import numpy as np
 
 from cell.control.motion import Motion, Tick, Watch
 from cell.control.motions.descent import GuardedHand, guarded_descent
+from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import commanding, each_hand
 from cell.control.motions.lowering import Lowering
 from cell.control.motions.press import press_down
-from cell.control.motions.pushes import Pushes
 from cell.control.motions.trajectory import stream
-from cell.executive.effects.moving import PREGRASP_OPENING, move, pausable, waited
+from cell.executive.effects.moving import PREGRASP_OPENING, move, pausable, with_waiting_time
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -30,7 +30,7 @@ from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.lift import plan_lift
@@ -56,8 +56,8 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     """Down until the tips touch, press into the stack, close, and feel what is held."""
     fold, ways = context.fold, attempt.motion.descend
     settings = grip_settings(cell, fold)
-    tares = {s: start_zero(settings) for s in ways}
-    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: zero(r, s))
+    tares = {s: start_tare(settings) for s in ways}
+    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
     if zeros.failure:
         return Result(Event.FAILED, context.with_failure(zeros.failure))
     fold = replace(fold, zeros=zeros.unwrap())
@@ -66,7 +66,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     contacts = _descend(cell, attempt, fold.zeros, settings, lowering)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
-    pushes = Pushes(cell.hands, cell.grasp, fold.zeros)
+    pushes = FingertipForceMonitor(cell.hands, cell.grasp, fold.zeros)
     deeper = DEEPER * fold.count(Adjustment.LOWER)
     failure = _press(cell, attempt.motion.postures, deeper, lowering, pushes)
     record: dict[str, object] = {
@@ -87,11 +87,16 @@ def lift(cell: Workcell, context: RunContext) -> Result:
     """A little way straight up; what was held must still be held."""
     fold, q = context.fold, cell.ports.arms.state().q
     up = plan_lift(
-        cell.robot, cell.guard, q, tuple(fold.held), cell.settings.grasp.lift_height, limits=cell.limits
+        cell.robot,
+        cell.execution_checker,
+        q,
+        tuple(fold.held),
+        cell.settings.grasp.lift_height,
+        limits=cell.limits,
     )
     control = pausable(cell)
     failure = up.failure or move(cell, up.unwrap(), fingertips=True, control=control)
-    context = waited(context, control)
+    context = with_waiting_time(context, control)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
     checks = {s: start_lift_check(cell.grasp, fold.zeros[s], held) for s, held in fold.held.items()}
@@ -104,7 +109,7 @@ def lift(cell: Workcell, context: RunContext) -> Result:
 def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Along the arc, from where the hands really are, watching for a slip and taking the key pictures."""
     arc = plan_arc(
-        cell.robot, cell.guard, cell.table, attempt.paths, attempt.motion.postures,
+        cell.robot, cell.execution_checker, cell.table, attempt.paths, attempt.motion.postures,
         cell.ports.arms.state().q, limits=cell.limits, tool_speed=attempt.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
@@ -118,7 +123,7 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     moved = stream(cell.loop, trajectory, cell.hands.recording(watch), control)
     executed = replace(attempt.motion, arc=arc.unwrap())  # what is learned from the fold is learned from this way
     attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
-    context = waited(context.with_attempt(attempt), control)
+    context = with_waiting_time(context.with_attempt(attempt), control)
     if moved.failure:
         return Result(Event.FAILED, context.with_failure(moved.failure))
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
@@ -138,7 +143,7 @@ def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Re
 def _descend(
     cell: Workcell,
     attempt: Attempt,
-    zeros: Mapping[Side, Zero],
+    zeros: Mapping[Side, TactileBias],
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
 ) -> Outcome[dict[Side, Contact]]:
@@ -152,7 +157,7 @@ def _descend(
             goal = _goal(attempt.grasp_of(s), lowering[s].top - float(way.depth[-1]))
             state = start_descent(settings, goal, zeros[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
-        return guarded_descent(cell.hands, cell.sent, start, descending)
+        return guarded_descent(cell.hands, cell.last_command, start, descending)
 
     return cell.loop.run(begin)
 
@@ -167,7 +172,7 @@ def _press(
     postures: Mapping[Side, Posture],
     deeper: float,
     lowering: Mapping[Side, Lowering],
-    pushes: Pushes,
+    pushes: FingertipForceMonitor,
 ) -> Failure | None:
     """From the touch of the first tip to where both tips press, and as much deeper as this try goes.
 
@@ -182,21 +187,21 @@ def _press(
             lean = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
             strokes[s] = touched, touched + float(lean) + PRESS + deeper
         most = cell.settings.grasp.press_force
-        return press_down(cell.hands, cell.sent, start, lowering, strokes, pushes, most)
+        return press_down(cell.hands, cell.last_command, start, lowering, strokes, pushes, most)
 
     return cell.loop.run(begin).failure
 
 
 def _close_and_confirm(
-    cell: Workcell, attempt: Attempt, zeros: Mapping[Side, Zero], thickness: float, settings: GraspSettings
+    cell: Workcell, attempt: Attempt, zeros: Mapping[Side, TactileBias], thickness: float, settings: GraspSettings
 ) -> Outcome[dict[Side, Held]]:
     hands, state = cell.hands, cell.ports.arms.state()
-    states = {s: start_close(settings, zero, hands.read(s, state)) for s, zero in zeros.items()}
+    states = {s: start_close(settings, tare, hands.read(s, state)) for s, tare in zeros.items()}
     closed = each_hand(cell.loop, hands, states, commanding(hands, close))
     if closed.failure:
         return Outcome(failure=closed.failure)
     confirmations = {
-        s: start_confirm(settings, zero, _expected(attempt.grasp_of(s), thickness)) for s, zero in zeros.items()
+        s: start_confirm(settings, tare, _expected(attempt.grasp_of(s), thickness)) for s, tare in zeros.items()
     }
     return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
 

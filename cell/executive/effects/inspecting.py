@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.executive.effects.adapting import adapt
-from cell.executive.effects.drifting import moved_along
+from cell.executive.effects.drift import apply_drift
 from cell.executive.effects.pressing import plan_pressing
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
@@ -112,7 +112,7 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
             figures(seen),
         )
         return Result(Event.FAILED, context.with_failure(failure), figures(seen))
-    return Result(Event.DONE, replace(context, plan=moved_along(plan, seen)), figures(seen))
+    return Result(Event.DONE, replace(context, plan=apply_drift(plan, seen)), figures(seen))
 
 
 def figures(seen: Inspection) -> dict[str, float]:
@@ -161,4 +161,4 @@ def _noted(context: RunContext) -> RunContext:
     plan = replace(plan, vertices=note.predicted.vertices)
     if note.inspected is None:
         return replace(context, plan=plan)
-    return replace(context, done=(*context.done, note), plan=moved_along(plan, note.inspected))
+    return replace(context, done=(*context.done, note), plan=apply_drift(plan, note.inspected))

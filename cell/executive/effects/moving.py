@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.control.checks import come_to_rest, fresh_state, hold, stopped
 from cell.control.motions.hands import each_hand
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
 from cell.control.ticks import TICK_S
@@ -22,7 +22,7 @@ from skills.cloth.pinch import PadGeometry
 from skills.grasping.hand_reading import GripCommand
 from skills.grasping.stuck_on_finger import check_stuck, start_stuck_check
 from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.retreat import Withdrawal, plan_withdrawal
+from skills.motion.moves.retreat import Retreat, plan_retreat
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import Outcome
 
@@ -36,8 +36,8 @@ __all__ = [
     "prepare",
     "reenter",
     "retreat",
-    "unhindered",
-    "waited",
+    "unpausable",
+    "with_waiting_time",
 ]
 
 HEAD_TURN_S = 1.5
@@ -56,7 +56,7 @@ def pausable(cell: Workcell) -> PathControl:
     return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note)
 
 
-def unhindered(cell: Workcell) -> PathControl:
+def unpausable(cell: Workcell) -> PathControl:
     """For motions that make the cell safe: only the stop ends them."""
     return PathControl(None, cell.robot.protective, cell.limits)
 
@@ -69,7 +69,7 @@ def move(
     if state.failure:
         return state.failure
     checked = check_trajectory(
-        cell.robot, cell.guard, trajectory, state.unwrap().q, cell.limits,
+        cell.robot, cell.execution_checker, trajectory, state.unwrap().q, cell.limits,
         allow_fingertips=fingertips, start_tolerance=cell.execution.start,
     )  # fmt: skip
     if checked.failure:
@@ -90,7 +90,7 @@ def prepare(cell: Workcell, context: RunContext) -> Result:
         control = pausable(cell)
         failure = wait(cell.loop, HEAD_TURN_S, cell.hands.recording()) or _calibrated(cell)
         failure = failure or _park(cell, control)
-        context = waited(context, control)
+        context = with_waiting_time(context, control)
     return _ended(context, failure)
 
 
@@ -108,7 +108,7 @@ def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
                 gripper.calibrate()
         control = pausable(cell)
         failure = _let_go_and_park(cell, control, HEAD_TURN_S)
-        context = waited(context, control)
+        context = with_waiting_time(context, control)
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure))
     return Result(reentry, context, {"folds_done": len(context.done)})
@@ -122,35 +122,35 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     failure = move(cell, attempt.motion.approach, control=control)
     attempt = replace(attempt, before=context.sight.frame, carried=False)
     begun = replace(context, fold=replace(context.fold, attempt=attempt, grasps=context.fold.grasps + 1))
-    return _ended(waited(begun, control), failure)
+    return _ended(with_waiting_time(begun, control), failure)
 
 
 def retreat(cell: Workcell, context: RunContext) -> Result:
     """Straight up from the released garment, see that nothing clings, then park."""
     zeros = context.fold.zeros
-    away = _withdrawal(cell, tuple(zeros))
+    away = _plan_retreat(cell, tuple(zeros))
     if away.failure:
         return _ended(context, away.failure)
     control = pausable(cell)
     failure = move(cell, away.unwrap().retreat, fingertips=True, control=control)
     if failure is None:
-        checks = {s: start_stuck_check(cell.grasp, zero) for s, zero in zeros.items()}
+        checks = {s: start_stuck_check(cell.grasp, tare) for s, tare in zeros.items()}
         failure = each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
     failure = failure or move(cell, away.unwrap().park, control=control)
-    return _ended(waited(context, control), failure)
+    return _ended(with_waiting_time(context, control), failure)
 
 
 def clear(cell: Workcell, context: RunContext) -> Result:
     """After a failure near the garment: let go, rise, park."""
     control = pausable(cell)
     failure = _let_go_and_park(cell, control)
-    return _ended(waited(context, control), failure)
+    return _ended(with_waiting_time(context, control), failure)
 
 
 def make_safe(cell: Workcell, context: RunContext) -> Result:
     """Let go and park whatever happened; a driver that refuses ends in FAULT with the arms held."""
     try:
-        failure = _let_go_and_park(cell, unhindered(cell))
+        failure = _let_go_and_park(cell, unpausable(cell))
     except DriverError as e:
         failure = e.failure()
     return _ended(context, failure)
@@ -177,7 +177,7 @@ def _open(cell: Workcell) -> None:
         cell.hands.command(side, GripCommand(gripper.max_opening, cell.grasp.release_force))
 
 
-def waited(context: RunContext, control: PathControl) -> RunContext:
+def with_waiting_time(context: RunContext, control: PathControl) -> RunContext:
     """What was spent in pauses is not the robot's time."""
     return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
 
@@ -239,29 +239,29 @@ def _park(cell: Workcell, control: PathControl) -> Failure | None:
         way = plan_free_motion(cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng())
         if way.ok:
             return move(cell, way.unwrap(), control=control)
-    away = _withdrawal(cell, tuple(Side))
+    away = _plan_retreat(cell, tuple(Side))
     if away.failure:
         return away.failure
     risen = move(cell, away.unwrap().retreat, fingertips=True, control=control)
     return risen or move(cell, away.unwrap().park, control=control)
 
 
-def _withdrawal(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Withdrawal]:
-    restless = come_to_rest(cell.ports, cell.execution, cell.sent)
+def _plan_retreat(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Retreat]:
+    restless = come_to_rest(cell.ports, cell.execution, cell.last_command)
     state = fresh_state(cell.ports, cell.execution)
     if restless or state.failure:
         return Outcome(failure=restless or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
     # with the margins that are planned with where that can be, else with those that brought the arms here
-    for checker in (cell.checker, cell.guard):
-        away = plan_withdrawal(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
+    for checker in (cell.checker, cell.execution_checker):
+        away = plan_retreat(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
         if away.ok:
             return away
     if sides != tuple(Side):
         return away
     for side in Side:  # a hand that cannot rise stays where it is while the other one does
-        one = plan_withdrawal(cell.robot, cell.guard, q, (side,), limits=cell.limits, rng=rng)
+        one = plan_retreat(cell.robot, cell.execution_checker, q, (side,), limits=cell.limits, rng=rng)
         if one.ok:
             return one
     return Outcome(

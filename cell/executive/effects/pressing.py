@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from cell.control.motion import Tick
+from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import each_hand
-from cell.control.motions.pushes import Pushes
 from cell.control.motions.trajectory import stream
-from cell.executive.effects.drifting import moved_along
-from cell.executive.effects.moving import move, pausable, waited
+from cell.executive.effects.drift import apply_drift
+from cell.executive.effects.moving import move, pausable, with_waiting_time
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt, Plan, PressPlan
@@ -20,11 +20,11 @@ from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
 from skills.grasping.hand_reading import GripCommand
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
+from skills.perception.inspection.high_places import standing
 from skills.perception.inspection.inspect import Inspection
-from skills.perception.inspection.standing import standing
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
 from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
@@ -45,7 +45,7 @@ def plan_pressing(cell: Workcell, index: int, plan: Plan, made: Attempt, seen: I
     step = plan.steps[index]
     if not _wanted(cell, step, plan, made, seen):
         return None
-    lying = moved_along(replace(plan, vertices=made.predicted.vertices), seen)
+    lying = apply_drift(replace(plan, vertices=made.predicted.vertices), seen)
     where = lying.steps[index]
     dabs, highest = _dabs(cell, where, lying, seen)
     if not dabs:
@@ -70,14 +70,14 @@ def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -
     control = pausable(cell)
     failure = move(cell, motion.approach, control=control)
     if failure:
-        return Result(Event.FAILED, waited(context, control).with_failure(failure))
-    tares = {s: start_zero(cell.grasp) for s in motion.postures}
-    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: zero(r, s))
+        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(failure))
+    tares = {s: start_tare(cell.grasp) for s in motion.postures}
+    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
     if zeros.failure:
-        return Result(Event.FAILED, waited(context, control).with_failure(zeros.failure))
-    context = waited(context, control)
+        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(zeros.failure))
+    context = with_waiting_time(context, control)
     arc = plan_arc(
-        cell.robot, cell.guard, cell.table, plan.paths, motion.postures, cell.ports.arms.state().q,
+        cell.robot, cell.execution_checker, cell.table, plan.paths, motion.postures, cell.ports.arms.state().q,
         limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
     )  # fmt: skip
     if arc.failure:
@@ -85,9 +85,15 @@ def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -
     guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
     pressed = replace(made, pressed=(*made.pressed, plan.seen))
-    context = replace(waited(context, control), fold=replace(context.fold, zeros=zeros.unwrap(), attempt=pressed))
+    context = replace(
+        with_waiting_time(context, control), fold=replace(context.fold, zeros=zeros.unwrap(), attempt=pressed)
+    )
     ended = guard.pushed is not None
-    record = {"hands": len(motion.postures), "strongest_n": guard.pushes.strongest, "stopped_by_force": ended}
+    record = {
+        "hands": len(motion.postures),
+        "strongest_n": guard.pushes.strongest,
+        "stopped_by_force": ended,
+    }
     if moved.failure and moved.failure is not guard.pushed:
         return Result(Event.FAILED, context.with_failure(moved.failure), record)
     return Result(Event.DONE, context, record)
@@ -154,8 +160,11 @@ class _Guard:
     pushed: that one was pushed too hard, which is no failure of the run's.
     """
 
-    def __init__(self, cell: Workcell, zeros: Mapping[Side, Zero]) -> None:
-        self.pushes, self._most = Pushes(cell.hands, cell.grasp, zeros), cell.settings.pressing.force
+    def __init__(self, cell: Workcell, zeros: Mapping[Side, TactileBias]) -> None:
+        self.pushes, self._most = (
+            FingertipForceMonitor(cell.hands, cell.grasp, zeros),
+            cell.settings.pressing.force,
+        )
         self.pushed: Failure | None = None
 
     def look(self, tick: Tick) -> Failure | None:

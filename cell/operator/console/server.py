@@ -29,9 +29,9 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from cell.operator.console.board import Board
-from cell.states.chart import marked_chart
+from cell.operator.console.run_status import RunStatus
 from cell.states.commands import ANSWERS, CommandQueue
+from cell.states.state_chart import marked_chart
 from robots.errors import DriverError, StorageError
 from robots.ports import Stop
 
@@ -75,13 +75,13 @@ def open_listener(port: int = 0) -> socket.socket:
 
 @contextmanager
 def operators_page(
-    board: Board, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
+    run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
 ) -> Iterator[str]:
     """The page's address for as long as the context lasts. viewer: address of the Rerun viewer to show beside it;
     listener: from `open_listener`, closed at the end. Raises StorageError when the page cannot be served."""
     secret = secrets.token_urlsafe(16)
     port = listener.getsockname()[1]
-    app = _Page(board, commands, stop, viewer, port).app(secret)
+    app = _Page(run_status, commands, stop, viewer, port).app(secret)
     config = uvicorn.Config(
         app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
     )
@@ -109,8 +109,10 @@ def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
 class _Page:
     """The page's two routes."""
 
-    def __init__(self, board: Board, commands: CommandQueue, stop: Stop, viewer: str | None, port: int) -> None:
-        self._board, self._commands, self._stop = board, commands, stop
+    def __init__(
+        self, run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, port: int
+    ) -> None:
+        self._run_status, self._commands, self._stop = run_status, commands, stop
         self._viewer = viewer
         self._origins = {f"http://{host}:{port}" for host in HOSTS}
 
@@ -140,9 +142,9 @@ class _Page:
     async def _tell(self, link: WebSocket) -> None:
         told, spoke = -1, 0.0
         while True:
-            version, now = self._board.version, time.monotonic()
+            version, now = self._run_status.version, time.monotonic()
             if version != told:
-                await link.send_json({"board": self._board.snapshot(), "stopped": self._stopped()})
+                await link.send_json({"run_status": self._run_status.snapshot(), "stopped": self._stopped()})
                 told, spoke = version, now
             elif now - spoke > ALIVE_S:
                 await link.send_json({"stopped": self._stopped()})
@@ -173,10 +175,10 @@ class _Page:
         if "stop" in said:
             self._stop.trigger(STOP_REASON)
             return {"noted": "stop"}
-        command = next((event for event in self._board.allowed() if event.value == said["say"]), None)
+        command = next((event for event in self._run_status.allowed() if event.value == said["say"]), None)
         if command is None:
             return {"refused": "that cannot be said now"}
-        if command in ANSWERS and not self._board.answers(said.get("question")):
+        if command in ANSWERS and not self._run_status.answers(said.get("question")):
             return {"refused": "this question is no longer asked"}
         self._commands.put(command)
         return {"noted": command.value}

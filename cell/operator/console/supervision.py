@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from cell.operator.console.board import Board
+from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
 from cell.recording.rerun import Recorder
 from cell.recording.rerun.live import viewer_address, web_viewer
@@ -21,9 +21,9 @@ class Supervision:
     """Of one run. board: what the page shows; commands: the run's queue, which the board hears too."""
 
     def __init__(
-        self, request: FoldRequest, board: Board, commands: CommandQueue, listener: socket.socket
+        self, request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket.socket
     ) -> None:
-        self._board, self._commands = board, commands
+        self._run_status, self._commands = run_status, commands
         self._listener = listener
         self._viewer = web_viewer() if request.record else None
 
@@ -32,6 +32,6 @@ class Supervision:
         """The operator's page, for as long as the context lasts. Raises StorageError as `operators_page`."""
         live = recorder.live_url
         viewer = viewer_address(self._viewer, live) if self._viewer and live else None
-        with operators_page(self._board, self._commands, stop, viewer, self._listener) as address:
+        with operators_page(self._run_status, self._commands, stop, viewer, self._listener) as address:
             say(f"operator's page: {address}")
             yield

@@ -100,7 +100,7 @@ class TerminalOperator:
     def left(self) -> None:
         """The source has ended."""
         if self._alone:
-            self._commands.desert()
+            self._commands.close()
 
     def take(self, word: str) -> None:
         """A line that was typed."""

@@ -31,9 +31,9 @@ from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
 from skills.perception.inspection.result import Inspection
 
-__all__ = ["BELIEF", "has_belief", "read_belief", "write_belief"]
+__all__ = ["CHECKPOINT", "has_checkpoint", "read_checkpoint", "write_checkpoint"]
 
-BELIEF, CONTEXT = "belief", "context"
+CHECKPOINT, CONTEXT = "checkpoint", "context"
 """Folder and file, in a run's folder, of what the run believed."""
 
 SCHEMA = 3
@@ -52,12 +52,12 @@ _ARRAYS = frozenset(
 """What numpy's arrays are made of in a pickle."""
 
 
-def has_belief(run: Path) -> bool:
+def has_checkpoint(run: Path) -> bool:
     """Whether the run with this folder has put down what it believed."""
-    return (run / BELIEF / CONTEXT).is_file()
+    return (run / CHECKPOINT / CONTEXT).is_file()
 
 
-def write_belief(folder: Path, context: RunContext, frames: FrameStore) -> None:
+def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
     """Put the context down; on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
     try:
@@ -72,7 +72,7 @@ def write_belief(folder: Path, context: RunContext, frames: FrameStore) -> None:
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
-def read_belief(folder: Path, frames: FrameStore) -> RunContext:
+def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
     """The context as it was put down. Raises StorageError for a file or picture that is missing or damaged,
     ConfigurationError for one of another version of this program."""
     path = folder / CONTEXT

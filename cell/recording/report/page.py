@@ -19,7 +19,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from cell.states.chart import marked_chart
+from cell.states.state_chart import marked_chart
 from cell.states.transition_table import State
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array

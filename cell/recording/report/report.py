@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.report.figures import KeyFrame, fold_strip, join, outline
+from cell.recording.report.fold_pictures import KeyFrame, fold_strip, join, outline
 from cell.recording.report.height_map import height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.recording_losses import recording_losses
-from cell.recording.report.remarks import Remark
+from cell.recording.report.run_events import RunEvent
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.run_end import RunEnd
 from cell.states.step_note import StepNote
@@ -39,7 +39,7 @@ def report(
     request: FoldRequest,
     end: RunEnd,
     result: FoldResult,
-    remarks: Sequence[Remark],
+    remarks: Sequence[RunEvent],
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
 ) -> Path:
@@ -83,7 +83,7 @@ def report(
     return write_report(folder / "report.html", record)
 
 
-def _timeline(end: RunEnd, result: FoldResult, remarks: Sequence[Remark]) -> Iterator[TimelineItem]:
+def _timeline(end: RunEnd, result: FoldResult, remarks: Sequence[RunEvent]) -> Iterator[TimelineItem]:
     if result.resumed_from:  # whose folds are shown with this run's own
         yield TimelineItem(end.started, "operator", f"went on with {result.resumed_from}", "")
     for r in remarks:

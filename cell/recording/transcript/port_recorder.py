@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from cell.recording.transcript.transcript import CellConstants, TranscriptWriter
 from cell.recording.transcript.transcript_codec import Channel, pack, pack_raised
-from cell.states.commands import CommandQueue, Said
+from cell.states.commands import CommandQueue, QueuedCommand
 from cell.states.transition_table import Event
 from robots.ports import (
     Arms,
@@ -38,20 +38,20 @@ from robots.ports import (
     TactileReading,
 )
 
-__all__ = ["Overheard", "Stenographer", "wanted_names"]
+__all__ = ["PortRecorder", "RecordedPorts", "wanted_names"]
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Overheard:
+class RecordedPorts:
     """The executive's side of a cell."""
 
     ports: Ports
     commands: CommandQueue
 
 
-class Stenographer:
+class PortRecorder:
     """Has a run's transcript written. Make it on the thread of the executive."""
 
     def __init__(self, folder: Path | None) -> None:
@@ -60,10 +60,10 @@ class Stenographer:
         self._writer: TranscriptWriter | None = None
         self._thread = threading.get_ident()
 
-    def between(self, ports: Ports, commands: CommandQueue) -> Overheard:
+    def between(self, ports: Ports, commands: CommandQueue) -> RecordedPorts:
         """Ports and commands for the executive, from now on taken down. Raises StorageError."""
         if self._folder is None:
-            return Overheard(ports, commands)
+            return RecordedPorts(ports, commands)
         self._writer = TranscriptWriter(self._folder, CellConstants.of(ports))
         heard = replace(
             ports,
@@ -76,7 +76,7 @@ class Stenographer:
             stop=_Stop(self, ports.stop),
             attendant=_Attendant(self, ports.attendant),
         )
-        return Overheard(heard, _Commands(self, commands))
+        return RecordedPorts(heard, _Commands(self, commands))
 
     def end(self) -> None:
         """The run has come to its end."""
@@ -119,119 +119,119 @@ class Stenographer:
 
 
 class _Clock:
-    def __init__(self, stenographer: Stenographer, clock: Clock) -> None:
-        self._stenographer, self._clock = stenographer, clock
+    def __init__(self, port_recorder: PortRecorder, clock: Clock) -> None:
+        self._port_recorder, self._clock = port_recorder, clock
 
     def now(self) -> float:
-        return self._stenographer.hear(Channel.NOW, (), self._clock.now)
+        return self._port_recorder.hear(Channel.NOW, (), self._clock.now)
 
     def sleep_until(self, t: float) -> None:
-        self._stenographer.hear(Channel.SLEEP, (t,), self._clock.sleep_until, t)
+        self._port_recorder.hear(Channel.SLEEP, (t,), self._clock.sleep_until, t)
 
 
 class _Arms:
-    def __init__(self, stenographer: Stenographer, arms: Arms) -> None:
-        self._stenographer, self._arms = stenographer, arms
+    def __init__(self, port_recorder: PortRecorder, arms: Arms) -> None:
+        self._port_recorder, self._arms = port_recorder, arms
         self.command_timeout = arms.command_timeout
 
     def state(self) -> JointState:
-        return self._stenographer.hear(Channel.ARMS, (), self._arms.state)
+        return self._port_recorder.hear(Channel.ARMS, (), self._arms.state)
 
     def enable(self) -> None:
-        self._stenographer.hear(Channel.ENABLE, (), self._arms.enable)
+        self._port_recorder.hear(Channel.ENABLE, (), self._arms.enable)
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        return self._stenographer.hear(Channel.SET_POINT, (q, qd), self._arms.command, q, qd)
+        return self._port_recorder.hear(Channel.SET_POINT, (q, qd), self._arms.command, q, qd)
 
 
 class _Head:
-    def __init__(self, stenographer: Stenographer, head: Head) -> None:
-        self._stenographer, self._head = stenographer, head
+    def __init__(self, port_recorder: PortRecorder, head: Head) -> None:
+        self._port_recorder, self._head = port_recorder, head
 
     def command_pan(self, angle: float) -> None:
-        self._stenographer.hear(Channel.HEAD, (angle,), self._head.command_pan, angle)
+        self._port_recorder.hear(Channel.HEAD, (angle,), self._head.command_pan, angle)
 
 
 class _Gripper:
-    def __init__(self, stenographer: Stenographer, gripper: Gripper, side: Side) -> None:
-        self._stenographer, self._gripper = stenographer, gripper
+    def __init__(self, port_recorder: PortRecorder, gripper: Gripper, side: Side) -> None:
+        self._port_recorder, self._gripper = port_recorder, gripper
         self.side, self.max_opening = side, gripper.max_opening
 
     def calibrate(self) -> None:
-        self._stenographer.hear(Channel.CALIBRATE, (self.side,), self._gripper.calibrate)
+        self._port_recorder.hear(Channel.CALIBRATE, (self.side,), self._gripper.calibrate)
 
     def command(self, opening: float, force: float) -> None:
-        self._stenographer.hear(Channel.GRIP, (self.side, opening, force), self._gripper.command, opening, force)
+        self._port_recorder.hear(Channel.GRIP, (self.side, opening, force), self._gripper.command, opening, force)
 
     def state(self) -> GripperState:
-        return self._stenographer.hear(Channel.GRIPPER, (self.side,), self._gripper.state)
+        return self._port_recorder.hear(Channel.GRIPPER, (self.side,), self._gripper.state)
 
 
 class _Tactile:
-    def __init__(self, stenographer: Stenographer, tactile: Tactile, side: Side) -> None:
-        self._stenographer, self._tactile = stenographer, tactile
+    def __init__(self, port_recorder: PortRecorder, tactile: Tactile, side: Side) -> None:
+        self._port_recorder, self._tactile = port_recorder, tactile
         self.side = side
 
     def reading(self) -> TactileReading:
-        return self._stenographer.hear(Channel.TACTILE, (self.side,), self._tactile.reading)
+        return self._port_recorder.hear(Channel.TACTILE, (self.side,), self._tactile.reading)
 
 
 class _Camera:
-    def __init__(self, stenographer: Stenographer, camera: Camera) -> None:
-        self._stenographer, self._camera = stenographer, camera
+    def __init__(self, port_recorder: PortRecorder, camera: Camera) -> None:
+        self._port_recorder, self._camera = port_recorder, camera
 
     def capture(self) -> CameraFrame:
-        return self._stenographer.hear(Channel.CAPTURE, (), self._camera.capture)
+        return self._port_recorder.hear(Channel.CAPTURE, (), self._camera.capture)
 
     def glimpse(self) -> CameraFrame | None:
-        return self._stenographer.hear(Channel.GLIMPSE, (), self._camera.glimpse)
+        return self._port_recorder.hear(Channel.GLIMPSE, (), self._camera.glimpse)
 
 
 class _Stop:
-    def __init__(self, stenographer: Stenographer, stop: Stop) -> None:
-        self._stenographer, self._stop = stenographer, stop
+    def __init__(self, port_recorder: PortRecorder, stop: Stop) -> None:
+        self._port_recorder, self._stop = port_recorder, stop
 
     def trigger(self, reason: str) -> None:
         self._stop.trigger(reason)
 
     def state(self) -> StopState:
-        if not self._stenographer.on_its_thread:
+        if not self._port_recorder.on_its_thread:
             return self._stop.state()
-        return self._stenographer.hear(Channel.STOP, (), self._stop.state)
+        return self._port_recorder.hear(Channel.STOP, (), self._stop.state)
 
     def reset(self) -> None:
         self._stop.reset()
 
 
 class _Attendant:
-    def __init__(self, stenographer: Stenographer, attendant: Attendant) -> None:
-        self._stenographer, self._attendant = stenographer, attendant
+    def __init__(self, port_recorder: PortRecorder, attendant: Attendant) -> None:
+        self._port_recorder, self._attendant = port_recorder, attendant
 
     def lay_garment(self) -> None:
-        self._stenographer.hear(Channel.LAY, (), self._attendant.lay_garment)
+        self._port_recorder.hear(Channel.LAY, (), self._attendant.lay_garment)
 
     def bring_board(self, place: BoardPlace) -> None:
-        self._stenographer.hear(Channel.BOARD, (place,), self._attendant.bring_board, place)
+        self._port_recorder.hear(Channel.BOARD, (place,), self._attendant.bring_board, place)
 
 
 class _Commands(CommandQueue):
     """What is said goes into the cell's one queue; what the executive takes from it is noted."""
 
-    def __init__(self, stenographer: Stenographer, queue: CommandQueue) -> None:
+    def __init__(self, port_recorder: PortRecorder, queue: CommandQueue) -> None:
         super().__init__()
-        self._stenographer, self._all = stenographer, queue
+        self._port_recorder, self._all = port_recorder, queue
 
-    def put(self, command: Event) -> Said:
+    def put(self, command: Event) -> QueuedCommand:
         return self._all.put(command)
 
     def drop(self, void: Set[Event]) -> None:
         self._all.drop(void)
 
     def take(self, wanted: Set[Event]) -> Event | None:
-        return self._stenographer.hear(Channel.TAKE, (wanted_names(wanted),), self._all.take, wanted)
+        return self._port_recorder.hear(Channel.TAKE, (wanted_names(wanted),), self._all.take, wanted)
 
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        return self._stenographer.hear(Channel.WAIT, (wanted_names(wanted),), self._all.wait, wanted, seconds)
+        return self._port_recorder.hear(Channel.WAIT, (wanted_names(wanted),), self._all.wait, wanted, seconds)
 
 
 def wanted_names(wanted: Set[Event]) -> tuple[str, ...]:

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from robots.baxter.suppress_output import silenced
+from robots.baxter.suppress_output import suppress_output
 from skills.vocabulary import Array, Table
 
-with silenced():  # it prints when it was built
+with suppress_output():  # it prints when it was built
     import pybullet as pb
 
 __all__ = ["Picture", "Scene", "Shot", "main"]

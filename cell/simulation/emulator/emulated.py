@@ -20,11 +20,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from cell.simulation.binding import bind, unbind, world_behind
-from cell.simulation.door import SimulatedCell
 from cell.simulation.faults import Fault
 from cell.simulation.settings import SimulationSettings
+from cell.simulation.simulated_cell import SimulatedCell
 from cell.simulation.truth import Truth
+from cell.simulation.world_of_port import bind, unbind, world_behind
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits

@@ -109,10 +109,10 @@ class SimulatedRobot:
             )
         if not self._enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
-        sent = clip_setpoint(q, qd, self._sent, self.state().q, self._limits, self._t)
-        self._queue.append(_Setpoint(self._t + self._lag, sent.q, sent.qd))
-        self._sent = sent.q
-        return sent
+        last_command = clip_setpoint(q, qd, self._sent, self.state().q, self._limits, self._t)
+        self._queue.append(_Setpoint(self._t + self._lag, last_command.q, last_command.qd))
+        self._sent = last_command.q
+        return last_command
 
     def state(self) -> JointState:
         """Reading it changes nothing: the noise belongs to the physics step, not to the call."""

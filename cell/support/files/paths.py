@@ -17,7 +17,7 @@ __all__ = [
     "campaign_folder",
     "command_for",
     "free_bytes",
-    "ledger_path",
+    "journal_path",
     "logs_directory",
     "new_folder",
     "prepare_logs",
@@ -25,7 +25,7 @@ __all__ = [
     "user_cache",
 ]
 
-LEDGER = "ledger.db"
+LEDGER = "journal.db"
 MOST_ALIKE = 10_000
 """Folders of one name and second."""
 LEAST_FREE_BYTES = 200 * 2**20
@@ -33,7 +33,7 @@ LEAST_FREE_BYTES = 200 * 2**20
 
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
-    """The folder of ledger and runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`, else the
+    """The folder of journal and runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`, else the
     user's data folder. Nothing is made."""
     environment = os.environ if environment is None else environment
     if option is not None:
@@ -60,7 +60,7 @@ def repository_root() -> Path | None:
     return root if checkout else None
 
 
-def ledger_path(logs: Path) -> Path:
+def journal_path(logs: Path) -> Path:
     return logs / LEDGER
 
 

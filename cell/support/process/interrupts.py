@@ -62,7 +62,7 @@ class Interrupts:
 
 @contextmanager
 def taking_signals() -> Iterator[Interrupts]:
-    """Around all that has to be done once a cell is opened, to the last line of the ledger and the report."""
+    """Around all that has to be done once a cell is opened, to the last line of the journal and the report."""
     interrupts = Interrupts()
     try:
         yield interrupts

@@ -4,6 +4,6 @@ camera and the cells of its pads."""
 from __future__ import annotations
 
 from robots.baxter.emulator.emulator import Emulator
-from robots.baxter.emulator.initial_state import NEW, USED, Past
+from robots.baxter.emulator.initial_state import NEW, USED, InitialState
 
-__all__ = ["NEW", "USED", "Emulator", "Past"]
+__all__ = ["NEW", "USED", "Emulator", "InitialState"]

@@ -19,9 +19,9 @@ import numpy as np
 
 from robots.baxter.emulator import message_conversion
 from robots.baxter.emulator.grippers import ElectricGripper
-from robots.baxter.emulator.initial_state import USED, Past
+from robots.baxter.emulator.initial_state import USED, InitialState
 from robots.baxter.emulator.limbs import TICK, Limb
-from robots.baxter.emulator.loop_tasks import Errands
+from robots.baxter.emulator.loop_tasks import LoopTasks
 from robots.baxter.emulator.motors import Motors
 from robots.baxter.ros import topics
 from robots.baxter.ros.messages import load_messages
@@ -71,7 +71,7 @@ class Emulator:
         tell: Callable[[str], None] = lambda _: None,
         pace: float | None = 1.0,
         patience: float = 0.0,
-        past: Past = USED,
+        past: InitialState = USED,
     ) -> None:
         self._ports, self._node, self._camera, self._tell, self._pace = ports, node, camera, tell, pace
         self._patience, self._past = patience, past
@@ -82,7 +82,7 @@ class Emulator:
         self._motors = Motors(ports.arms, ports.stop)
         self._limbs = {side: Limb(side, past) for side in Side}
         self._grippers = {side: ElectricGripper(port, past) for side, port in ports.grippers.items()}
-        self._errands = Errands()
+        self._errands = LoopTasks()
         self._heard: deque[Callable[[], None]] = deque()
         self._told: set[str] = set()
         self._publishers: dict[str, Publisher] = {}

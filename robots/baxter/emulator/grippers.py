@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.emulator.initial_state import NEW, Past
+from robots.baxter.emulator.initial_state import NEW, InitialState
 from robots.baxter.ros.electric_gripper import (
     CALIBRATE,
     CLEAR_CALIBRATION,
@@ -62,7 +62,7 @@ class ElectricGripper:
     """One gripper. A command with the sender and the sequence of the last one is that one again: it is not done
     twice. past: what others have left of it; that its port is calibrated is for `Emulator` to see to."""
 
-    def __init__(self, port: Gripper, past: Past = NEW) -> None:
+    def __init__(self, port: Gripper, past: InitialState = NEW) -> None:
         self._port = port
         self._parameters = dict(past.parameters)
         self._last = past.echo

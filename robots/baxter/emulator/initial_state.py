@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from robots.baxter.ros.electric_gripper import PARAMETERS
 
-__all__ = ["NEW", "USED", "Past"]
+__all__ = ["NEW", "USED", "InitialState"]
 
 
 @dataclass(frozen=True)
-class Past:
+class InitialState:
     """Of the grippers: whether they are calibrated; error: what is wrong with them until they are reset, empty for
     nothing; parameters [%]; echo: sender and sequence of the last order that each has handled, if any.
 
@@ -31,9 +31,9 @@ class Past:
     speed_ratio: float = 0.3
 
 
-NEW = Past()
+NEW = InitialState()
 """As it comes from the factory, just switched on."""
-USED = Past(
+USED = InitialState(
     calibrated=True,
     parameters={"velocity": 20.0, "moving_force": 100.0, "holding_force": 100.0, "dead_zone": 10.0},
     echo=("another_program_go", 1),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.baxter.emulator.initial_state import NEW, Past
+from robots.baxter.emulator.initial_state import NEW, InitialState
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.ports import Array, Side, arm_slice
@@ -37,7 +37,7 @@ class Limb:
     """One arm's intake. All times are cell time [s]. timeout: for so long a command holds; speed_ratio: the share
     of their speed with which the joints go to a set-point in position mode."""
 
-    def __init__(self, side: Side, past: Past = NEW) -> None:
+    def __init__(self, side: Side, past: InitialState = NEW) -> None:
         self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
         self._names = [f"{side}_{joint}" for joint in ARM_JOINTS]
         self._fastest = URDF_VELOCITY[arm_slice(side)]

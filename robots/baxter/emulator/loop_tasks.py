@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from threading import Lock
 from typing import Any, TypeVar
 
-__all__ = ["SETTLE", "Errands"]
+__all__ = ["SETTLE", "LoopTasks"]
 
 SETTLE = 5
 """Ticks between the work and its future: by then every topic tells of it."""
@@ -16,7 +16,7 @@ SETTLE = 5
 T = TypeVar("T")
 
 
-class Errands:
+class LoopTasks:
     """`ask` is callable from any thread, the rest belongs to the loop's."""
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ from robots.baxter.ros.ports.camera import RosCamera
 from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
 from robots.baxter.ros.ports.gripper import RosGripper
 from robots.baxter.ros.ports.head import RosHead
-from robots.baxter.ros.ports.latest_message import Hearing
+from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.ports.stop import RosStop
 from robots.baxter.ros.ports.tactile import RosTactile
 from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics, joint_command
@@ -66,7 +66,7 @@ def connected(
         grippers = {side: RosGripper(node, clock, side, stopped) for side in Side}
         camera = RosCamera(node, clock, settings.camera, settings.camera_settle, stopped)
         pads = {side: RosTactile(node, clock, side, settings.tactile_rows) for side in Side}
-        hands: list[Hearing[Any]] = [gripper.hearing for gripper in grippers.values()]
+        hands: list[LatestMessage[Any]] = [gripper.hearing for gripper in grippers.values()]
         hands += [pad.hearing for pad in pads.values()]
         silent = _silent([*_topics_of(clock), stop.robot, arms.joints, *hands])
         if silent:
@@ -128,7 +128,7 @@ def _topics_of(clock: WallClock | TopicClock) -> list[TopicClock]:
     return [clock] if isinstance(clock, TopicClock) else []
 
 
-def _silent(hearings: Sequence[TopicClock | Hearing[Any]]) -> list[str]:
+def _silent(hearings: Sequence[TopicClock | LatestMessage[Any]]) -> list[str]:
     """The topics of which nothing was heard in time."""
     until = time.monotonic() + ANSWER_S
     return [h.topic for h in hearings if not h.wait(max(0.0, until - time.monotonic()))]

@@ -145,7 +145,8 @@ def _fit_edge(i, j, place, course, slack, geo, row, a):
         geo[row, d, a], geo[row, d + 3, a] = place[d, i], along
         geo[row, d + 7, a] = HALF * (course[d, i] + course[d, j])
         length2 += along * along
-        differs += (HALF * (course[d, j] - course[d, i])) ** 2
+        apart = HALF * (course[d, j] - course[d, i])
+        differs += apart * apart
     geo[row, 6, a], geo[row, 10, a], geo[row, 11, a] = length2 + TINY, np.sqrt(differs), slack
     geo[row, 12, a] = ONE / (length2 + TINY)
 

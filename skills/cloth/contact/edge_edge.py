@@ -73,7 +73,8 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
         d2 = dot(way, way)
         slide = (1.0 - s) * load(v, i) + s * load(v, j) - (1.0 - t) * load(v, k) - t * load(v, m)
         reach = STRAY + span * 1.5 * np.sqrt(dot(slide, slide))
-        if d2 > (release + reach) ** 2:
+        seen = release + reach
+        if d2 > seen * seen:
             near[c] = False
             due[c] = later(now, pace, np.sqrt(d2) - release, reach)
             continue
@@ -96,7 +97,7 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
                 store(normal, c, direction)
         if d > thick + reach:
             continue
-        den = (1 - s) ** 2 * w[i] + s * s * w[j] + (1 - t) ** 2 * w[k] + t * t * w[m]
+        den = (1 - s) * (1 - s) * w[i] + s * s * w[j] + (1 - t) * (1 - t) * w[k] + t * t * w[m]
         if den == 0.0:
             continue
         den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))

@@ -101,7 +101,7 @@ def _agree(n, cross, edge, tri, way, wish):
                 wish[tri[t, m], d] = 0.0
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
-        size = np.sqrt(way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2)
+        size = np.sqrt(way[c, 0] * way[c, 0] + way[c, 1] * way[c, 1] + way[c, 2] * way[c, 2])
         if size < FAINT:
             continue
         for d in range(3):
@@ -278,6 +278,6 @@ def _normal(x, p, q, r, out):
     ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
     vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
     out[0], out[1], out[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    size = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2) + 1e-30
+    size = np.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]) + 1e-30
     for m in range(3):
         out[m] /= size

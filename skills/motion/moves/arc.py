@@ -12,11 +12,11 @@ from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
 from skills.motion.kinematics import ik
 from skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
-from skills.motion.moves.retreat import plan_withdrawal
+from skills.motion.moves.retreat import plan_retreat
 from skills.motion.timing.timing import time_law
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach
-from skills.motion.validation.inputs import senseless_paths, senseless_state
+from skills.motion.validation.inputs import validate_paths, validate_state
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
@@ -52,10 +52,10 @@ def plan_arc(
 
     The paths begin at the tools' real positions; the offset fades out along the arc, the orientation error of
     the start likewise. Timing is the paths' own unless the arms' limits or tool_speed [m/s] are slower.
-    Failures: STALE_STATE (q_grasp is no state), UNREACHABLE, those of `check_trajectory` and `plan_withdrawal`.
+    Failures: STALE_STATE (q_grasp is no state), UNREACHABLE, those of `check_trajectory` and `plan_retreat`.
     """
     limits = limits or model.planning
-    senseless = senseless_state(model, q_grasp) or senseless_paths(paths)
+    senseless = validate_state(model, q_grasp) or validate_paths(paths)
     if senseless:
         return Outcome(failure=senseless)
     clock = _clock(paths)
@@ -71,7 +71,7 @@ def plan_arc(
     checked = check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True)
     if checked.failure:
         return Outcome(failure=checked.failure)
-    away = plan_withdrawal(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
+    away = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
     if away.failure:
         return Outcome(failure=away.failure)
     executed = {side: _executed(model, table, side, fold) for side in postures}

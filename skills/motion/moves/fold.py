@@ -18,12 +18,12 @@ from robots.ports import ArmTrajectory, Array, Side
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
 from skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
+from skills.motion.moves.helpful_shift import with_shift_suggestion
 from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.posture_search import Choice, rank_postures
 from skills.motion.moves.retreat import RETREAT_HEIGHT
-from skills.motion.moves.suggestions import with_helpful_shift
 from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.inputs import senseless_paths, senseless_state
+from skills.motion.validation.inputs import validate_paths, validate_state
 from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
@@ -135,7 +135,7 @@ def plan_hands_motion(
     Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),
     LIMIT_EXCEEDED, STALE_STATE (q_now is no state).
     """
-    senseless = senseless_state(model, q_now) or senseless_paths(paths)
+    senseless = validate_state(model, q_now) or validate_paths(paths)
     if senseless:
         return Outcome(failure=senseless)
     task = _Task(model, checker, table, paths, q_now, limits, tool_speed, approach_height, lift, rng)
@@ -157,7 +157,7 @@ def plan_hands_motion(
     assert failure is not None
     if first_failure or avoid:  # a recovery that wants another choice: the garment lies where it lies
         return Outcome(failure=failure)
-    helped = with_helpful_shift(
+    helped = with_shift_suggestion(
         model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT
     )
     return Outcome(failure=helped)

@@ -12,7 +12,7 @@ from robots.ports import ArmTrajectory, Array
 from skills.motion.moves.rrt_connect import blocked_end, no_way, rounded, ways
 from skills.motion.timing.timing import free_motion, join, time_path
 from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.inputs import senseless_goal, senseless_state
+from skills.motion.validation.inputs import validate_goal, validate_state
 from skills.motion.validation.trajectory_check import contact_along
 from skills.vocabulary import Outcome
 
@@ -40,7 +40,7 @@ def plan_free_motion(
     way was found).
     """
     limits = limits or model.planning
-    senseless = senseless_state(model, q0) or senseless_goal(model, q1, q0)
+    senseless = validate_state(model, q0) or validate_goal(model, q1, q0)
     if senseless:
         return Outcome(failure=senseless)
     blocked = blocked_end(checker, q0, q1)

@@ -14,7 +14,7 @@ from skills.motion.kinematics.posture import Posture, in_base
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach, too_near
-from skills.motion.validation.inputs import senseless_paths, senseless_state
+from skills.motion.validation.inputs import validate_paths, validate_state
 from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
@@ -84,7 +84,7 @@ def plan_grasp(
     Failures: STALE_STATE (q_now is no state), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
     limits = limits or model.planning
-    senseless = senseless_state(model, q_now) or senseless_paths(paths)
+    senseless = validate_state(model, q_now) or validate_paths(paths)
     if senseless:
         return Outcome(failure=senseless)
     q_above = np.array(q_now)

@@ -11,7 +11,7 @@ from skills.motion.kinematics import ik
 from skills.motion.timing.timing import hold, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import too_near
-from skills.motion.validation.inputs import senseless_height, senseless_state
+from skills.motion.validation.inputs import validate_height, validate_state
 from skills.motion.validation.trajectory_check import contact_along
 from skills.vocabulary import Outcome
 
@@ -37,7 +37,7 @@ def plan_lift(
     limits: the model's planning set when None. Failures: STALE_STATE (q_now is no state), LIMIT_EXCEEDED (the
     height is none), UNREACHABLE, IN_COLLISION.
     """
-    senseless = senseless_state(model, q_now) or senseless_height(height)
+    senseless = validate_state(model, q_now) or validate_height(height)
     if senseless:
         return Outcome(failure=senseless)
     n = max(2, int(np.ceil(height / STEP)))

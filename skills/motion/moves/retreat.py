@@ -14,7 +14,7 @@ from skills.motion.moves.lift import plan_lift
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Outcome
 
-__all__ = ["RETREAT_HEIGHT", "Withdrawal", "plan_withdrawal"]
+__all__ = ["RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 
 RETREAT_HEIGHT = 0.10
 """By which the hands rise after a fold [m]."""
@@ -23,14 +23,14 @@ SHARES = (1.0, 0.7, 0.5, 0.35)
 
 
 @dataclass(frozen=True, eq=False)
-class Withdrawal:
+class Retreat:
     """retreat: straight up. park: on to the parked pose."""
 
     retreat: ArmTrajectory
     park: ArmTrajectory
 
 
-def plan_withdrawal(
+def plan_retreat(
     model: RobotModel,
     checker: CollisionChecker,
     q_now: Array,
@@ -39,7 +39,7 @@ def plan_withdrawal(
     height: float = RETREAT_HEIGHT,
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
-) -> Outcome[Withdrawal]:
+) -> Outcome[Retreat]:
     """Hands straight up by `height` [m] as they are, then both arms to the parked pose, from q_now (14,), at rest.
 
     Where the arms cannot go so high, they go as high as they can, but no less than clears a stack.
@@ -52,6 +52,6 @@ def plan_withdrawal(
         if retreat.ok:
             way = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
             if way.ok:
-                return Outcome(Withdrawal(retreat.unwrap(), way.unwrap()))
+                return Outcome(Retreat(retreat.unwrap(), way.unwrap()))
         why = why or retreat.failure or way.failure
     return Outcome(failure=why)

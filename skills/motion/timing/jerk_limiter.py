@@ -8,11 +8,11 @@ import ruckig
 
 from robots.errors import InternalError
 
-__all__ = ["Follower", "follow"]
+__all__ = ["JerkLimiter", "follow"]
 
 
 @dataclass(frozen=True)
-class Follower:
+class JerkLimiter:
     """Where a followed coordinate is, and how it moves: [m], [m/s], [m/s2], or in radians."""
 
     position: float
@@ -21,8 +21,15 @@ class Follower:
 
 
 def follow(
-    state: Follower, goal: float, goal_speed: float, dt: float, *, speed: float, acceleration: float, jerk: float
-) -> Follower:
+    state: JerkLimiter,
+    goal: float,
+    goal_speed: float,
+    dt: float,
+    *,
+    speed: float,
+    acceleration: float,
+    jerk: float,
+) -> JerkLimiter:
     """`state` dt [s] later, on the fastest way to a goal that now stands at `goal` and moves at `goal_speed`."""
     order = ruckig.InputParameter(1)
     order.current_position, order.current_velocity = [state.position], [state.velocity]
@@ -34,4 +41,4 @@ def follow(
     if code not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise InternalError(f"Ruckig refused to follow a goal: {code}", position=state.position, goal=goal)
     position, velocity, change = (x[0] for x in result.at_time(dt)[:3])
-    return Follower(position, velocity, change)
+    return JerkLimiter(position, velocity, change)

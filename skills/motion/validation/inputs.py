@@ -11,10 +11,10 @@ from robots.model import RobotModel
 from robots.ports import Array
 from skills.vocabulary import GraspId, ToolPath
 
-__all__ = ["senseless_goal", "senseless_height", "senseless_paths", "senseless_state"]
+__all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state"]
 
 
-def senseless_state(model: RobotModel, q: Array) -> Failure | None:
+def validate_state(model: RobotModel, q: Array) -> Failure | None:
     """STALE_STATE when q is no joint vector of numbers: the arms' state is not known."""
     if np.shape(q) == (14,) and np.all(np.isfinite(q)):
         return None
@@ -26,7 +26,7 @@ def senseless_state(model: RobotModel, q: Array) -> Failure | None:
     )
 
 
-def senseless_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
+def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
     """LIMIT_EXCEEDED when q is no joint vector, or further outside the planning range than the arms are anyway."""
     if np.shape(q) != (14,) or not np.all(np.isfinite(q)):
         return Failure(
@@ -47,7 +47,7 @@ def senseless_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
     )
 
 
-def senseless_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
+def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
     """UNREACHABLE when a tool path has values that are no numbers, or times that do not rise."""
     for grasp_id, path in paths.items():
         fields = (path.t, path.position, path.heading, path.pitch, path.roll)
@@ -66,7 +66,7 @@ def senseless_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
     return None
 
 
-def senseless_height(height: float) -> Failure | None:
+def validate_height(height: float) -> Failure | None:
     """LIMIT_EXCEEDED when a way up is no number or goes down."""
     if np.isfinite(height) and height >= 0.0:
         return None

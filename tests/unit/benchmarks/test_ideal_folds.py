@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.d_relax import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
-from benchmarks.turned import turned_over
+from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
+from benchmarks.turn_fold import turned_over
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour

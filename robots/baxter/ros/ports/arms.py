@@ -12,7 +12,7 @@ from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import Hearing
+from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.ports.stop import RosStop
 from robots.baxter.ros.topics import (
     ENABLE,
@@ -53,7 +53,7 @@ class RosArms:
         self.command_timeout = COMMAND_TIMEOUT
         self._messages, self._clock, self._stop, self._limits, self._raw = messages, clock, stop, limits, raw
         self._sent: JointSetpoint | None = None
-        self.joints = Hearing(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch)
+        self.joints = LatestMessage(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch)
         self._enable = node.publisher(ENABLE, messages.bool)
         self._commands = {side: node.publisher(joint_command(side), messages.joint_command) for side in Side}
         self._dynamics = {

@@ -29,7 +29,7 @@ from robots.baxter.ros.electric_gripper import (
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import Hearing
+from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.topics import gripper_command, gripper_state
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
@@ -86,7 +86,9 @@ class RosGripper:
         """Opening and force that were commanded last."""
         self._fault: DriverError | None = None
         """What it did not do, until somebody was told."""
-        self.hearing = Hearing(node, clock, gripper_state(side), messages.end_effector_state, _read, self._heard)
+        self.hearing = LatestMessage(
+            node, clock, gripper_state(side), messages.end_effector_state, _read, self._heard
+        )
 
     def calibrate(self) -> None:
         """What is commanded meanwhile follows after it. Raises DriverError(STOPPED)."""

@@ -9,12 +9,12 @@ from typing import Any, Generic, TypeVar
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
 
-__all__ = ["Hearing"]
+__all__ = ["LatestMessage"]
 
 T = TypeVar("T")
 
 
-class Hearing(Generic[T]):
+class LatestMessage(Generic[T]):
     """read: (message, time of arrival [s]) -> value, None for a message that is not understood, which is as if it
     had not come. then: called with each value, on the topic's thread."""
 

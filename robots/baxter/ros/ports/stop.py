@@ -16,7 +16,7 @@ from typing import Any
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import Hearing
+from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
 from robots.errors import DriverError, FailureKind
 from robots.ports import StopState
@@ -62,7 +62,7 @@ class RosStop:
         """What was asked for and is being reset: the robot is no longer told of it."""
         self._forgiven: StopState | None = None
         """What was asked for and has been reset."""
-        self.robot = Hearing(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
+        self.robot = LatestMessage(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
         self._wake, self._wakener = os.pipe()
         os.set_blocking(self._wakener, False)  # many triggers of one stop: the first woke the thread
         self._until = math.inf

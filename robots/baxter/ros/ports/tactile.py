@@ -9,7 +9,7 @@ import numpy as np
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import Hearing
+from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.topics import tactile
 from robots.ports import Side, TactileReading, frozen
 
@@ -23,7 +23,7 @@ class RosTactile:
         self.side, self._rows = side, rows
         self._shape: tuple[int, ...] | None = None
         """Of the pads, as they were first heard."""
-        self.hearing = Hearing(node, clock, tactile(side), load_messages().tactile_state, self._read)
+        self.hearing = LatestMessage(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
         """As last heard, stamped when it was; before that of no time."""

@@ -12,7 +12,7 @@ import yaml
 
 from calibration.effects import Grip, Listen, Reach, Touch
 from calibration.table import TableSettings, calibrate_table
-from cell.calibrating.reaching import holding_board
+from cell.calibrating.reach import holding_board
 from cell.calibrating.session import CalibrationRequest, calibrate
 from cell.commands.main import main
 from cell.config.calibration_file import (
@@ -28,7 +28,7 @@ from cell.hardware.assembly import load_robot
 from cell.hardware.camera import camera_calibration
 from cell.recording.journal import Journal
 from cell.simulation.ports import _Arms
-from cell.support.files.paths import ledger_path
+from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Ports, Side, arm_slice
 from skills.motion.kinematics import ik
@@ -60,7 +60,7 @@ def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path
     origin = yaml.safe_load(Path(report["file"]).read_text())["provenance"]["height"]
     assert origin["simulated"] is True and origin["figures"]["points"] == 3 and origin["run"] in report["run_dir"]
 
-    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+    with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
         assert run.result == "done" and run.summary["points"] == 3
         intents = journal.entries(run.id, "intent")
@@ -94,7 +94,7 @@ def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
     )
     assert end.value is None and end.failure and end.failure.kind is FailureKind.STOPPED
     assert end.result == "not_done" and end.safe and end.exit_code == 2
-    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+    with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         last = journal.entries(journal.run("last").id, "result")[-1]
     assert last.name == "make_safe" and last.payload["event"] == "held"
 
@@ -127,7 +127,7 @@ def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
     end = calibrate(request, broken, lambda c, t: {})
     assert end.failure and end.failure.kind is FailureKind.SKILL_CRASHED and "a bug" in end.failure.what
     assert end.result == "fault" and end.exit_code == 3 and end.safe
-    with Journal.open(ledger_path(tmp_path), readonly=True) as journal:
+    with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
         assert [e.name for e in journal.entries(run.id, "result")] == ["prepare", "grip", "make_safe"]
 
@@ -153,10 +153,10 @@ def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
     monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
     monkeypatch.setattr("cell.runs.ownership.Journal.open", journal)
     code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
-    assert code == 3 and "held where they are" in report["hint"] and "ledger.db" in err
+    assert code == 3 and "held where they are" in report["hint"] and "journal.db" in err
     assert len(told) == 1 and not np.any(told[0])
     monkeypatch.undo()
-    with Journal.open(ledger_path(tmp_path), readonly=True) as kept:
+    with Journal.open(journal_path(tmp_path), readonly=True) as kept:
         assert kept.run("last").status == "interrupted"
 
 

@@ -231,16 +231,16 @@ def test_a_cell_that_is_in_use(refused: Callable[..., str], folder: Path) -> Non
 def test_a_ledger_that_is_not_ours_is_left_alone(
     folder: Path, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
-    ledger = folder / "logs" / "ledger.db"
-    ledger.parent.mkdir()
+    journal_file = folder / "logs" / "journal.db"
+    journal_file.parent.mkdir()
     if kind == "text":
-        ledger.write_text("shopping list: " + "milk, " * 200)
+        journal_file.write_text("shopping list: " + "milk, " * 200)
     else:
-        with sqlite3.connect(ledger) as other:
+        with sqlite3.connect(journal_file) as other:
             other.execute("CREATE TABLE recipes (name TEXT)")
         other.close()
-    before = ledger.read_bytes()
+    before = journal_file.read_bytes()
     assert main(["fold", "small_towel"]) == 64
-    assert str(ledger) in capsys.readouterr().err
-    assert ledger.read_bytes() == before
-    assert {p.name for p in ledger.parent.iterdir()} <= {"ledger.db", "cell.lock"}
+    assert str(journal_file) in capsys.readouterr().err
+    assert journal_file.read_bytes() == before
+    assert {p.name for p in journal_file.parent.iterdir()} <= {"journal.db", "cell.lock"}

@@ -369,10 +369,10 @@ def test_read_only_logs(fake: FakeRun, capsys: pytest.CaptureFixture[str], locka
 
 
 @pytest.fixture
-def ledger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def journal_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three runs: one folded, one killed in the middle of a grasp, one under way (its lock is held)."""
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path))
-    journal = Journal.open(tmp_path / "ledger.db")
+    journal = Journal.open(tmp_path / "journal.db")
     first = journal.begin_run(garment="medium_towel", seed=1, driver="sim", wall_clock=lambda: 1e9)
     look = first.intent(0.0, "looking", "look")
     first.result(look, 0.5, {"event": "done"})
@@ -389,7 +389,7 @@ def ledger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_runs_tells_how_each_ended(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_tells_how_each_ended(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["runs"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 4
@@ -399,7 +399,7 @@ def test_runs_tells_how_each_ended(ledger: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with Journal.open(tmp_path / "ledger.db") as journal:
+    with Journal.open(tmp_path / "journal.db") as journal:
         run = journal.begin_run(garment="vest", seed=1, driver="sim")
         run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
     assert main(["runs", "--logs", str(tmp_path)]) == 0
@@ -408,7 +408,7 @@ def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: p
     assert last_json(capsys.readouterr().out)["runs"][0]["failure"] == "no_garment"
 
 
-def test_runs_as_json(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["runs", "--json", "--last", "2"])
     runs = last_json(capsys.readouterr().out)["runs"]
     assert [r["status"] for r in runs] == ["interrupted", "running"]
@@ -422,14 +422,14 @@ def test_runs_without_any(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert not (tmp_path / "none").exists()
 
 
-def test_report_of_a_run(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_of_a_run(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "2001"]) == 0
     text = capsys.readouterr().out
     assert "folded" in text and "report.html" in text
     assert "missed_grasp: nothing between the pads" in text
 
 
-def test_report_of_an_interrupted_run(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "2004", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     assert answer["status"] == "interrupted" and answer["report"] is None
@@ -442,9 +442,9 @@ def test_report_of_an_interrupted_run(ledger: Path, capsys: pytest.CaptureFixtur
      ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
 )  # fmt: skip
 def test_why_there_is_no_page(
-    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
+    journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
 ) -> None:
-    (run,) = ledger.glob(f"{name}*")
+    (run,) = journal_file.glob(f"{name}*")
     (run / "run.rrd").write_bytes(b"RRF2")
     assert main(["report", name]) == 0
     text = capsys.readouterr().out
@@ -452,7 +452,7 @@ def test_why_there_is_no_page(
 
 
 def test_replay_says_where_the_recording_is(
-    ledger: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    journal_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -461,14 +461,14 @@ def test_replay_says_where_the_recording_is(
     assert "run.rrd" in text and "no display" in text
 
 
-def test_replay_without_a_recording(ledger: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_without_a_recording(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", "2004"]) == 64
     assert "has no recording" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
 def test_a_run_that_cannot_be_decided_again(
-    ledger: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
+    journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
 ) -> None:
     assert main(["replay", name, "--decide", "--json"]) == 64
     told = capsys.readouterr()
@@ -477,32 +477,32 @@ def test_a_run_that_cannot_be_decided_again(
 
 
 @pytest.mark.parametrize("command", ["report", "replay"])
-def test_a_run_that_is_not_there(ledger: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+def test_a_run_that_is_not_there(journal_file: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     assert main([command, "nonsense"]) == 64
     assert "there is no run 'nonsense'" in capsys.readouterr().err
 
 
-def test_output_that_nobody_reads_is_no_error(ledger: Path) -> None:
-    command = f"{sys.executable} -m cell.commands.main runs --logs {ledger} | true; exit ${{PIPESTATUS[0]}}"
+def test_output_that_nobody_reads_is_no_error(journal_file: Path) -> None:
+    command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} | true; exit ${{PIPESTATUS[0]}}"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 0 and answer.stderr == ""
 
 
-def test_output_that_cannot_be_written_is_told(ledger: Path) -> None:
+def test_output_that_cannot_be_written_is_told(journal_file: Path) -> None:
     """Not as a bug, nor as a traceback with an exit code of Python's own."""
-    command = f"{sys.executable} -m cell.commands.main runs --logs {ledger} --json > /dev/full"
+    command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} --json > /dev/full"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 64
     assert answer.stderr.startswith("foldcell: standard output cannot be written: No space left on device")
-    assert not list(ledger.glob("crash-*"))
+    assert not list(journal_file.glob("crash-*"))
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
-def test_streams_that_are_closed_or_full_hinder_nothing(ledger: Path, closed: str) -> None:
+def test_streams_that_are_closed_or_full_hinder_nothing(journal_file: Path, closed: str) -> None:
     for line, code in (("runs", 0), ("report nonsense", 64)):
-        command = f"{sys.executable} -m cell.commands.main {line} --logs {ledger} {closed}"
+        command = f"{sys.executable} -m cell.commands.main {line} --logs {journal_file} {closed}"
         assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
-    assert not list(ledger.glob("crash-*"))
+    assert not list(journal_file.glob("crash-*"))
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
@@ -551,7 +551,7 @@ def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -
     script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "Wäsche"
     folder.mkdir()
-    with Journal.open(folder / "ledger.db") as journal:
+    with Journal.open(folder / "journal.db") as journal:
         journal.begin_run(garment="./Größe.yaml", seed=1, driver="sim").end("not_folded")
     for how in ([], ["--json"]):
         command = [sys.executable, "-c", script, "runs", "--logs", str(folder), *how]

@@ -83,9 +83,9 @@ def test_read_only_logs_are_bad(lockable: Any) -> None:
 
 
 def test_a_broken_ledger_is_bad(tmp_path: Path) -> None:
-    (tmp_path / "ledger.db").write_bytes(b"x" * 5000)
+    (tmp_path / "journal.db").write_bytes(b"x" * 5000)
     checks = [c for c in examine(tmp_path) if c.verdict is Verdict.BAD]
-    assert len(checks) == 1 and "ledger.db" in checks[0].found + checks[0].hint
+    assert len(checks) == 1 and "journal.db" in checks[0].found + checks[0].hint
 
 
 def test_a_check_that_breaks_is_bad_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from cell.control.checks import ExecutionLimits, come_to_rest, hold
+from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motion import Tick
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.sent import Sent
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -28,8 +28,8 @@ PLANNING = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.2 * ONE, 3.0 * ONE, 30.0 * ONE)
 PROTECTIVE = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 
 
-def loop(ports: Ports, sent: Sent | None = None) -> ControlLoop:
-    return ControlLoop(ports, LIMITS, sent or Sent())
+def loop(ports: Ports, last_command: LastCommand | None = None) -> ControlLoop:
+    return ControlLoop(ports, LIMITS, last_command or LastCommand())
 
 
 def control(commands: CommandQueue | None = None) -> PathControl:
@@ -59,8 +59,8 @@ def test_the_arms_arrive_and_got_every_set_point() -> None:
     np.testing.assert_allclose(cell.q, 0.5)
     times = np.diff([t for t, _ in cell.commands])
     np.testing.assert_allclose(times, TICK_S, atol=1e-9)
-    sent = np.array([q[0] for _, q in cell.commands])
-    np.testing.assert_allclose(sent, [ramp().at(t)[0][0] for t, _ in cell.commands], atol=1e-12)
+    last_command = np.array([q[0] for _, q in cell.commands])
+    np.testing.assert_allclose(last_command, [ramp().at(t)[0][0] for t, _ in cell.commands], atol=1e-12)
 
 
 def test_the_interpolant_is_the_closed_form() -> None:
@@ -117,7 +117,7 @@ def test_arms_that_are_nowhere_are_not_moved(spoil) -> None:
     failure = stream(loop(cell.ports()), ramp(), None, control()).failure
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     hold(cell.ports(), LIMITS)
-    assert wait(loop(cell.ports(), Sent(np.zeros(14))), 0.3) is None
+    assert wait(loop(cell.ports(), LastCommand(np.zeros(14))), 0.3) is None
     assert not cell.commands, "nor told to hold, or what they were told before"
 
 
@@ -319,8 +319,8 @@ def test_a_driver_that_alters_set_points_is_found_out() -> None:
     told = ports.arms.command
 
     def clipped(q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
-        sent = told(np.minimum(q, 0.3), qd)
-        return JointSetpoint(sent.stamp, np.minimum(q, 0.3), qd, bool(np.any(q > 0.3)))
+        last_command = told(np.minimum(q, 0.3), qd)
+        return JointSetpoint(last_command.stamp, np.minimum(q, 0.3), qd, bool(np.any(q > 0.3)))
 
     ports.arms.command = clipped  # type: ignore[method-assign]
     failure = stream(loop(ports), ramp(), None, control()).failure
@@ -343,14 +343,14 @@ def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
 def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: float) -> None:
     """What is planned from the depth of a drop begins with a jump once the arms are back."""
     cell = displaced(0.4, place, off)
-    assert come_to_rest(cell.ports(), LIMITS, Sent(np.full(14, place))) is None
+    assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.full(14, place))) is None
     assert cell.now == pytest.approx(0.4, abs=2 * TICK_S)
     assert cell.commands == [], "they are sent there already"
 
 
 def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
     cell = displaced(1e9)
-    assert come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14))) is None
+    assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.zeros(14))) is None
     assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)
 
 
@@ -364,13 +364,13 @@ def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
 def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
     cell = displaced(1e9)
     cell.at(0.3, lambda: spoil(cell))
-    failure = come_to_rest(cell.ports(), LIMITS, Sent(np.zeros(14)))
+    failure = come_to_rest(cell.ports(), LIMITS, LastCommand(np.zeros(14)))
     assert failure is not None and failure.kind is kind and cell.now < 0.5
 
 
 def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
     cell = displaced(1e9)
-    assert come_to_rest(cell.ports(), LIMITS, Sent()) is None and cell.now == 0.0
+    assert come_to_rest(cell.ports(), LIMITS, LastCommand()) is None and cell.now == 0.0
 
 
 def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from cell.control.checks import ExecutionLimits
+from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
 from cell.control.motions.descent import GuardedHand, guarded_descent
+from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import Hands, each_hand
+from cell.control.motions.hold_position import wait
 from cell.control.motions.lowering import Lowering
 from cell.control.motions.press import press_down
-from cell.control.motions.pushes import Pushes
-from cell.control.motions.standing import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.sent import Sent
 from cell.control.ticks import LOST_S, TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -31,9 +31,9 @@ from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports,
 from skills.grasping.descend import DescentGoal, start_descent
 from skills.grasping.hand_reading import fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import Follower
+from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
 from tests.fakes import FakeCell
 
@@ -46,7 +46,7 @@ AT = 0.2
 TOP = 0.05
 WAY = Descent(np.linspace(0.0, 0.3, 61)[:, None] * np.ones(7), np.linspace(0.0, 0.06, 61), 0.05)
 """Each joint turns by 5 rad for a metre of the hand's way."""
-AIR = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+AIR = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
 
 
 class Recorded:
@@ -91,17 +91,17 @@ class Bench:
         if kind == "hands":
             return each_hand(self.loop, hands, {Side.LEFT: 0}, counted)
         if kind == "press":
-            lowering = {Side.LEFT: Lowering(WAY, TOP, Follower(0.01))}
-            pushes = Pushes(hands, GRASP, {Side.LEFT: AIR})
+            lowering = {Side.LEFT: Lowering(WAY, TOP, JerkLimiter(0.01))}
+            pushes = FingertipForceMonitor(hands, GRASP, {Side.LEFT: AIR})
             strokes = {Side.LEFT: (0.01, 0.02)}
             return self.loop.run(
-                lambda start: press_down(hands, self.loop.sent, start, lowering, strokes, pushes, 25.0)
+                lambda start: press_down(hands, self.loop.last_command, start, lowering, strokes, pushes, 25.0)
             )
 
         def begin(start: JointState) -> Motion[Any]:
             state = start_descent(GRASP, DescentGoal(0.0, -0.005), AIR, hands.read(Side.LEFT, start))
             hand = GuardedHand(Lowering(WAY, TOP), state)
-            return guarded_descent(hands, self.loop.sent, start, {Side.LEFT: hand})
+            return guarded_descent(hands, self.loop.last_command, start, {Side.LEFT: hand})
 
         return self.loop.run(begin)
 
@@ -127,7 +127,7 @@ def bench(kind: str, clock: Callable[[Any], Any] = lambda clock: clock) -> Bench
     cell = FakeCell(q=np.r_[WAY.at(0.01), np.zeros(7)] if kind == "press" else None)
     ports = cell.ports()
     ports = replace(ports, clock=clock(ports.clock))
-    return Bench(cell, ports, ControlLoop(ports, LIMITS, Sent()))
+    return Bench(cell, ports, ControlLoop(ports, LIMITS, LastCommand()))
 
 
 def spoil_tactile(cell: FakeCell) -> None:
@@ -149,7 +149,7 @@ def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) ->
     b.cell.at(AT, lambda: b.ports.stop.trigger("button"))
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.STOPPED and "button" in failure.what
-    assert b.cell.now == pytest.approx(AT) and b.loop.sent.q is None
+    assert b.cell.now == pytest.approx(AT) and b.loop.last_command.q is None
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -159,7 +159,7 @@ def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.TRACKING_ERROR and failure.values["off_rad"] > 0.19
     assert b.cell.now == pytest.approx(AT) and b.cell.commands[-1][1] == pytest.approx(b.cell.q)
-    assert b.loop.sent.q is None, "what comes next begins where they stand"
+    assert b.loop.last_command.q is None, "what comes next begins where they stand"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -175,7 +175,7 @@ def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.LIMIT_EXCEEDED and failure.values["clipped"]
     assert b.cell.now == pytest.approx(AT + TICK_S) and b.cell.commands[-1][0] == b.cell.now
-    assert b.loop.sent.q is None
+    assert b.loop.last_command.q is None
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -186,7 +186,7 @@ def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind
     assert failure is not None and failure.kind is K.STALE_STATE
     known = AT + LIMITS.stale_s + 2 * TICK_S
     assert b.cell.now <= (known + 0.65 if kind == "trajectory" else known), "only a path is left at rest"
-    assert b.loop.sent.q is not None and b.loop.sent.q == pytest.approx(b.cell.commands[-1][1])
+    assert b.loop.last_command.q is not None and b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -196,7 +196,7 @@ def test_what_the_motion_itself_watches_for_ends_it(kind: str) -> None:
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.HARDWARE_FAULT and "left" in failure.what
     assert b.cell.now <= AT + (0.65 if kind == "trajectory" else TICK_S)
-    assert b.loop.sent.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay where they were sent"
+    assert b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay where they were sent"
 
 
 class Late:
@@ -439,5 +439,5 @@ def test_the_driver_is_asked_in_one_order_on_every_tick() -> None:
         arms=noting(b.ports.arms, "arms", "command", "state"),
         stop=noting(b.ports.stop, "stop", "state", "trigger"),
     )
-    assert ControlLoop(ports, LIMITS, Sent()).run(Script(ticks=2).begin).ok
+    assert ControlLoop(ports, LIMITS, LastCommand()).run(Script(ticks=2).begin).ok
     assert asked == ["arms.state", "stop.state"] + 2 * ["arms.command", "stop.state", "arms.state"]

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.control.last_command import LastCommand, blend
 from cell.control.motions.hands import Hands, control_hands, each_hand
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.sent import Sent, faded
 from cell.hardware.workcell import Workcell
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side
@@ -45,19 +45,19 @@ def still(work: Workcell, control: Any) -> Outcome[Any]:
 def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outcome[Any]:
     """The left hand at work while the arms go where they are told."""
     return work.loop.run(
-        lambda start: control_hands(work.hands, work.sent, start, {Side.LEFT: None}, control, arms)
+        lambda start: control_hands(work.hands, work.last_command, start, {Side.LEFT: None}, control, arms)
     )
 
 
 def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
-    share = np.array([faded(k) for k in range(40)])
+    share = np.array([blend(k) for k in range(40)])
     assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
 
 
 @pytest.mark.parametrize("kind", ["stream", "wait", "hands"])
 def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    cell, sent = FakeCell(), Sent(np.full(14, OFF))
-    work = fake_workcell(cell, sent=sent)
+    cell, last_command = FakeCell(), LastCommand(np.full(14, OFF))
+    work = fake_workcell(cell, last_command=last_command)
     if kind == "stream":
         assert stream(work.loop, standing(), None, PathControl(None, None, None)).ok
     elif kind == "wait":
@@ -69,7 +69,7 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
     assert cell.commands[0][1] == pytest.approx(OFF, abs=1e-6)
     assert cell.commands[-1][1] == pytest.approx(0.0, abs=1e-9)
     assert np.abs(accelerations(cell)).max() <= MOST
-    assert sent.q == pytest.approx(cell.commands[-1][1])
+    assert last_command.q == pytest.approx(cell.commands[-1][1])
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypat
     cell = FakeCell()
     cell.follows = False
     cell.q = cell.q - sag
-    work = fake_workcell(cell, sent=Sent(np.zeros(14)))
+    work = fake_workcell(cell, last_command=LastCommand(np.zeros(14)))
     ended = moving(work, lambda side, now, state: Outcome(1), lambda: np.zeros(14))
     assert ended.ok and cell.commands[0][1] == pytest.approx(0.0)
 
@@ -125,7 +125,7 @@ def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypat
 def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
-    wait(fake_workcell(cell, sent=Sent(np.full(14, off))).loop, 0.1)
+    wait(fake_workcell(cell, last_command=LastCommand(np.full(14, off))).loop, 0.1)
     assert np.abs(cell.commands[0][1]).max() == 0.0
 
 
@@ -158,7 +158,7 @@ def test_hands_are_told_the_speed_at_which_their_set_points_move(
     ports = cell.ports()
     command = ports.arms.command
     monkeypatch.setattr(ports.arms, "command", lambda q, qd: (told.append((q, qd)), command(q, qd))[1])
-    work = fake_workcell(cell, ports=ports, sent=Sent(np.zeros(14)))
+    work = fake_workcell(cell, ports=ports, last_command=LastCommand(np.zeros(14)))
     slide = lambda: np.full(14, 0.005 + 0.05 * cell.now)  # noqa: E731
     assert moving(work, lambda s, now, state: Outcome(1) if now > 0.5 else state, slide).ok
     q, qd = (np.array(part) for part in zip(*told, strict=True))

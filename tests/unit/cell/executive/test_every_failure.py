@@ -47,7 +47,7 @@ def ways() -> dict[tuple[State, Effect], tuple[Row, ...]]:
 WAYS = ways()
 
 
-class Ledger:
+class FakeJournal:
     """Takes every line and keeps none."""
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ def run_to(
 ) -> tuple[RunEnd, list[Effect]]:
     """A run along the way to a place, where the effect misbehaves each time; -> its end, the effects in order."""
     way = list(WAYS[place])
-    ledger: Any = Ledger()
+    journal_file: Any = FakeJournal()
     done: list[Effect] = []
 
     def effect_of(effect: Effect) -> Callable[[Any, RunContext], Result]:
@@ -81,7 +81,7 @@ def run_to(
 
         return perform
 
-    runner = Watched(cell, {effect: effect_of(effect) for effect in Effect}, ledger, cell.commands)
+    runner = Watched(cell, {effect: effect_of(effect) for effect in Effect}, journal_file, cell.commands)
     end = runner.run(first=way.pop(0).event)
     return end, done
 

@@ -1,4 +1,4 @@
-"""The runner: the ledger around every effect, and what an operator, a stop or a crash does between two effects."""
+"""The runner: the journal around every effect; operator, stop and crash between two effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cell.executive.effects.deciding import ask_approval, ask_operator, pause
 from cell.executive.effects.inspecting import next_step
 from cell.executive.runner import EffectFunction, Runner
 from cell.recording.journal import Journal, RunJournal
-from cell.recording.report.remarks import Remarks
+from cell.recording.report.run_events import RunEvents
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
@@ -46,7 +46,7 @@ class Rig:
 
     def __init__(self, run: RunJournal, journal: Journal) -> None:
         self.cell = FakeCell()
-        self.journal, self.ledger = journal, run
+        self.journal, self.journal_file = journal, run
         self.performed: list[Effect] = []
         self.after: dict[Effect, Callable[[], object]] = {}
         self.answers: dict[Effect, list[Callable[[], object]]] = {}
@@ -75,7 +75,7 @@ class Rig:
     def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
         effects = {effect: self._effect(effect) for effect in Effect}
         commands = self.workcell.commands
-        runner = Runner(self.workcell, effects, self.ledger, commands, self.observers, self.keep)
+        runner = Runner(self.workcell, effects, self.journal_file, commands, self.observers, self.keep)
         return runner.run(context, first)
 
     def _effect(self, effect: Effect) -> EffectFunction:
@@ -92,7 +92,7 @@ class Rig:
         return perform
 
     def entries(self, kind: str | None = None) -> list[Any]:
-        return self.journal.entries(self.ledger.id, kind)
+        return self.journal.entries(self.journal_file.id, kind)
 
     def transitions(self) -> list[tuple[str, str]]:
         return [(e.name, e.state) for e in self.entries("event")]
@@ -100,7 +100,7 @@ class Rig:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Iterator[Rig]:
-    with Journal.open(tmp_path / "ledger.db") as journal:
+    with Journal.open(tmp_path / "journal.db") as journal:
         run = journal.begin_run(garment="medium_towel", seed=1, driver="fake")
         yield Rig(run, journal)
         run.abandon()
@@ -119,7 +119,7 @@ def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
     return effect
 
 
-# the straight way, and the ledger
+# the straight way, and the journal
 
 
 def test_a_run_without_trouble(rig: Rig) -> None:
@@ -135,7 +135,7 @@ def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) 
 
     def look_at_the_ledger(cell: Any, context: RunContext) -> Result:
         with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
-            intent = reader.last_intent(rig.ledger.id)
+            intent = reader.last_intent(rig.journal_file.id)
         assert intent is not None
         seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
         return Result(Event.DONE, context, {"force_n": 3.5})
@@ -167,7 +167,7 @@ def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
 
 
 def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(rig: Rig) -> None:
-    """What the operator says, and a plan that waits for approval, would stand in the ledger as failed."""
+    """What the operator says, and a plan that waits for approval, would stand in the journal as failed."""
     approving(rig)
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     rig.special[Effect.RETREAT] = failing(K.HARDWARE_FAULT)
@@ -455,7 +455,7 @@ def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
 
 
 def test_one_approval_is_for_one_plan(rig: Rig) -> None:
-    """Said twice at the first fold, it must not approve the second."""
+    """QueuedCommand twice at the first fold, it must not approve the second."""
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
     rig.special[Effect.INSPECT] = lambda c, x: Result(Event.NEXT_FOLD, x)
@@ -484,13 +484,13 @@ def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_resul
         return Result(Event.DONE, context)
 
     rig.special[Effect.FOLD] = fold
-    remarks = Remarks()
+    remarks = RunEvents()
     rig.observers = (remarks,)
     rig.run()
     assert [(r.kind, r.title, r.text) for r in remarks.list] == [
         ("command", "paused", "on the way, while folding")
     ], "those who look on are told, too"
-    entries = list(rig.journal.entries(rig.ledger.id))
+    entries = list(rig.journal.entries(rig.journal_file.id))
     k = next(k for k, e in enumerate(entries) if e.name == "paused")
     assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25
     assert (entries[k - 1].kind, entries[k + 1].kind) == ("intent", "result")
@@ -570,7 +570,7 @@ def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
     assert end.context.waited_s > 0
 
 
-# a ledger that takes no more lines
+# a journal that takes no more lines
 
 
 def lose(rig: Rig) -> None:
@@ -582,11 +582,11 @@ def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect:
     rig.after[effect] = lambda: lose(rig)
     end = rig.run()
     assert end.state is State.FAULT
-    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves that the ledger does not know of"
+    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves that the journal does not know of"
     failure = end.context.failure
-    assert failure.kind is K.UNRECORDED and "ledger.db" in failure.what
+    assert failure.kind is K.UNRECORDED and "journal.db" in failure.what
     assert "held where they are" in failure.hint and "read-only" in failure.hint
-    last = rig.journal.last_intent(rig.ledger.id)
+    last = rig.journal.last_intent(rig.journal_file.id)
     assert last.begun.name == effect.value and last.result is None
 
 
@@ -660,11 +660,11 @@ def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) 
 
 
 def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:
-    """Killed between the two, a run knows at least as much as its ledger."""
+    """Killed between the two, a run knows at least as much as its journal."""
     kept: list[tuple[str, bool]] = []
 
     def keep(context: RunContext) -> None:
-        last = rig.journal.last_intent(rig.ledger.id)
+        last = rig.journal.last_intent(rig.journal_file.id)
         kept.append((last.begun.name, last.result is None))
 
     rig.keep = keep

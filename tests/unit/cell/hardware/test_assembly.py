@@ -65,7 +65,7 @@ def test_what_is_executed_may_come_two_millimetres_nearer_than_what_is_planned(t
     """The arms stand a little off: else a way that was planned would be refused when it is begun."""
     cell = put_together(tmp_path)
     verdicts = [
-        (cell.checker.in_collision(q), cell.guard.in_collision(q))
+        (cell.checker.in_collision(q), cell.execution_checker.in_collision(q))
         for q in (fingers_at(cell, h) for h in (0.0205, 0.0195, 0.0185, 0.0175))
     ]
     assert verdicts == [(False, False), (True, False), (True, False), (True, True)]

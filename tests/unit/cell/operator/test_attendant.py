@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cell.operator.console.board import Board
+from cell.operator.console.run_status import RunStatus
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
@@ -88,7 +88,7 @@ def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
 def test_nobody_is_waited_for_who_has_left(asked: Asked) -> None:
     """The terminal was closed: else the robot would wait for ever with its motors on."""
     thread = asked.ask(asked.person.lay_garment)
-    asked.commands.desert()
+    asked.commands.close()
     for _ in range(2):  # and whatever is asked for next
         thread.join(10.0)
         assert not thread.is_alive()
@@ -116,7 +116,7 @@ def test_a_script_goes_on_while_somebody_is_waited_for(asked: Asked) -> None:
 
 
 def test_the_page_asks_and_takes_the_answer() -> None:
-    board = Board("run-1", "small_towel", 3, simulated=False)
+    board = RunStatus("run-1", "small_towel", 3, simulated=False)
     board.entered(1.0, Step(State.PHOTOGRAPHING, Event.DONE, State.AWAITING_GARMENT, Effect.AWAIT_GARMENT))
     assert Event.APPROVE not in board.allowed() and board.snapshot()["question"] is None
     board.ask("lay the garment flat")

@@ -1,4 +1,4 @@
-"""The ledger: what was acknowledged is there, whatever happened to who wrote it."""
+"""The journal: what was acknowledged is there, whatever happened to who wrote it."""
 
 import dataclasses
 import json
@@ -38,7 +38,7 @@ for i in range(100_000):
 
 
 def begin(logs: Path, **over: Any) -> tuple[Journal, RunJournal]:
-    journal = Journal.open(logs / "ledger.db")
+    journal = Journal.open(logs / "journal.db")
     return journal, journal.begin_run(**{"garment": "medium_towel", "seed": 1, "driver": "sim", **over})
 
 
@@ -80,18 +80,18 @@ def test_a_run_whose_end_could_not_be_written_is_interrupted(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("lines", [1, 2, 5, 40])
 def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, lines: int) -> None:
-    ledger = tmp_path / "ledger.db"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(ledger)], stdout=subprocess.PIPE, text=True)
+    journal_file = tmp_path / "journal.db"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(journal_file)], stdout=subprocess.PIPE, text=True)
     assert writer.stdout is not None
     run_id = writer.stdout.readline().strip()
     acknowledged = [writer.stdout.readline().split() for _ in range(lines)]
-    with Journal.open(ledger) as journal:
+    with Journal.open(journal_file) as journal:
         assert journal.run(run_id).status == "running"
     writer.send_signal(signal.SIGKILL)
     acknowledged += [line.split() for line in writer.stdout if line.endswith("\n")]
     writer.wait()
 
-    with Journal.open(ledger) as journal:
+    with Journal.open(journal_file) as journal:
         assert journal.check() == "ok"
         record = journal.run(run_id)
         assert record.status == "interrupted" and record.ended is None
@@ -166,7 +166,7 @@ def test_several_processes_share_a_new_ledger(tmp_path: Path) -> None:
         "run = Journal.open(Path(sys.argv[1])).begin_run(garment='g', seed=None, driver='sim')\n"
         "run.event(0.0, 's', 'e'); run.end('folded')"
     )
-    path = tmp_path / "ledger.db"
+    path = tmp_path / "journal.db"
     writers = [subprocess.Popen([sys.executable, "-c", script, str(path)]) for _ in range(4)]
     assert [w.wait(30) for w in writers] == [0] * 4
     with Journal.open(path) as journal:
@@ -175,7 +175,7 @@ def test_several_processes_share_a_new_ledger(tmp_path: Path) -> None:
 
 
 def test_runs_of_the_same_second_get_their_own_folders(tmp_path: Path) -> None:
-    journal = Journal.open(tmp_path / "ledger.db")
+    journal = Journal.open(tmp_path / "journal.db")
     runs = [
         journal.begin_run(garment="../../evil name", seed=3, driver="sim", wall_clock=lambda: 1e9)
         for _ in range(3)
@@ -189,7 +189,7 @@ def test_runs_of_the_same_second_get_their_own_folders(tmp_path: Path) -> None:
 
 
 def test_runs_are_found_by_id_beginning_folder_or_last(tmp_path: Path) -> None:
-    journal = Journal.open(tmp_path / "ledger.db")
+    journal = Journal.open(tmp_path / "journal.db")
     with pytest.raises(ConfigurationError, match="no runs yet"):
         journal.run("last")
     a = journal.begin_run(garment="towel", seed=1, driver="sim", wall_clock=lambda: 1e9)
@@ -202,11 +202,11 @@ def test_runs_are_found_by_id_beginning_folder_or_last(tmp_path: Path) -> None:
         journal.run("nothing")
 
 
-# files that are no ledgers, folders that cannot be written
+# files that are no journals, folders that cannot be written
 
 
 def test_a_newer_ledger_is_refused_and_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "ledger.db"
+    path = tmp_path / "journal.db"
     Journal.open(path).close()
     with sqlite3.connect(path) as connection:
         connection.execute("PRAGMA user_version=99")
@@ -219,18 +219,18 @@ def test_a_newer_ledger_is_refused_and_left_alone(tmp_path: Path) -> None:
 
 
 def test_another_programs_file_is_refused_and_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "ledger.db"
+    path = tmp_path / "journal.db"
     with sqlite3.connect(path) as connection:
         connection.execute("CREATE TABLE bookmarks (url)")
     connection.close()
     before = path.read_bytes()
     with pytest.raises(StorageError, match="another program"):
         Journal.open(path)
-    assert path.read_bytes() == before and sorted(p.name for p in tmp_path.iterdir()) == ["ledger.db"]
+    assert path.read_bytes() == before and sorted(p.name for p in tmp_path.iterdir()) == ["journal.db"]
 
 
 def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "ledger.db"
+    path = tmp_path / "journal.db"
     path.write_bytes(b"not a database at all " * 100)
     with pytest.raises(StorageError, match="move it aside"):
         Journal.open(path)
@@ -239,7 +239,7 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
 
 def test_a_folder_that_is_not_there_makes_no_ledger(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="--logs DIR"):
-        Journal.open(tmp_path / "none" / "ledger.db")
+        Journal.open(tmp_path / "none" / "journal.db")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -259,7 +259,7 @@ def test_a_full_disk_is_a_storage_error_and_keeps_what_was_written(tmp_path: Pat
 
 
 def test_a_run_that_cannot_be_noted_leaves_no_folder(tmp_path: Path) -> None:
-    journal = Journal.open(tmp_path / "ledger.db")
+    journal = Journal.open(tmp_path / "journal.db")
     journal._connection.execute("PRAGMA query_only=ON")
     with pytest.raises(StorageError, match="read-only"):
         journal.begin_run(garment="g", seed=1, driver="sim")
@@ -271,7 +271,7 @@ def test_reading_needs_no_permission_to_write(lockable: Any) -> None:
     run.end("folded")
     journal.close()
     before = sorted(p.name for p in lockable.folder.iterdir())
-    with lockable.read_only(), Journal.open(lockable.folder / "ledger.db", readonly=True) as reader:
+    with lockable.read_only(), Journal.open(lockable.folder / "journal.db", readonly=True) as reader:
         assert reader.run("last").status == "folded"
         with pytest.raises(StorageError):
             reader.begin_run(garment="g", seed=1, driver="sim")
@@ -280,25 +280,25 @@ def test_reading_needs_no_permission_to_write(lockable: Any) -> None:
 
 def test_a_ledger_in_a_read_only_folder_is_not_opened_for_writing(lockable: Any) -> None:
     with lockable.read_only(), pytest.raises(StorageError, match="--logs DIR"):
-        Journal.open(lockable.folder / "ledger.db")
+        Journal.open(lockable.folder / "journal.db")
     assert list(lockable.folder.iterdir()) == []
-    Journal.open(lockable.folder / "ledger.db").close()
+    Journal.open(lockable.folder / "journal.db").close()
     with lockable.read_only(), pytest.raises(StorageError, match="--logs DIR"):
-        Journal.open(lockable.folder / "ledger.db")
+        Journal.open(lockable.folder / "journal.db")
 
 
 def test_reading_while_a_run_is_written(tmp_path: Path) -> None:
     _, run = begin(tmp_path)
     run.event(0.0, "looking", "first")
-    with Journal.open(tmp_path / "ledger.db", readonly=True) as reader:
+    with Journal.open(tmp_path / "journal.db", readonly=True) as reader:
         assert reader.run("last").status == "running"
         run.event(0.1, "looking", "second")
         assert [e.name for e in reader.entries(run.id)] == ["first", "second"]
 
 
 def test_reading_what_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(StorageError, match="no ledger"):
-        Journal.open(tmp_path / "ledger.db", readonly=True)
+    with pytest.raises(StorageError, match="no journal"):
+        Journal.open(tmp_path / "journal.db", readonly=True)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -306,7 +306,7 @@ def test_every_line_is_synchronous() -> None:
     """FULL makes each commit reach the disk: without it a power cut loses acknowledged lines."""
     import tempfile
 
-    with tempfile.TemporaryDirectory() as folder, Journal.open(Path(folder) / "ledger.db") as journal:
+    with tempfile.TemporaryDirectory() as folder, Journal.open(Path(folder) / "journal.db") as journal:
         assert journal._connection.execute("PRAGMA synchronous").fetchone()[0] == 2
         assert journal._connection.execute("PRAGMA journal_mode").fetchone()[0] == "wal"
 

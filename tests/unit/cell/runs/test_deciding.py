@@ -1,4 +1,4 @@
-"""Two ledgers of one run are compared line by line; what the wall's clock and the disk put into them is not."""
+"""Two journals of one run are compared line by line; what the wall's clock and the disk put into them is not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_another_figure_is_told_by_its_name() -> None:
     there = found[1]
     assert (there.cell_time_s, there.place, there.state, there.effect) == (
         1.5,
-        "line 3 of the ledger",
+        "line 3 of the journal",
         "looking",
         "look",
     )

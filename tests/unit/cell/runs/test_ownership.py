@@ -1,4 +1,4 @@
-"""Whoever moves a cell owns it, and leaves the ledger in a declared state."""
+"""Whoever moves a cell owns it, and leaves the journal in a declared state."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cell.commands.main import main
 from cell.config.cell_settings import load_settings
 from cell.recording.journal import Journal
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
-from cell.support.files.paths import ledger_path
+from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError
 from tests.fakes import FakeCell
 
 
 def statuses(logs: Path) -> list[str]:
-    with Journal.open(ledger_path(logs), readonly=True) as kept:
+    with Journal.open(journal_path(logs), readonly=True) as kept:
         return [run.status for run in kept.runs()]
 
 

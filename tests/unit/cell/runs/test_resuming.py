@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from cell.recording.journal import Journal, RunJournal
-from cell.runs.checkpoint_writer import Keeper, interrupted_run, reentry
+from cell.runs.checkpoint_writer import CheckpointWriter, interrupted_run
+from cell.runs.reentry import reentry_event
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
 from cell.states.run_context import RunContext
@@ -20,7 +21,7 @@ from cell.states.transition_table import Event, State
 from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import Side
 from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import PredictedShape
 from tests.contexts import context_with
 from tests.runs import fold_request
@@ -58,7 +59,7 @@ PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion
     ],
 )
 def test_where_a_run_is_entered_again(way: list[State], context: RunContext, event: Event) -> None:
-    assert reentry(way, context) is event
+    assert reentry_event(way, context) is event
 
 
 class Logs:
@@ -66,7 +67,7 @@ class Logs:
 
     def __init__(self, folder: Path) -> None:
         self.request = fold_request(folder, seed=4)
-        self.journal = Journal.open(self.request.logs / "ledger.db")
+        self.journal = Journal.open(self.request.logs / "journal.db")
         self.clock = 1000.0
 
     def begin(self, driver: str = "sim") -> RunJournal:
@@ -84,7 +85,7 @@ class Logs:
         run.result(run.intent(0.0, S.PREPARING, "prepare"), 1.0)
         for state in SEEN + FOLD[:through]:
             run.event(1.0, state, "done")
-        Keeper(run.directory, (lambda: b"the world") if driver != "ros" else None).keep(context)
+        CheckpointWriter(run.directory, (lambda: b"the world") if driver != "ros" else None).keep(context)
         run.abandon()
         return run.id
 
@@ -104,7 +105,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
         Failure(FailureKind.SLIPPED, "lost")
     )
     grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
-    unloaded = Zero(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+    unloaded = TactileBias(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
     in_hand: Any = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
     name = logs.cut_off(context_with(failed, index=1, waited_s=7.0, **in_hand))
     found = logs.resume("last", quiet=True)
@@ -161,7 +162,7 @@ def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
 
 def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
     run = logs.begin()
-    (run.directory / "belief").mkdir()
+    (run.directory / "checkpoint").mkdir()
     run.abandon()
     with pytest.raises(ConfigurationError, match="kept nothing to go on with"):
         logs.resume(run.id)
@@ -189,7 +190,7 @@ def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> No
     changed = text.replace('"seed": 4', '"seed": 5') if file == "request.json" else text.replace("15.0", "55.0")
     assert changed != text
     path.write_text(changed, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="are not those that the ledger knows"):
+    with pytest.raises(ConfigurationError, match="are not those that the journal knows"):
         logs.resume(name)
 
 
@@ -199,7 +200,7 @@ def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
     logs.clock -= 3600.0
     later = logs.begin()
     later.event(0.0, S.IDLE, RESUMED_FROM, {"run": first})
-    Keeper(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
+    CheckpointWriter(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
     later.abandon()
     with pytest.raises(ConfigurationError, match=f"gone on with as {later.id}") as e:
         logs.resume(first)
@@ -240,10 +241,10 @@ def test_a_world_that_is_gone_is_told(logs: Logs) -> None:
 
 
 def test_what_has_folded_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
-    keeper = Keeper(tmp_path, lambda: b"the world")
-    keeper.keep(PLANNED)
-    keeper.forget()
-    keeper.forget()
+    checkpoint_writer = CheckpointWriter(tmp_path, lambda: b"the world")
+    checkpoint_writer.keep(PLANNED)
+    checkpoint_writer.forget()
+    checkpoint_writer.forget()
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "world.npz").mkdir()  # what cannot be removed stays, and ends nothing
-    keeper.forget()
+    checkpoint_writer.forget()

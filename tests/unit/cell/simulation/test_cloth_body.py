@@ -144,7 +144,7 @@ def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_run_in_a_world_that_cannot_be_is_refused_before_it_begins(tmp_path: Path) -> None:
     assert main(["fold", "pants", "--world", "mujoco", "--logs", str(tmp_path)]) == 64
-    assert not list(tmp_path.rglob("ledger.db"))
+    assert not list(tmp_path.rglob("journal.db"))
 
 
 def test_our_own_body_has_the_pieces_traits() -> None:

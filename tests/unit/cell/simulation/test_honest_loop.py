@@ -39,4 +39,4 @@ def test_skills_calibration_and_robots_do_not_know_the_simulation() -> None:
 
 
 def test_the_search_finds_what_it_looks_for() -> None:
-    assert "cell.simulation.binding" in imported(ROOT / "cell" / "simulation" / "ports.py")
+    assert "cell.simulation.world_of_port" in imported(ROOT / "cell" / "simulation" / "ports.py")

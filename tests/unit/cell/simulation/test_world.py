@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
-from cell.recording.transcript.port_recorder import Stenographer
+from cell.recording.transcript.port_recorder import PortRecorder
 from cell.simulation import Fault, FaultKind, SimulationSettings, open_simulated_cell
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
@@ -149,13 +149,13 @@ def reachable(root: object) -> Iterator[object]:
 @pytest.mark.parametrize("taken_down", [False, True])
 def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: bool, tmp_path: Path) -> None:
     """Nor of those that a recorded run has, which take down what is asked."""
-    bench, stenographer = opened(), Stenographer(tmp_path if taken_down else None)
-    heard = stenographer.between(bench.ports, CommandQueue()).ports
+    bench, port_recorder = opened(), PortRecorder(tmp_path if taken_down else None)
+    heard = port_recorder.between(bench.ports, CommandQueue()).ports
     heard.attendant.lay_garment()
     garment = bench.truth().garment
     assert garment is not None
     found = list(reachable(heard))
-    assert stenographer.close() is None
+    assert port_recorder.close() is None
     assert len(found) > 30  # the walk did walk
     for value in found:
         assert not isinstance(value, World)

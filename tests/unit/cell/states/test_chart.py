@@ -5,7 +5,7 @@ from html import unescape
 
 import pytest
 
-from cell.states.chart import CHART, marked_chart
+from cell.states.state_chart import CHART, marked_chart
 from cell.states.transition_table import TRANSITIONS, Event, State
 
 AGAIN = "the table has changed: draw the chart again with `foldcell chart`"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.recording.report.remarks import Remark, Remarks
+from cell.recording.report.run_events import RunEvent, RunEvents
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
@@ -12,8 +12,8 @@ FOLDING = Step(State.LIFTING, Event.DONE, State.FOLDING, Effect.FOLD)
 PAUSED = Step(State.FOLDING, Event.PAUSE, State.PAUSED, Effect.WAIT)
 
 
-def told(step: Step, result: Result) -> list[Remark]:
-    remarks = Remarks()
+def told(step: Step, result: Result) -> list[RunEvent]:
+    remarks = RunEvents()
     remarks.performed(9.0, step, result)
     return remarks.list
 
@@ -31,8 +31,8 @@ def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_m
 
 def test_a_pause_between_two_effects_is_told_and_so_is_its_end() -> None:
     assert told(FOLDING, Result(Event.PAUSE, RunContext(), {"interrupted": True})) == [
-        Remark(9.0, "command", "pause", "before folding")
+        RunEvent(9.0, "command", "pause", "before folding")
     ]
     assert told(PAUSED, Result(Event.RESUME, RunContext(), {"command": "resume"})) == [
-        Remark(9.0, "command", "resume", "while paused")
+        RunEvent(9.0, "command", "resume", "while paused")
     ]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from served import Program, Serve, wait
 
-from robots.baxter.emulator.initial_state import NEW, USED, Past
+from robots.baxter.emulator.initial_state import NEW, USED, InitialState
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits
@@ -68,7 +68,7 @@ class Cell(FakeCell):
         return replace(super().ports(), grippers=MappingProxyType(self.hands))
 
 
-Meet = Callable[[Past], AbstractContextManager[tuple[Ports, Program]]]
+Meet = Callable[[InitialState], AbstractContextManager[tuple[Ports, Program]]]
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def cell() -> Cell:
 @pytest.fixture
 def meet(serve: Serve, cell: Cell) -> Meet:
     @contextmanager
-    def opened(past: Past) -> Iterator[tuple[Ports, Program]]:
+    def opened(past: InitialState) -> Iterator[tuple[Ports, Program]]:
         program = serve(cell.ports(), past=past)
         wait(lambda: program.clock.all, "a robot")
         with connected(RosSettings(), LIMITS, lambda stop: Person(), driver="emulator", simulated=True) as ports:
@@ -99,7 +99,7 @@ HISTORIES = {
 @pytest.mark.parametrize("past", HISTORIES.values(), ids=HISTORIES)
 @pytest.mark.parametrize("at_once", [True, False], ids=["at once", "when it is done"])
 def test_the_hands_are_calibrated_and_do_what_they_are_told(
-    meet: Meet, cell: Cell, past: Past, at_once: bool
+    meet: Meet, cell: Cell, past: InitialState, at_once: bool
 ) -> None:
     with meet(past) as (ports, _):
         for gripper in ports.grippers.values():
@@ -129,7 +129,7 @@ def test_hands_that_others_have_calibrated_close_with_the_force_that_was_asked_f
 
 
 @pytest.mark.parametrize("past", [NEW, USED], ids=["new", "used"])
-def test_the_arms_go_as_fast_as_they_are_told_and_hold_in_time(meet: Meet, cell: Cell, past: Past) -> None:
+def test_the_arms_go_as_fast_as_they_are_told_and_hold_in_time(meet: Meet, cell: Cell, past: InitialState) -> None:
     """Whatever speed and whatever timeout was told before."""
     with meet(past) as (ports, program):
         limbs = program.emulator._limbs.values()

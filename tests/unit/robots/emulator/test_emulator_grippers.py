@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robots.baxter.emulator.grippers import ElectricGripper
-from robots.baxter.emulator.initial_state import NEW, USED, Past
+from robots.baxter.emulator.initial_state import NEW, USED, InitialState
 from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
@@ -42,7 +42,7 @@ class Port:
 class Talk:
     """Commands with a sequence that counts."""
 
-    def __init__(self, calibrated: bool = True, past: Past = NEW) -> None:
+    def __init__(self, calibrated: bool = True, past: InitialState = NEW) -> None:
         self.port = Port()
         self.port.calibrated = calibrated
         self.gripper = ElectricGripper(self.port, past)
@@ -173,7 +173,7 @@ def test_one_that_was_used_keeps_what_others_have_left() -> None:
 
 
 def test_in_error_it_does_nothing_until_it_is_reset() -> None:
-    talk = Talk(past=Past(error="over current"))
+    talk = Talk(past=InitialState(error="over current"))
     assert talk.gripper.report().refusal == "over current"
     for command, arguments in (("calibrate", None), ("configure", {"velocity": 3}), ("go", {"position": 5})):
         assert "over current" in talk.say(command, arguments)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robots.baxter.emulator.initial_state import Past
+from robots.baxter.emulator.initial_state import InitialState
 from robots.baxter.emulator.limbs import TICK, Limb
 from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
 from robots.ports import Array, Side
@@ -190,7 +190,7 @@ def test_on_its_way_in_position_mode_it_stays_when_it_is_told_in_another_mode() 
 
 def test_a_robots_speed_is_a_third_of_its_most_until_it_is_told() -> None:
     assert Limb(Side.LEFT).speed_ratio == pytest.approx(0.3)
-    limb = Limb(Side.LEFT, Past(speed_ratio=0.1, timeout=1.0))
+    limb = Limb(Side.LEFT, InitialState(speed_ratio=0.1, timeout=1.0))
     assert (limb.speed_ratio, limb.timeout) == (0.1, 1.0)
     for senseless in (0.0, -0.5, 1.5, math.nan, math.inf):
         assert limb.hear_speed_ratio(senseless) is not None

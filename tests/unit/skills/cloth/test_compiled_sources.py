@@ -28,3 +28,18 @@ def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
     assert compiled <= set(kernel.COMPILED), compiled - set(kernel.COMPILED)
     assert set(kernel.COMPILED) <= reached
     assert {"simd/f32x16.py", "simd/vec3.py", "broad_phase/patch_search.py"} <= compiled
+
+
+def test_what_may_be_contracted_takes_no_power():
+    """numba compiles x ** 2 once a process, as the first to call it allows: with a product in its place, sums come
+    out the same whatever was compiled before."""
+    powers = [
+        f"{name}:{node.lineno}"
+        for name in kernel.COMPILED
+        for function in ast.walk(ast.parse((FOLDER / name).read_text()))
+        if isinstance(function, ast.FunctionDef)
+        and any("fastmath" in ast.unparse(d) for d in function.decorator_list)
+        for node in ast.walk(function)
+        if isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.Pow)
+    ]
+    assert powers == []

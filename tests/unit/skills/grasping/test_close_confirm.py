@@ -12,7 +12,7 @@ from skills.grasping.close import Closed, CloseState, close, speed_of, start_clo
 from skills.grasping.confirm import Expectation, Held, confirm, count_layers, start_confirm
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.hands import ClosingHand, SensedHand
 
@@ -21,14 +21,14 @@ NOMINAL = 0.0025
 N = 200
 
 
-def zero_of(hand: SensedHand) -> Zero:
-    state = start_zero(SETTINGS)
+def zero_of(hand: SensedHand) -> TactileBias:
+    state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
-        state = zero(hand.read(), state)
+        state = tare(hand.read(), state)
     return state.unwrap()
 
 
-def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], Zero]:
+def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], TactileBias]:
     pads = zero_of(hand)
     state: CloseState | Outcome[Closed] = start_close(SETTINGS, pads, hand.read())
     while not isinstance(state, Outcome):
@@ -37,14 +37,16 @@ def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], Zero]:
     return state, pads
 
 
-def confirm_on(hand: SensedHand, pads: Zero, layers: int | None = 1, thickness: float = NOMINAL) -> Outcome[Held]:
+def confirm_on(
+    hand: SensedHand, pads: TactileBias, layers: int | None = 1, thickness: float = NOMINAL
+) -> Outcome[Held]:
     state = start_confirm(SETTINGS, pads, Expectation(thickness, layers))
     while not isinstance(state, Outcome):
         state = confirm(hand.read(), state)
     return state
 
 
-def grasp(seed: int, scale: float, layers: int, thickness: float = NOMINAL) -> tuple[SensedHand, Zero]:
+def grasp(seed: int, scale: float, layers: int, thickness: float = NOMINAL) -> tuple[SensedHand, TactileBias]:
     """A hand closed on `layers` of cloth, each within 10 % of the nominal thickness, at some force."""
     rng = np.random.default_rng([seed, 99])
     hand = SensedHand(seed, scale)
@@ -207,7 +209,7 @@ def test_a_reading_repeated_is_one_reading() -> None:
 # --- lifting -------------------------------------------------------------------------------------------
 
 
-def lift_of(hand: SensedHand, pads: Zero, held: Held) -> Outcome[Held]:
+def lift_of(hand: SensedHand, pads: TactileBias, held: Held) -> Outcome[Held]:
     state = start_lift_check(SETTINGS, pads, held)
     while not isinstance(state, Outcome):
         state = check_lift(hand.read(), state)
@@ -248,7 +250,7 @@ def test_stale_readings_end_all_of_them() -> None:
         close(late, start_close(SETTINGS, pads, late))[1],
         confirm(late, start_confirm(SETTINGS, pads, Expectation(NOMINAL))),
         check_lift(late, start_lift_check(SETTINGS, pads, held)),
-        zero(late, start_zero(SETTINGS)),
+        tare(late, start_tare(SETTINGS)),
     )
     for end in ends:
         assert isinstance(end, Outcome) and end.failure is not None

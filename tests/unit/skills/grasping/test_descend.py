@@ -11,7 +11,7 @@ import pytest
 from robots.errors import FailureKind
 from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.hands import DescendingHand, SensedHand
 
@@ -21,10 +21,10 @@ GOAL = DescentGoal(contact=0.0, bottom=-0.008, through=TOP)
 SEEDS = range(60)
 
 
-def zero_of(hand: SensedHand) -> Zero:
-    state = start_zero(SETTINGS)
+def zero_of(hand: SensedHand) -> TactileBias:
+    state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
-        state = zero(hand.read(), state)
+        state = tare(hand.read(), state)
     return state.unwrap()
 
 

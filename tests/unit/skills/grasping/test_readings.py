@@ -16,11 +16,11 @@ from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.stuck_on_finger import check_stuck, residual_bound, start_stuck_check
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Outcome
 
 S = GraspSettings()
-ZERO = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+ZERO = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
 
 
 def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening: float = 0.0025) -> HandReading:

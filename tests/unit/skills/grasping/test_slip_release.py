@@ -15,7 +15,7 @@ from skills.grasping.release import Released, ReleaseState, release, start_relea
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import NORMAL_DIFFERENCE, SlipWatch, start_slip_watch, watch_slip
 from skills.grasping.stuck_on_finger import Clear, check_stuck, start_stuck_check
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Failure, Outcome
 from tests.hands import ClosingHand, SensedHand
 
@@ -28,10 +28,10 @@ Event = Callable[[SensedHand, float], None]
 """What becomes of the hand `t` seconds into the fold."""
 
 
-def zero_of(hand: SensedHand) -> Zero:
-    state = start_zero(SETTINGS)
+def zero_of(hand: SensedHand) -> TactileBias:
+    state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
-        state = zero(hand.read(), state)
+        state = tare(hand.read(), state)
     return state.unwrap()
 
 
@@ -343,7 +343,7 @@ def test_pads_that_do_not_open_are_a_fault_that_says_the_garment_may_be_held() -
 # --- cloth that clings ---------------------------------------------------------------------------------
 
 
-def stuck_check(hand: SensedHand, pads: Zero) -> Outcome[Clear]:
+def stuck_check(hand: SensedHand, pads: TactileBias) -> Outcome[Clear]:
     state = start_stuck_check(SETTINGS, pads)
     while not isinstance(state, Outcome):
         state = check_stuck(hand.read(), state)

@@ -10,7 +10,7 @@ import pytest
 from robots.errors import FailureKind
 from skills.grasping.hand_reading import fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.hands import CELL_NOISE, TIP_NOISE, SensedHand
 
@@ -21,9 +21,9 @@ SETTINGS = GraspSettings()
 def test_it_takes_the_drift_away_and_says_how_noisy_the_cells_are(scale: float) -> None:
     for seed in range(50):
         hand = SensedHand(seed, scale)
-        state = start_zero(SETTINGS)
+        state = start_tare(SETTINGS)
         while not isinstance(state, Outcome):
-            state = zero(hand.read(), state)
+            state = tare(hand.read(), state)
         found = state.unwrap()
         assert found.cell_noise == pytest.approx(scale * CELL_NOISE, rel=0.3)
         np.testing.assert_allclose(found.cells, hand.drift, atol=6 * scale * CELL_NOISE / np.sqrt(12))
@@ -33,9 +33,9 @@ def test_it_takes_the_drift_away_and_says_how_noisy_the_cells_are(scale: float) 
         assert found.stamp < hand.now
 
 
-def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> Zero:
+def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> TactileBias:
     """leaps: number of the reading -> (cell, by how much [N]). tip: by how much tip 0 leaps with it."""
-    state = start_zero(SETTINGS)
+    state = start_tare(SETTINGS)
     for k in range(10 * SETTINGS.zero_readings):
         reading = hand.read()
         if k in leaps:
@@ -43,7 +43,7 @@ def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
             cells[leaps[k][0]] += leaps[k][1]
             tips[0] += tip
             reading = replace(reading, tactile=replace(reading.tactile, cells=cells, tip=tips))
-        state = zero(reading, state)
+        state = tare(reading, state)
         if isinstance(state, Outcome):
             return state.unwrap()
     raise AssertionError("no zero")
@@ -73,9 +73,9 @@ def test_calm_cells_have_the_zero_of_their_first_readings() -> None:
 
 
 def test_the_same_reading_twice_counts_once() -> None:
-    state, reading = start_zero(SETTINGS), SensedHand(0).read()
+    state, reading = start_tare(SETTINGS), SensedHand(0).read()
     for _ in range(SETTINGS.zero_readings + 1):
-        state = zero(reading, state)
+        state = tare(reading, state)
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 
 

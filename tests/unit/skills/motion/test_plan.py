@@ -17,7 +17,7 @@ from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.moves.grasp import plan_grasp
 from skills.motion.moves.lift import plan_lift
-from skills.motion.moves.retreat import plan_withdrawal
+from skills.motion.moves.retreat import plan_retreat
 from skills.motion.timing.timing import free_motion, peaks
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
@@ -329,7 +329,7 @@ def test_questions_without_an_answer_are_told_as_such(checker, spoilt):
     for outcome in (
         plan_fold_motion(MODEL, checker, TABLE, step, paths, q),
         plan_free_motion(MODEL, checker, q, MODEL.q_park),
-        plan_withdrawal(MODEL, checker, q),
+        plan_retreat(MODEL, checker, q),
         plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03),
     ):
         assert outcome.failure.kind is FailureKind.STALE_STATE and "left_e1" in outcome.failure.what
@@ -372,7 +372,7 @@ def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
     step, paths = towel_fold("large", 2)
     motion = planned(checker, step, paths).unwrap()
     q_now = motion.fold.at(0.4 * motion.fold.duration)[0]
-    away = plan_withdrawal(MODEL, checker, q_now).unwrap()
+    away = plan_retreat(MODEL, checker, q_now).unwrap()
     for part in (away.retreat, away.park):
         assert check_trajectory(MODEL, checker, part, part.q[0], MODEL.planning).ok
     assert away.park.q[-1] == pytest.approx(MODEL.q_park)
@@ -385,7 +385,7 @@ def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
     while plan_lift(MODEL, checker, q, sides, 0.10).ok:
         q = plan_lift(MODEL, checker, q, sides, 0.03).unwrap().q[-1]
     assert plan_lift(MODEL, checker, q, sides, 0.04).ok
-    away = plan_withdrawal(MODEL, checker, q).unwrap()
+    away = plan_retreat(MODEL, checker, q).unwrap()
     rise = [MODEL.tool_pose(s, away.retreat.q[k])[2, 3] for s in sides for k in (0, -1)]
     assert 0.03 < rise[1] - rise[0] < 0.08 and 0.03 < rise[3] - rise[2] < 0.08
     assert away.park.q[-1] == pytest.approx(MODEL.q_park)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.campaigns.hil import director as directing
-from cell.campaigns.hil.clock import PunctualClock
+from cell.campaigns.hil.clock import ScheduledClock
 from cell.campaigns.hil.director import Director
 from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
@@ -68,7 +68,7 @@ class Diary:
 def test_what_is_due_is_done_at_its_time_however_long_the_sleeps(due: list[float], sleeps: list[float]) -> None:
     cell = FakeCell()
     diary = Diary(due, cell)
-    clock = PunctualClock(cell.ports().clock, diary)
+    clock = ScheduledClock(cell.ports().clock, diary)
     for t in sorted(sleeps):
         clock.sleep_until(t)
         assert clock.now() == t, "the sleeper wakes when it asked to"

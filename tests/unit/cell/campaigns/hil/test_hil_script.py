@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.campaigns.hil.performing import check_script
 from cell.campaigns.hil.script import read_script
+from cell.campaigns.hil.script_run import check_script
 from cell.config.cell_settings import load_settings
 from cell.simulation import FaultKind
 from cell.states.transition_table import Event, State

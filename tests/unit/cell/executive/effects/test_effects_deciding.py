@@ -12,7 +12,7 @@ import pytest
 
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.control.sent import Sent
+from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.deciding import ask_approval, ask_operator, pause
 from cell.states.recovery_table import RECOVERIES, Adjustment
@@ -51,9 +51,11 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
     """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
     cell = FakeCell()
-    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.008)))
+    workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.008)))
     choose_next(workcell, failed(K.CAMERA_FAULT, context=SEEN))
-    assert cell.commands[0][1] == pytest.approx(0.008) and workcell.sent.q == pytest.approx(cell.commands[-1][1])
+    assert cell.commands[0][1] == pytest.approx(0.008) and workcell.last_command.q == pytest.approx(
+        cell.commands[-1][1]
+    )
 
 
 @pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])

@@ -19,10 +19,10 @@ from robots.errors import DriverError, Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Side, arm_slice
 from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
-from skills.motion.moves.retreat import Withdrawal
-from skills.motion.timing.jerk_limiter import Follower
+from skills.motion.moves.retreat import Retreat
+from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
 from tests.contexts import context_with
 from tests.fakes import FakeCell
@@ -48,7 +48,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
 
     pushes.look = look
     posture: Any = SimpleNamespace(pitch=0.1)
-    lowering = {Side.LEFT: Lowering(WAY, 0.05, Follower(TOUCHED))}
+    lowering = {Side.LEFT: Lowering(WAY, 0.05, JerkLimiter(TOUCHED))}
     failure = gripping._press(workcell, {Side.LEFT: posture}, gripping.DEEPER, lowering, pushes)
     return cell, failure, pushes
 
@@ -109,7 +109,7 @@ def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, RunCon
     cell.openings, cell.pads = dict.fromkeys(Side, THICK), dict.fromkeys(Side, GRIP)
     monkeypatch.setattr(Hands, "height", lambda *_: 0.2)
     robot = SimpleNamespace(q_park=np.zeros(14), protective=LIMITS)
-    unloaded = Zero(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+    unloaded = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
     held = Held(0.0, GRIP, THICK, LayerCount((0.0, 1.0), 1.0, 0.1))
     motion: Any = Motion()
     context = context_with(motion=motion, zeros=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
@@ -183,7 +183,7 @@ def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
     monkeypatch.setattr(moving, "check_trajectory", lambda *_, **__: Outcome("checked"))
     assert gripping.lift(workcell, context).event is Event.DONE
     cell.q = np.zeros(14)
-    workcell.sent.q = None
+    workcell.last_command.q = None
     lose(cell, side)
     result = gripping.lift(workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.MISSED_GRASP
@@ -215,8 +215,8 @@ def test_cloth_that_clings_to_either_hand_is_not_taken_home(
     cell, workcell, context = holding(monkeypatch)
     cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s is side else 0.0 for s in Side}
     gone: list[Any] = []
-    away = Withdrawal("up", "home")  # type: ignore[arg-type]
-    monkeypatch.setattr(moving, "_withdrawal", lambda cell, sides: Outcome(away))
+    away = Retreat("up", "home")  # type: ignore[arg-type]
+    monkeypatch.setattr(moving, "_plan_retreat", lambda cell, sides: Outcome(away))
 
     def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
         gone.append((motion, fingertips))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.moving as moving
-from cell.control.sent import Sent
+from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.moving import clear, hold_still, make_safe, move, prepare, retreat
 from cell.hardware.workcell import Workcell
@@ -19,7 +19,7 @@ from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side
-from skills.motion.moves.retreat import Withdrawal
+from skills.motion.moves.retreat import Retreat
 from skills.motion.timing.timing import free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Outcome
@@ -38,8 +38,13 @@ BAXTER = load_model()
 @pytest.fixture(scope="module")
 def baxter() -> dict[str, Any]:
     """What a fake cell needs to judge motions of the real arms."""
-    guard = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
-    return {"robot": BAXTER, "guard": guard, "checker": guard, "limits": BAXTER.planning}
+    execution_checker = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
+    return {
+        "robot": BAXTER,
+        "execution_checker": execution_checker,
+        "checker": execution_checker,
+        "limits": BAXTER.planning,
+    }
 
 
 def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
@@ -63,7 +68,7 @@ def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
 def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: no_way)
-    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: no_way)
+    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: no_way)
     result = make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST)
     assert result.event is Event.FAILED
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
@@ -71,19 +76,19 @@ def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) 
 
 def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
-    guard, moved, risen = SimpleNamespace(), [], []
+    execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
-    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: too_near)
 
-    def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Withdrawal]:
+    def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Retreat]:
         risen.append(sides)
-        return way if checker is guard else too_near
+        return way if checker is execution_checker else too_near
 
-    monkeypatch.setattr(moving, "plan_withdrawal", plan)
+    monkeypatch.setattr(moving, "plan_retreat", plan)
     monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
     cell = FakeCell(q=np.full(14, 0.5))
-    assert make_safe(fake_workcell(cell, guard=guard), FIRST).event is Event.DONE
+    assert make_safe(fake_workcell(cell, execution_checker=execution_checker), FIRST).event is Event.DONE
     assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands where both can"
 
 
@@ -92,10 +97,10 @@ def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
     free: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
-    way = Outcome(Withdrawal("up", "home"))  # type: ignore[arg-type]
+    way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
     monkeypatch.setattr(
-        moving, "plan_withdrawal", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
+        moving, "plan_retreat", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
     )
     monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
     assert make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST).event is Event.DONE
@@ -194,7 +199,7 @@ def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Straight home, where the way is free."""
-    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("they rise first"))
+    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("they rise first"))
     cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
     assert prepare(fake_workcell(cell, **baxter), RunContext()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
@@ -212,9 +217,9 @@ def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any])
 
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
 def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(moving, "plan_withdrawal", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
+    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
     cell = FakeCell(q=np.full(14, 0.5))
-    workcell = fake_workcell(cell, sent=Sent(np.full(14, 0.52) if spoil == "stop" else None))
+    workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))
     if spoil == "stop":
         workcell.ports.stop.trigger("button")
     else:
@@ -268,7 +273,7 @@ def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_erro
     result = reenter(with_left(cell, hand), INTERRUPTED)
     assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated and not in_error else 1)
     assert min(cell.openings.values()) > 0.04
-    assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the ledger"
+    assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the journal"
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])

@@ -42,14 +42,14 @@ STEP = FoldStep("half", 0, FoldLine(np.zeros(2), np.array([1.0, 0.0])), (), {}, 
 STACK = SimpleNamespace(vertices=np.array([[0.0, 0.0, FLAT - 0.001]]))
 
 
-AS_IT_IS = {name: getattr(pressing, name) for name in ("_flat", "moved_along", "_dabs", "_planned")}
+AS_IT_IS = {name: getattr(pressing, name) for name in ("_flat", "apply_drift", "_dabs", "_planned")}
 
 
 @pytest.fixture(autouse=True)
 def easy(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stack of 12 mm whose high places are known, and a planner that always finds a way."""
     monkeypatch.setattr(pressing, "_flat", lambda *_: STACK)
-    monkeypatch.setattr(pressing, "moved_along", lambda plan, seen: plan)
+    monkeypatch.setattr(pressing, "apply_drift", lambda plan, seen: plan)
     monkeypatch.setattr(pressing, "_dabs", lambda *_: ((Dab(np.zeros(2), FLAT, 0.02),), 0.04))
     monkeypatch.setattr(pressing, "_planned", lambda *_: Outcome(({}, SimpleNamespace(tool_paths={}))))
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import Hands
-from cell.control.motions.pushes import Pushes
 from cell.executive.effects import EFFECTS, gripping
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
@@ -21,7 +21,7 @@ from robots.baxter.ros.electric_gripper import FULL_FORCE
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
 from skills.grasping.hand_reading import HandReading
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
 from skills.vocabulary import GraspId, Outcome
@@ -226,7 +226,7 @@ def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.
     motion: Any = SimpleNamespace(descend=only, postures={Side.LEFT: Posture(GraspId.LEFT)})
     context = context_with(context, motion=motion)
     cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
-    work.sent.q = np.full(14, HOME)
+    work.last_command.q = np.full(14, HOME)
     through, cell.follows = work.ports.arms.command, False
 
     def sagging(q: Array, qd: Array) -> Any:
@@ -253,10 +253,10 @@ def test_a_push_is_what_a_tip_feels_more_than_in_the_air(monkeypatch: pytest.Mon
         return HandReading(state.stamp, tactile, gripper, 0.05, np.zeros(7))
 
     monkeypatch.setattr(Hands, "read", read)
-    air = Zero(0.0, np.zeros((2, 4, 3)), np.array([2.0, -1.0]), 0.01)
-    right = Zero(0.0, np.zeros((2, 4, 3)), np.array([0.5, 0.5]), 0.01)
+    air = TactileBias(0.0, np.zeros((2, 4, 3)), np.array([2.0, -1.0]), 0.01)
+    right = TactileBias(0.0, np.zeros((2, 4, 3)), np.array([0.5, 0.5]), 0.01)
     work = fake_workcell(FakeCell())
-    pushes = Pushes(work.hands, work.grasp, {Side.LEFT: air, Side.RIGHT: right})
+    pushes = FingertipForceMonitor(work.hands, work.grasp, {Side.LEFT: air, Side.RIGHT: right})
     assert pushes.look(state_of(0.0)) is None
     assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 0.0} and pushes.strongest == 0.0
     felt[Side.LEFT] = [2.5, 5.0]

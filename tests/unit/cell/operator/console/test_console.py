@@ -15,7 +15,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from cell.operator.console.board import Board
+from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import open_listener, operators_page
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
@@ -28,7 +28,7 @@ from tests.fakes import FakeCell
 ALL = frozenset(Event)
 
 
-def enter(board: Board, state: State, t: float = 1.0) -> None:
+def enter(board: RunStatus, state: State, t: float = 1.0) -> None:
     board.entered(t, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
 
 
@@ -38,17 +38,17 @@ def cell() -> FakeCell:
 
 
 @pytest.fixture
-def board() -> Board:
-    return Board("run-1", "small_towel", 3, simulated=True)
+def board() -> RunStatus:
+    return RunStatus("run-1", "small_towel", 3, simulated=True)
 
 
 @pytest.fixture
-def commands(board: Board) -> CommandQueue:
+def commands(board: RunStatus) -> CommandQueue:
     return CommandQueue(board.heard)
 
 
 @pytest.fixture
-def address(cell: FakeCell, board: Board, commands: CommandQueue) -> Iterator[str]:
+def address(cell: FakeCell, board: RunStatus, commands: CommandQueue) -> Iterator[str]:
     viewer = "http://127.0.0.1:1/?url=x'\"</script>"
     with operators_page(board, commands, cell.ports().stop, viewer, open_listener()) as address:
         yield address
@@ -115,29 +115,31 @@ def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) 
     assert error.value.code == 400 and commands.take(ALL) is None
 
 
-def test_the_board_is_told_as_it_changes(address: str, board: Board) -> None:
+def test_the_board_is_told_as_it_changes(address: str, board: RunStatus) -> None:
     with linked(address) as link:
-        assert told(link, "board")["state"] == "idle"
+        assert told(link, "run_status")["state"] == "idle"
         enter(board, State.OPTIMISING)
         board.computing(3, 25, "simulations at most")
-        shown = heard(link, lambda message: message.get("board", {}).get("progress") is not None)["board"]
+        shown = heard(link, lambda message: message.get("run_status", {}).get("progress") is not None)[
+            "run_status"
+        ]
         assert shown["progress"] == {"done": 3, "total": 25, "remark": "simulations at most"}
         assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
         failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
         step = Step(State.PLANNING, Event.DONE, State.OPTIMISING, Effect.CHOOSE_TRAJECTORY)
         board.performed(2.0, step, Result(Event.FAILED, RunContext().with_failure(failure)))
-        (remark,) = told(link, "board")["remarks"]
+        (remark,) = told(link, "run_status")["remarks"]
         assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
 
 
 def test_a_garments_file_is_shown_by_its_name() -> None:
     """Underscores are shown as blanks: of a path, that would be another one."""
-    shown = Board("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
+    shown = RunStatus("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
     assert shown["garment"] == "my_own_towel"
 
 
 def test_commands_go_into_the_queue_when_they_may_be_said(
-    address: str, board: Board, commands: CommandQueue
+    address: str, board: RunStatus, commands: CommandQueue
 ) -> None:
     enter(board, State.FOLDING)
     with linked(address) as link:
@@ -149,11 +151,11 @@ def test_commands_go_into_the_queue_when_they_may_be_said(
         assert Event.RESUME not in board.allowed()
 
 
-def test_an_answer_belongs_to_its_question(address: str, board: Board, commands: CommandQueue) -> None:
+def test_an_answer_belongs_to_its_question(address: str, board: RunStatus, commands: CommandQueue) -> None:
     """A click that arrives when the next fold is shown approves nothing."""
     enter(board, State.AWAITING_APPROVAL)
     with linked(address) as link:
-        first = told(link, "board")["question"]["number"]
+        first = told(link, "run_status")["question"]["number"]
         enter(board, State.APPROACHING)
         enter(board, State.AWAITING_APPROVAL)
         assert say(link, say="approve", question=first) == {"refused": "this question is no longer asked"}
@@ -163,17 +165,17 @@ def test_an_answer_belongs_to_its_question(address: str, board: Board, commands:
         assert commands.take(ALL) is Event.APPROVE
 
 
-def test_pressing_is_asked_about_and_answered(address: str, board: Board, commands: CommandQueue) -> None:
+def test_pressing_is_asked_about_and_answered(address: str, board: RunStatus, commands: CommandQueue) -> None:
     enter(board, State.AWAITING_PRESSING)
     with linked(address) as link:
-        question = told(link, "board")["question"]
+        question = told(link, "run_status")["question"]
         assert "press it flat" in question["text"]
         assert "refused" in say(link, say="pause"), "it stands still"
         assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
         assert commands.take(ALL) is Event.SKIP
 
 
-def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Board) -> None:
+def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: RunStatus) -> None:
     """It is no mere look: the fold is made again, of a garment that was laid back."""
     planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
@@ -190,7 +192,7 @@ def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Boa
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
 def test_stop_works_in_every_state_and_not_by_the_queue(
-    state: State, address: str, board: Board, commands: CommandQueue, cell: FakeCell
+    state: State, address: str, board: RunStatus, commands: CommandQueue, cell: FakeCell
 ) -> None:
     enter(board, state)
     with linked(address) as link:
@@ -206,7 +208,9 @@ NONSENSE = (
 
 
 @pytest.mark.parametrize("message", NONSENSE)
-def test_whatever_is_said_is_answered(message: str | bytes, address: str, board: Board, cell: FakeCell) -> None:
+def test_whatever_is_said_is_answered(
+    message: str | bytes, address: str, board: RunStatus, cell: FakeCell
+) -> None:
     enter(board, State.FOLDING)
     with linked(address) as link:
         link.send(message)
@@ -216,16 +220,16 @@ def test_whatever_is_said_is_answered(message: str | bytes, address: str, board:
 
 
 def test_the_end_is_told_before_the_page_goes(
-    cell: FakeCell, board: Board, commands: CommandQueue, tmp_path: Path
+    cell: FakeCell, board: RunStatus, commands: CommandQueue, tmp_path: Path
 ) -> None:
     page = operators_page(board, commands, cell.ports().stop, None, open_listener())
     address = page.__enter__()
     with linked(address) as link:
-        told(link, "board")
+        told(link, "run_status")
         failure = Failure(FailureKind.ABORTED, "the operator ended the run", "start a new one")
         board.finish(State.NOT_FOLDED, failure, tmp_path)
         page.__exit__(None, None, None)
-        shown = told(link, "board")
+        shown = told(link, "run_status")
     assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
     assert shown["end"]["go_on"] == "", "there is nothing to go on with"
     assert shown["allowed"] == []
@@ -233,12 +237,12 @@ def test_the_end_is_told_before_the_page_goes(
         urllib.request.urlopen(address, timeout=2.0)
 
 
-def test_after_a_stop_the_page_says_how_to_go_on(board: Board, tmp_path: Path) -> None:
+def test_after_a_stop_the_page_says_how_to_go_on(board: RunStatus, tmp_path: Path) -> None:
     failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
     board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
     assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
-    (tmp_path / "run-1" / "belief").mkdir(parents=True)
-    (tmp_path / "run-1" / "belief" / "context").write_bytes(b"context_with")
+    (tmp_path / "run-1" / "checkpoint").mkdir(parents=True)
+    (tmp_path / "run-1" / "checkpoint" / "context").write_bytes(b"context_with")
     board.finish(State.STOPPED, failure, tmp_path / "run-1")
     assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", "where the run is"
     step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
@@ -254,18 +258,18 @@ def test_a_port_that_is_taken_is_told(address: str) -> None:
 
 
 def test_a_link_that_can_tell_nothing_is_closed(
-    address: str, board: Board, monkeypatch: pytest.MonkeyPatch
+    address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A page that hears nothing must know, so that it looks for another link."""
     with linked(address) as link:
-        told(link, "board")
+        told(link, "run_status")
         monkeypatch.setattr(board, "snapshot", lambda: 1 / 0)
         enter(board, State.FOLDING)
         with pytest.raises(ConnectionClosed):
             heard(link, lambda message: False)
 
 
-def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: Board) -> None:
+def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: RunStatus) -> None:
     enter(board, State.FOLDING)
     board.heard(Event.PAUSE)
     board.note("paused on the way: resume or abort")

@@ -16,7 +16,7 @@ from threading import Thread
 
 import pytest
 
-from cell.operator.console.board import Board
+from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import PAGE
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
@@ -47,7 +47,7 @@ class Silent(BaseHTTPRequestHandler):
     before, and then neither says nor answers anything: a program that hangs. What is said on that link is put into
     `said`. script: of the test, in the page."""
 
-    boards: Sequence[Board]
+    boards: Sequence[RunStatus]
     script: str
     said: Queue[str]
     links: list[object]
@@ -68,7 +68,7 @@ class Silent(BaseHTTPRequestHandler):
                 b"Sec-WebSocket-Accept: " + accepted + b"\r\n\r\n"
             )
             for board in self.boards:
-                told = json.dumps({"board": board.snapshot(), "stopped": False}).encode()
+                told = json.dumps({"run_status": board.snapshot(), "stopped": False}).encode()
                 self.wfile.write(b"\x81\x7e" + len(told).to_bytes(2, "big") + told)
                 self.said.put(self._frame())
         while frame := self._frame():
@@ -89,7 +89,7 @@ class Silent(BaseHTTPRequestHandler):
     def log_message(self, *_: object) -> None: ...
 
 
-Page = Callable[[Sequence[Board], str], "Queue[str]"]
+Page = Callable[[Sequence[RunStatus], str], "Queue[str]"]
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
     """Opens the page in a browser: what it says to a program that tells these boards, and then hangs."""
     with ExitStack() as closing:
 
-        def opened(boards: Sequence[Board], script: str) -> Queue[str]:
+        def opened(boards: Sequence[RunStatus], script: str) -> Queue[str]:
             said: Queue[str] = Queue()
             handler = type("Handler", (Silent,), {"boards": boards, "script": script, "said": said, "links": []})
             server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -119,13 +119,13 @@ def page(tmp_path: Path) -> Iterator[Page]:
         yield opened
 
 
-def entered(board: Board, state: State) -> Board:
+def entered(board: RunStatus, state: State) -> RunStatus:
     board.entered(1.0, Step(State.IDLE, Event.DONE, state, Effect.NOTHING))
     return board
 
 
-def a_board() -> Board:
-    return Board("run-1", "small_towel", 3, simulated=True)
+def a_board() -> RunStatus:
+    return RunStatus("run-1", "small_towel", 3, simulated=True)
 
 
 def test_stop_can_be_pressed_when_nothing_is_heard_and_goes_by_the_link_that_may_carry_it(page: Page) -> None:

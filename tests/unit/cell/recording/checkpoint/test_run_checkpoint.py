@@ -14,7 +14,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.checkpoint import run_checkpoint
-from cell.recording.checkpoint.run_checkpoint import read_belief, write_belief
+from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
 from cell.recording.frame_store import FrameStore
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
@@ -22,7 +22,7 @@ from cell.states.transition_table import Event
 from robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import GraspId
 from tests.contexts import context_with
 
@@ -50,7 +50,7 @@ def context() -> RunContext:
         index=1,
         adjustments=(Adjustment.LOWER,),
         attempts={(0, "drift"): 2},
-        zeros={Side.LEFT: Zero(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
+        zeros={Side.LEFT: TactileBias(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
         failure=Failure(FailureKind.DRIFT, "it moved", "look", {"drift_m": 0.03}),
         reentry=Event.LOOK_AGAIN,
     )
@@ -75,12 +75,12 @@ def same(a: Any, b: Any) -> bool:
 
 @pytest.fixture
 def kept(tmp_path: Path) -> Path:
-    write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))
-    return tmp_path / "belief"
+    write_checkpoint(tmp_path / "checkpoint", context(), FrameStore(tmp_path / "frames"))
+    return tmp_path / "checkpoint"
 
 
 def read(folder: Path) -> RunContext:
-    return read_belief(folder, FrameStore(folder.parent / "frames"))
+    return read_checkpoint(folder, FrameStore(folder.parent / "frames"))
 
 
 def test_it_comes_back_as_it_was(kept: Path) -> None:
@@ -93,14 +93,14 @@ def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatc
     for kind in (Event, FailureKind, Adjustment, Side, GraspId):
         monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
     assert pickle.dumps(Event.START).find(b"getattr") > 0
-    write_belief(tmp_path / "belief", context(), FrameStore(tmp_path / "frames"))
-    assert same(read(tmp_path / "belief"), context())
+    write_checkpoint(tmp_path / "checkpoint", context(), FrameStore(tmp_path / "frames"))
+    assert same(read(tmp_path / "checkpoint"), context())
 
 
 def test_what_stays_the_same_is_written_once(kept: Path) -> None:
     """A picture and a large array of the last effect are not written again by the next one."""
     before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
-    write_belief(kept, context_with(read(kept), index=0), FrameStore(kept.parent / "frames"))
+    write_checkpoint(kept, context_with(read(kept), index=0), FrameStore(kept.parent / "frames"))
     after = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
     assert before.keys() == after.keys() and len(after) > 3
     assert {name for name in after if after[name] != before[name]} == {"context"}
@@ -115,7 +115,7 @@ def test_a_file_that_is_cut_off_is_told(kept: Path, share: float) -> None:
         read(kept)
 
 
-@pytest.mark.parametrize("pattern", ["belief/*.npy", "frames/*.npz"])
+@pytest.mark.parametrize("pattern", ["checkpoint/*.npy", "frames/*.npz"])
 @pytest.mark.parametrize("damage", ["gone", "cut", "altered"])
 def test_so_is_an_array_or_a_picture(kept: Path, pattern: str, damage: str) -> None:
     path = max(kept.parent.glob(pattern), key=lambda p: p.stat().st_size)

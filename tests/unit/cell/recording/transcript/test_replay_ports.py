@@ -15,14 +15,14 @@ import pytest
 
 import robots.ports
 from cell.control.checks import ExecutionLimits
+from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.sent import Sent
 from cell.hardware.workcell import Workcell
 from cell.recording.frame_store import FRAMES
-from cell.recording.transcript.port_recorder import Stenographer
+from cell.recording.transcript.port_recorder import PortRecorder
 from cell.recording.transcript.replay_ports import Answers, Halt
 from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, Transcript
 from cell.recording.transcript.transcript_codec import Channel, pack, unpack
@@ -62,7 +62,7 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     frame = ports.camera.capture()
     told.append((frame.stamp, frame.rgb.tobytes()))
     control = PathControl(commands, LIMITS, LIMITS, note=lambda name, values: told.append((name, values)))
-    loop = ControlLoop(ports, ExecutionLimits(), Sent())
+    loop = ControlLoop(ports, ExecutionLimits(), LastCommand())
     moved = stream(loop, sweep(), None, control)
     told.append(moved.failure or moved.unwrap().q.tobytes())
     told.append(wait(loop, 0.1))
@@ -76,13 +76,13 @@ def taken_down(
     folder: Path, cell: FakeCell, act: Callable[[Ports, CommandQueue], Any], commands: CommandQueue | None = None
 ) -> Any:
     """What came of it, with its transcript in the folder."""
-    stenographer = Stenographer(folder)
-    heard = stenographer.between(cell.ports(), commands or CommandQueue())
+    port_recorder = PortRecorder(folder)
+    heard = port_recorder.between(cell.ports(), commands or CommandQueue())
     try:
         return act(heard.ports, heard.commands)
     finally:
-        stenographer.end()
-        assert stenographer.close() is None
+        port_recorder.end()
+        assert port_recorder.close() is None
 
 
 def answers(folder: Path) -> Answers:
@@ -120,7 +120,7 @@ def test_a_stop_comes_at_the_same_tick(tmp_path: Path) -> None:
     cell.at(0.5, lambda: ports.stop.trigger("the button"))
 
     def act(ports: Ports, commands: CommandQueue) -> tuple[Any, float]:
-        loop = ControlLoop(ports, ExecutionLimits(), Sent())
+        loop = ControlLoop(ports, ExecutionLimits(), LastCommand())
         return stream(loop, sweep(), None, PathControl(None, LIMITS, LIMITS)).failure, ports.clock.now()
 
     failure, t = taken_down(tmp_path, cell, act)
@@ -212,22 +212,22 @@ def test_the_stop_works_from_any_thread_and_is_not_noted(tmp_path: Path) -> None
 
 
 def test_the_stop_works_when_nothing_can_be_noted(tmp_path: Path) -> None:
-    cell, stenographer = FakeCell(), Stenographer(tmp_path)
-    heard = stenographer.between(cell.ports(), CommandQueue())
-    assert stenographer._writer is not None
-    stenographer._writer.fail("the disk is gone")
+    cell, port_recorder = FakeCell(), PortRecorder(tmp_path)
+    heard = port_recorder.between(cell.ports(), CommandQueue())
+    assert port_recorder._writer is not None
+    port_recorder._writer.fail("the disk is gone")
     heard.ports.stop.trigger("the button")
     assert heard.ports.stop.state().stopped and cell.stop_reason == "the button"
-    assert "the disk is gone" in (stenographer.close() or "")
+    assert "the disk is gone" in (port_recorder.close() or "")
 
 
 def test_what_a_driver_should_not_give_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
-    stenographer = Stenographer(tmp_path)
+    port_recorder = PortRecorder(tmp_path)
     ports = FakeCell().ports()
     ports.clock.now = lambda: {"not": "a time"}  # type: ignore[attr-defined, method-assign]
-    heard = stenographer.between(ports, CommandQueue())
+    heard = port_recorder.between(ports, CommandQueue())
     assert heard.ports.clock.now() == {"not": "a time"}
-    assert "clock.now" in (stenographer.close() or "")
+    assert "clock.now" in (port_recorder.close() or "")
 
 
 @pytest.fixture
@@ -248,17 +248,17 @@ def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
     tmp_path: Path, workers: ThreadPoolExecutor, pressed: bool
 ) -> None:
     """How often the stop was asked meanwhile is the wall clock's affair; whether it was set is decided by."""
-    cell, stenographer, free = FakeCell(), Stenographer(tmp_path), threading.Event()
+    cell, port_recorder, free = FakeCell(), PortRecorder(tmp_path), threading.Event()
     ports = cell.ports()
-    heard = stenographer.between(ports, CommandQueue())
+    heard = port_recorder.between(ports, CommandQueue())
     workcell = fake_workcell(cell, workers, ports=heard.ports, watched_stop=ports.stop)
     if pressed:
         threading.Timer(0.1, ports.stop.trigger, ["button"]).start()
     then = computed(workcell, lambda: free.wait(5.0 if pressed else 0.2))
     free.set()
     assert (then.failure is not None) is pressed
-    stenographer.end()
-    assert stenographer.close() is None
+    port_recorder.end()
+    assert port_recorder.close() is None
 
     there = answers(tmp_path)
     replayed = fake_workcell(cell, workers, ports=there.ports(), watched_stop=there.watched_stop())
@@ -293,7 +293,7 @@ def test_every_method_of_every_port_is_taken_down_and_answered(name: str, tmp_pa
     attributes = set(protocol.__annotations__)
     assert methods
     taken_down(tmp_path, FakeCell(), lambda ports, _: None)
-    heard = Stenographer(tmp_path / "again")
+    heard = PortRecorder(tmp_path / "again")
     (tmp_path / "again").mkdir()
     for ports in (heard.between(FakeCell().ports(), CommandQueue()).ports, answers(tmp_path).ports()):
         for port in of_kind(ports, name):
@@ -309,20 +309,20 @@ def of_kind(ports: Ports, name: str) -> list[Any]:
 
 def test_every_port_is_exchanged_for_one_that_is_taken_down(tmp_path: Path) -> None:
     bare = FakeCell().ports()
-    stenographer = Stenographer(tmp_path)
-    heard = stenographer.between(bare, CommandQueue()).ports
+    port_recorder = PortRecorder(tmp_path)
+    heard = port_recorder.between(bare, CommandQueue()).ports
     for field in fields(Ports):
         if field.name not in {"driver", "simulated"}:
             assert getattr(heard, field.name) is not getattr(bare, field.name), field.name
-    stenographer.close()
+    port_recorder.close()
 
 
 def test_without_a_recording_nothing_is_in_between(tmp_path: Path) -> None:
-    bare, queue, stenographer = FakeCell().ports(), CommandQueue(), Stenographer(None)
-    heard = stenographer.between(bare, queue)
+    bare, queue, port_recorder = FakeCell().ports(), CommandQueue(), PortRecorder(None)
+    heard = port_recorder.between(bare, queue)
     assert heard.ports is bare and heard.commands is queue
-    stenographer.end()
-    assert stenographer.close() is None and list(tmp_path.iterdir()) == []
+    port_recorder.end()
+    assert port_recorder.close() is None and list(tmp_path.iterdir()) == []
 
 
 def test_an_altered_answer_is_what_is_answered(tmp_path: Path) -> None:

@@ -6,23 +6,25 @@ import io
 
 import pytest
 
-from cell.operator.console.board import Board
-from cell.operator.progress.audience import Audience
+from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.lines import ProgressLines
+from cell.operator.progress.notifier import Notifier
 
 
-def board() -> Board:
-    return Board("run-1", "vest", 1, simulated=True)
+def board() -> RunStatus:
+    return RunStatus("run-1", "vest", 1, simulated=True)
 
 
-def audience(page: Board | None = None, quiet: bool = False, typed: bool = True) -> tuple[Audience, io.StringIO]:
+def notifier(
+    page: RunStatus | None = None, quiet: bool = False, typed: bool = True
+) -> tuple[Notifier, io.StringIO]:
     stream = io.StringIO()
-    return Audience(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
+    return Notifier(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
 
 
 def test_lines_and_page_hear_the_same() -> None:
     page = board()
-    told, stream = audience(page)
+    told, stream = notifier(page)
     told.note("the library is read")
     told.computing(3, 20, "simulations")
     shown = page.snapshot()
@@ -32,7 +34,7 @@ def test_lines_and_page_hear_the_same() -> None:
 
 @pytest.mark.parametrize(("typed", "keys"), [(True, " (a, Enter)"), (False, "")])
 def test_who_can_type_is_told_which_key(typed: bool, keys: str) -> None:
-    told, stream = audience(typed=typed)
+    told, stream = notifier(typed=typed)
     told.ask("lay the garment")
     assert stream.getvalue().strip().endswith(f"lay the garment, then approve{keys}")
     before = stream.getvalue()
@@ -43,7 +45,7 @@ def test_who_can_type_is_told_which_key(typed: bool, keys: str) -> None:
 def test_a_quiet_run_asks_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     """Standard output is kept for the result."""
     page = board()
-    told, stream = audience(page, quiet=True)
+    told, stream = notifier(page, quiet=True)
     told.ask("lay the garment")
     out, err = capsys.readouterr()
     assert (out, stream.getvalue()) == ("", "") and err == "lay the garment, then approve (a, Enter)\n"

@@ -6,10 +6,10 @@ from collections.abc import Callable, Set
 
 from cell.states.transition_table import Event
 
-__all__ = ["Asking"]
+__all__ = ["CalibrationPrompts"]
 
 
-class Asking:
+class CalibrationPrompts:
     """say: shows a line. The newest question stands until it is not asked for any more."""
 
     def __init__(self, say: Callable[[str], None]) -> None:

@@ -1,7 +1,7 @@
 """A record of runs that names no class of the program, to prove that a change leaves every run as it was.
 
-    python -m benchmarks.neutral_record record DIR [SCRIPT.yaml ...]
-    python -m benchmarks.neutral_record compare BEFORE AFTER
+    python -m benchmarks.regression_record record DIR [SCRIPT.yaml ...]
+    python -m benchmarks.regression_record compare BEFORE AFTER
 
 One folder a script: `events.json` (the journal's lines: cell time, state, name, figures), `commands.npz` (every
 set-point of the arms and every command to grippers and head, with its cell time), `score.json`. Two records are
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-SCRIPTS = Path(__file__).parent / "neutral_runs"
+SCRIPTS = Path(__file__).parent / "regression_runs"
 
 
 class _Tap:
@@ -70,7 +70,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
     from cell.recording.journal import Journal
     from cell.runs.fold_run import fold_once
     from cell.states.fold_request import FoldRequest
-    from cell.support.files.paths import ledger_path
+    from cell.support.files.paths import journal_path
 
     own, commands = read_script(script), _Commands()
     settings = load_settings(None)
@@ -88,7 +88,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
             result = fold_once(request, begin, (director,))
         finally:
             director.close()
-        with Journal.open(ledger_path(Path(logs)), readonly=True) as journal:
+        with Journal.open(journal_path(Path(logs)), readonly=True) as journal:
             entries = journal.entries(Path(result.run_dir).name)
     lines = [[e.cell_time, e.state, e.kind, e.name, _plain(e.payload)] for e in entries]
     folder.mkdir(parents=True, exist_ok=True)
@@ -136,7 +136,7 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     recording = commands.add_parser("record")
     recording.add_argument("folder", type=Path)
-    recording.add_argument("scripts", type=Path, nargs="*", help="default: the six of benchmarks/neutral_runs")
+    recording.add_argument("scripts", type=Path, nargs="*", help="default: the six of benchmarks/regression_runs")
     comparing = commands.add_parser("compare")
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)

@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.rerun import Recorder
-from cell.simulation.door import TruthSource
 from cell.simulation.scoring.score import score_plan
+from cell.simulation.simulated_cell import TruthSource
 from cell.simulation.truth import Truth
 from cell.states.fold_request import FoldRequest
 from robots.ports import Array, Side
 
-__all__ = ["Witness"]
+__all__ = ["GroundTruthRecorder"]
 
 KEPT = 2000
 
 
-class Witness:
+class GroundTruthRecorder:
     """Watches one simulated cell from its opening on."""
 
     def __init__(self, truth: TruthSource, recorder: Recorder, request: FoldRequest) -> None:

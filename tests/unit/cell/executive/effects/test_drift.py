@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
-from cell.executive.effects.drifting import moved_along
+from cell.executive.effects.drift import apply_drift
 from cell.states.stages import Plan
 from skills.cloth.mesh import ClothMesh
 from skills.planning.plan import plan_folds
@@ -32,7 +32,7 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
 
     towel = load_garment("medium_towel")
     flat = towel.flat_state(*towel.poses.middle)
-    after = moved_along(Plan(towel, towel, flat, (step,), mesh, vertices), seen)
+    after = apply_drift(Plan(towel, towel, flat, (step,), mesh, vertices), seen)
 
     def moved(xy: np.ndarray) -> np.ndarray:
         return xy @ R.T + t
@@ -62,7 +62,7 @@ def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
     )
     plan = Plan(towel, towel, flat, steps, mesh, np.zeros((0, 3)))
     seen: Any = SimpleNamespace(drift=np.array([0.02, -0.01]), drift_rad=0.05, drift_about=np.array([0.6, 0.1]))
-    after = moved_along(plan, seen)
+    after = apply_drift(plan, seen)
     for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
         assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
         for i, grasp in anew.grasps.items():

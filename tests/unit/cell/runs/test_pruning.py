@@ -11,7 +11,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.recording.journal import Journal, RunJournal
-from cell.runs.tidying import HEAVY, heavy_runs, lighten
+from cell.runs.pruning import HEAVY, prunable_runs, prune
 from robots.errors import StorageError
 
 LIGHT = ("report.html", "result.json", "cell.yaml")
@@ -28,13 +28,13 @@ class Logs:
         self.clock += 1.0
         place = self.folder / campaign
         place.mkdir(parents=True, exist_ok=True)
-        journal = self.journals.setdefault(place, Journal.open(place / "ledger.db"))
+        journal = self.journals.setdefault(place, Journal.open(place / "journal.db"))
         run = journal.begin_run(garment="towel", seed=1, driver="sim", wall_clock=lambda: self.clock)
         for name in ("run.rrd", "run.transcript", "world.npz", *LIGHT):
             (run.directory / name).write_bytes(b"x" * 1000)
-        for name in ("frames", "belief", "began_with"):
+        for name in ("frames", "checkpoint", "began_with"):
             (run.directory / name).mkdir()
-            (run.directory / name / ("context" if name == "belief" else "0.png")).write_bytes(b"x" * 500)
+            (run.directory / name / ("context" if name == "checkpoint" else "0.png")).write_bytes(b"x" * 500)
         if result == "cut off":
             run.abandon()
         elif result:
@@ -51,7 +51,7 @@ def logs(tmp_path: Path) -> Iterator[Logs]:
 
 
 def chosen(logs: Logs, keep: int, unfinished: bool = False) -> list[str]:
-    return [heavy.run.id for heavy in heavy_runs(logs.folder, keep, unfinished)]
+    return [heavy.run.id for heavy in prunable_runs(logs.folder, keep, unfinished)]
 
 
 def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
@@ -64,7 +64,7 @@ def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
 
 
 def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
-    """Within a ledger its order is the truth; times are for runs of different ones."""
+    """Within a journal its order is the truth; times are for runs of different ones."""
     logs.clock = 5000.0
     first, second = logs.run("folded"), logs.run("folded")
     logs.clock = 1000.0
@@ -81,9 +81,9 @@ def test_what_goes_on_or_can_be_gone_on_with_stays(logs: Logs) -> None:
 
 def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
     run = logs.run("folded")
-    (heavy,) = heavy_runs(logs.folder, 0)
+    (heavy,) = prunable_runs(logs.folder, 0)
     assert heavy.bytes == 4500
-    lighten(heavy)
+    prune(heavy)
     assert sorted(p.name for p in run.directory.iterdir()) == sorted(LIGHT)
     assert not any((run.directory / name).exists() for name in HEAVY)
     assert chosen(logs, 0) == []
@@ -92,11 +92,11 @@ def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
 def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
     logs: Logs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It takes the whole ledger each time: hundreds of runs that are done would take minutes."""
+    """It takes the whole journal each time: hundreds of runs that are done would take minutes."""
     asked: list[str] = []
-    monkeypatch.setattr("cell.runs.tidying.resumable", lambda journal, name: bool(asked.append(name)))
+    monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
     cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")
-    shutil.rmtree(folded.directory / "belief")
+    shutil.rmtree(folded.directory / "checkpoint")
     for name in HEAVY:
         path = tidied.directory / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -105,14 +105,14 @@ def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
 
 def test_what_cannot_be_removed_is_told(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
     logs.run("folded")
-    (heavy,) = heavy_runs(logs.folder, 0)
+    (heavy,) = prunable_runs(logs.folder, 0)
 
     def refuse(self: Path) -> None:
         raise PermissionError(13, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "unlink", refuse)
     with pytest.raises(StorageError, match=r"run\.rrd"):
-        lighten(heavy)
+        prune(heavy)
 
 
 def test_nothing_goes_unless_it_is_said(logs: Logs, capsys: pytest.CaptureFixture[str]) -> None:

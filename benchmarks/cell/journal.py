@@ -1,4 +1,4 @@
-"""What a line of the ledger costs beside its peers: the same lines in a synced text file, and in a database that
+"""What a line of the journal costs beside its peers: the same lines in a synced text file, and in a database that
 may lose the last ones when the machine goes down."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PAYLOAD = {"step": 1, "attempt": 0, "event": "done", "figures": [0.123456789] * 
 def measure(tell: Callable[[str], None], lines: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         took = {
-            "ledger": _timed(_ledger(Path(folder) / "ledger.db"), lines),
+            "journal_file": _timed(_ledger(Path(folder) / "journal.db"), lines),
             "synced_text_file": _timed(_text_file(Path(folder) / "lines.json"), lines),
             "unsynced_database": _timed(_unsynced(Path(folder) / "unsynced.db"), lines),
         }
@@ -32,8 +32,8 @@ def measure(tell: Callable[[str], None], lines: int) -> dict[str, Any]:
     for name, seconds in took.items():
         figures[f"{name}_line_ms_median"] = 1e3 * float(np.median(seconds))
         figures[f"{name}_line_ms_p99"] = 1e3 * float(np.quantile(seconds, 0.99))
-    figures["ledger_over_text_file"] = float(np.median(took["ledger"]) / np.median(took["synced_text_file"]))
-    tell(f"a line of the ledger: {figures['ledger_line_ms_median']:.2f} ms")
+    figures["ledger_over_text_file"] = float(np.median(took["journal_file"]) / np.median(took["synced_text_file"]))
+    tell(f"a line of the journal: {figures['ledger_line_ms_median']:.2f} ms")
     return figures
 
 

@@ -19,11 +19,11 @@ from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.transition_table import State
 from robots.errors import CellError, ConfigurationError
 
-__all__ = ["Performance", "check_script", "perform_script"]
+__all__ = ["ScriptResult", "check_script", "run_script"]
 
 
 @dataclass(frozen=True)
-class Performance:
+class ScriptResult:
     """A script that was performed. broken: what was not as expected; result: None where there was no run."""
 
     script: Script
@@ -65,7 +65,7 @@ def check_script(script: Script, settings: CellSettings, driver: str) -> CellSet
     return own
 
 
-def perform_script(
+def run_script(
     script: Script,
     settings: CellSettings,
     logs: Path,
@@ -75,7 +75,7 @@ def perform_script(
     live: bool = False,
     realtime: bool = False,
     tell: Callable[[str], None] = print,
-) -> Performance:
+) -> ScriptResult:
     """One run in `logs`, with what the script does to it. What keeps the run from beginning is a broken
     expectation like any other: the next script is performed all the same."""
     from cell.runs.fold_run import fold_once
@@ -93,9 +93,9 @@ def perform_script(
         director = Director(script, load_robot(own).q_park, tell)
         result = fold_once(request, director.begin, (director,))
     except CellError as e:
-        return Performance(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
+        return ScriptResult(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
     finally:
         if director is not None:
             director.close()
     broken = broken_expectations(script, result, director.seen())
-    return Performance(script, broken, result, time.monotonic() - began)
+    return ScriptResult(script, broken, result, time.monotonic() - began)

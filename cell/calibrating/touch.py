@@ -11,8 +11,8 @@ from cell.control.checks import fresh_state
 from cell.control.motion import Motion
 from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.hands import each_hand
+from cell.control.motions.hold_position import wait
 from cell.control.motions.lowering import Lowering
-from cell.control.motions.standing import wait
 from cell.executive.effects.moving import move
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
@@ -20,13 +20,13 @@ from robots.ports import JointState, Side, arm_slice
 from skills.grasping.descend import Contact, DescentGoal, start_descent
 from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero, start_zero, zero
+from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics import ik
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
 from skills.motion.moves.lift import plan_lift
-from skills.motion.timing.jerk_limiter import Follower
+from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 
 __all__ = ["park_other", "touch_table"]
@@ -116,7 +116,7 @@ def _point(x: float, y: float, heading: float) -> ToolPath:
 
 def _touch_and_press(cell: Workcell, effect: Touch, way: Descent) -> Outcome[Touched]:
     side, settings = effect.side, cell.grasp
-    zeros = each_hand(cell.loop, cell.hands, {side: start_zero(settings)}, lambda _, r, s: zero(r, s))
+    zeros = each_hand(cell.loop, cell.hands, {side: start_tare(settings)}, lambda _, r, s: tare(r, s))
     if zeros.failure:
         return Outcome(failure=zeros.failure)
     first = _descend(cell, side, way, settings, zeros.unwrap()[side], -effect.search, [])
@@ -141,7 +141,7 @@ def _descend(
     side: Side,
     way: Descent,
     settings: GraspSettings,
-    zeroed: Zero,
+    zeroed: TactileBias,
     bottom: float,
     felt: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
@@ -154,14 +154,14 @@ def _descend(
             felt.append(reading)
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
-        q0 = start.q + cell.sent.offset(start.q)
+        q0 = start.q + cell.last_command.offset(start.q)
         above = np.array(q0)
         above[arm_slice(side)] = way.q[0]
         top = cell.hands.height(side, above)
-        lowering = Lowering(way, top, Follower(top - cell.hands.height(side, q0)))
+        lowering = Lowering(way, top, JerkLimiter(top - cell.hands.height(side, q0)))
         state = start_descent(settings, goal, zeroed, cell.hands.read(side, start))
         return guarded_descent(
-            cell.hands, cell.sent, start, {side: GuardedHand(lowering, state)}, settles=True, felt=feel
+            cell.hands, cell.last_command, start, {side: GuardedHand(lowering, state)}, settles=True, felt=feel
         )
 
     return cell.loop.run(begin)

@@ -1,9 +1,9 @@
 """D_relax: how well a fold can end at all, the yardstick of the optimiser.
 
-    python -m benchmarks.d_relax [GARMENT...]
+    python -m benchmarks.attainable_dissimilarity [GARMENT...]
 
 From the garment as the earlier steps leave it, made ideally and settled, the fold is made without grippers
-(benchmarks/turned.py): what lies flat is put exactly on its target, the isometry of this fold and those before
+(benchmarks/turn_fold.py): what lies flat is put exactly on its target, the isometry of this fold and those before
 with layers at k x thickness. Then it settles for one second. What D is left is due to the cloth: creases open, and
 those of earlier folds lift what comes to lie on them. D is the paper's: 3-D, unaligned, over all layers,
 area-weighted over barycentres; triangles are cut at the fold lines, so that each has one place in the target.
@@ -22,7 +22,7 @@ import argparse
 
 import numpy as np
 
-from benchmarks.turned import turned_over
+from benchmarks.turn_fold import turned_over
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.score import FinalGarment, named_edge_pairs, score

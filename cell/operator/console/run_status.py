@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from cell.executive.machine import complete_table
-from cell.recording.checkpoint.run_checkpoint import has_belief
-from cell.recording.report.remarks import Remarks
+from cell.recording.checkpoint.run_checkpoint import has_checkpoint
+from cell.recording.report.run_events import RunEvents
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
@@ -22,7 +22,7 @@ from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
 from robots.errors import Failure
 
-__all__ = ["ORDER", "Board"]
+__all__ = ["ORDER", "RunStatus"]
 
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
 ASKING = (State.AWAITING_APPROVAL, State.AWAITING_PRESSING, State.ASKING)
@@ -34,12 +34,12 @@ _ALLOWED: Mapping[State, frozenset[Event]] = {
 }
 
 
-class Board:
+class RunStatus:
     """`snapshot` is what a page shows now, `version` changes with it."""
 
     def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
         self._lock = threading.Lock()
-        self._remarks = Remarks()
+        self._remarks = RunEvents()
         drawn = seed if simulated else None
         self._about = {"run": run_id, "garment": Path(garment).stem, "seed": drawn, "simulated": simulated}
         self._state = State.IDLE
@@ -97,7 +97,7 @@ class Board:
         """How the run ended, and the folder that it leaves."""
         with self._lock:
             unfinished = state in {State.STOPPED, State.FAULT} and not self._context.through
-            resumable = unfinished and has_belief(folder)
+            resumable = unfinished and has_checkpoint(folder)
             self._end = {
                 "result": state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from calibration.board import BOARD
 from calibration.effects import Reach
-from cell.calibrating.touching import park_other
+from cell.calibrating.touch import park_other
 from cell.control.checks import fresh_state
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.moving import move
 from cell.hardware.assembly import SLACK
@@ -79,11 +79,13 @@ def settled_joints(cell: Workcell) -> Outcome[Array]:
 def with_board(cell: Workcell, side: Side) -> Workcell:
     """The cell with the board as part of that hand, for planning and for the check of what is executed."""
     robot = holding_board(cell.robot, side)
-    guard = CollisionChecker(
+    execution_checker = CollisionChecker(
         robot, cell.table, body_margin=BODY_MARGIN - SLACK, table_margin=TABLE_MARGIN - SLACK,
         fingertip_margin=FINGERTIP_MARGIN - SLACK,
     )  # fmt: skip
-    return replace(cell, robot=robot, checker=CollisionChecker(robot, cell.table), guard=guard)
+    return replace(
+        cell, robot=robot, checker=CollisionChecker(robot, cell.table), execution_checker=execution_checker
+    )
 
 
 def holding_board(robot: RobotModel, side: Side) -> RobotModel:

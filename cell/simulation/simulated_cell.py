@@ -104,9 +104,9 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
     ConfigurationError as `check_settings`, StorageError when the robot's model cannot be cached.
     """
     # imported when a cell is opened: the render process imports this package too and needs none of it
-    from cell.simulation.binding import unbind
     from cell.simulation.ports import ports_of
     from cell.simulation.world import World
+    from cell.simulation.world_of_port import unbind
 
     world = World(settings, seed)
     try:

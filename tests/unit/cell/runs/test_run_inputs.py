@@ -86,7 +86,9 @@ def test_without_calibrations_the_settings_are_the_same(tmp_path: Path) -> None:
     request = fold_request(tmp_path, approve=True)
     again = restored(tmp_path, kept(tmp_path, request))
     assert again.settings.fingerprint() == request.settings.fingerprint()
-    assert again.approve and (again.record, again.witness, again.terminal, again.quiet) == (False,) * 3 + (True,)
+    assert again.approve and (again.record, again.record_truth, again.terminal, again.quiet) == (False,) * 3 + (
+        True,
+    )
     assert not (tmp_path / "run" / "calibrations").exists()
 
 

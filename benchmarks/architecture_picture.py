@@ -1,4 +1,4 @@
-"""The house as a picture, made from the imports themselves: `python -m benchmarks.house_picture`.
+"""The house as a picture, made from the imports themselves: `python -m benchmarks.architecture_picture`.
 
 Rooms stand from top to bottom as `[tool.importlinter]` orders them. A row shows what a room imports: a dark square
 many modules, a light one few. An import that went up would lie to the left of the diagonal. `grimp` comes with

@@ -1,4 +1,5 @@
-"""The chart of the states, drawn by the machine's own library: `foldcell chart` writes cell/states/chart.svg anew.
+"""Draws the chart of the states with the machine's own library: `foldcell chart` writes
+cell/states/state_chart.svg.
 
 Rows that hold in every working state (stop, crash, abort, pause, a journal that takes no more lines) are left out,
 and where a failure leads is told by a state's colour instead of an arrow. Both are said below the chart.

@@ -11,16 +11,16 @@ from robots.errors import Failure
 from robots.ports import JointState, Side
 from skills.grasping.hand_reading import fault
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import Zero
+from skills.grasping.tare import TactileBias
 
-__all__ = ["Pushes"]
+__all__ = ["FingertipForceMonitor"]
 
 
-class Pushes:
+class FingertipForceMonitor:
     """zeros: of the hands that press. now, strongest: the greater of each hand's tips' rises over its zero, at the
     last look and at any so far [N]."""
 
-    def __init__(self, hands: Hands, settings: GraspSettings, zeros: Mapping[Side, Zero]) -> None:
+    def __init__(self, hands: Hands, settings: GraspSettings, zeros: Mapping[Side, TactileBias]) -> None:
         self._hands, self._settings, self._zeros = hands, settings, zeros
         self.now = dict.fromkeys(zeros, 0.0)
         self.strongest = 0.0

@@ -1,4 +1,4 @@
-"""Performs a procedure's effects, one by one, with intent and result in the ledger."""
+"""Performs a procedure's effects, one by one, with intent and result in the journal."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
-from cell.calibrating.reaching import reach, settled_joints, with_board
-from cell.calibrating.touching import touch_table
+from cell.calibrating.reach import reach, settled_joints, with_board
+from cell.calibrating.touch import touch_table
 from cell.control.checks import stopped
-from cell.control.motions.standing import wait
+from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.seeing import capture
 from cell.hardware.workcell import Workcell
@@ -22,7 +22,7 @@ from robots.ports import BoardPlace, Side, TactileReading
 from skills.grasping.hand_reading import GripCommand
 from skills.vocabulary import Outcome
 
-__all__ = ["STATE", "Performer"]
+__all__ = ["STATE", "ProcedureRunner"]
 
 STATE = "calibrating"
 GRIP_S = 0.8
@@ -33,7 +33,7 @@ ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
 T = TypeVar("T")
 
 
-class Performer:
+class ProcedureRunner:
     """One procedure with one cell. say(t, text): progress; keep(name, picture): into the run's folder."""
 
     def __init__(
@@ -85,7 +85,7 @@ class Performer:
         intent = self._journal.intent(clock.now(), STATE, type(effect).__name__.lower(), {"effect": effect})
         try:
             answer = self._deeds[type(effect)](effect)
-        except Exception as e:  # it ends the procedure, but the ledger says how the effect ended
+        except Exception as e:  # it ends the procedure, but the journal says how the effect ended
             crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}")
             failure = e.failure() if isinstance(e, DriverError) else crash
             self._journal.result(intent, clock.now(), _record(Outcome(failure=failure)))

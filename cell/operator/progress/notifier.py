@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from cell.operator.console.board import Board
+from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.lines import ProgressLines
 
-__all__ = ["Audience", "say"]
+__all__ = ["Notifier", "say"]
 
 
 def say(text: str) -> None:
@@ -17,18 +17,18 @@ def say(text: str) -> None:
 
 
 @dataclass(frozen=True)
-class Audience:
+class Notifier:
     """lines: of the terminal. board: what the page shows, also where none is open. quiet: no lines are printed.
     typed: whether answers may be typed."""
 
     lines: ProgressLines
-    board: Board
+    run_status: RunStatus
     quiet: bool
     typed: bool
 
     @property
-    def watching(self) -> tuple[ProgressLines | Board, ...]:
-        return self.lines, self.board
+    def watching(self) -> tuple[ProgressLines | RunStatus, ...]:
+        return self.lines, self.run_status
 
     def note(self, text: str) -> None:
         """What happens within a state."""
@@ -42,7 +42,7 @@ class Audience:
 
     def ask(self, what: str | None) -> None:
         """For something that the robot cannot do itself; None: it is not asked for any more."""
-        self.board.ask(what)
+        self.run_status.ask(what)
         if what is not None:
             told = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
             say(told) if self.quiet else self.lines.note(told)

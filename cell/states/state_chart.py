@@ -1,6 +1,6 @@
 """The chart of the states as a picture for pages, with the states of a run marked on it.
 
-`chart.svg` beside this file is drawn from the table by `foldcell chart` (cell/executive/chart.py).
+`foldcell chart` draws `state_chart.svg` from the table (cell/executive/draw_state_chart.py).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cell.states.transition_table import State
 
 __all__ = ["CHART", "marked_chart"]
 
-CHART = Path(__file__).with_name("chart.svg")
+CHART = Path(__file__).with_name("state_chart.svg")
 
 
 def marked_chart(present: State | None = None, passed: Collection[State] = ()) -> str:

@@ -12,7 +12,7 @@ import yaml
 
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
 from cell.recording.rerun import Recorder
-from cell.simulation.scoring.truth_recorder import Witness
+from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.truth import GarmentTruth
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
@@ -35,6 +35,6 @@ def test_a_file_of_ones_own_is_scored_by_its_own_plan(tmp_path: Path, name: str)
     )
     truth: Any = SimpleNamespace(watch=lambda tell: None, now=lambda: SimpleNamespace(garment=laid))
     request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
-    figures = Witness(truth, Recorder.silent(), request).score()
+    figures = GroundTruthRecorder(truth, Recorder.silent(), request).score()
     assert figures is not None and figures["passed"] and figures["layers"] == 2
     assert np.isclose(figures["drift_m"], 0.0, atol=1e-3)

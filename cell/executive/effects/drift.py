@@ -11,10 +11,10 @@ from robots.ports import Array, frozen
 from skills.perception.inspection.inspect import Inspection
 from skills.planning.plan import rigid_motion, translate_plan
 
-__all__ = ["moved_along"]
+__all__ = ["apply_drift"]
 
 
-def moved_along(plan: Plan, seen: Inspection) -> Plan:
+def apply_drift(plan: Plan, seen: Inspection) -> Plan:
     """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
 
     def move(xy: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from cell.calibrating.asking import Asking
+from cell.calibrating.calibration_prompts import CalibrationPrompts
 from cell.operator.terminal.keys import TerminalOperator
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -12,7 +12,7 @@ from cell.states.transition_table import Event
 
 def test_only_what_is_asked_for_can_be_approved() -> None:
     said: list[str] = []
-    asking = Asking(said.append)
+    asking = CalibrationPrompts(said.append)
     assert asking.may() == {Event.ABORT}
     asking.ask("show the board")
     assert asking.may() == {Event.ABORT, Event.APPROVE} and said[-1].strip().startswith("show the board, then")
@@ -21,7 +21,7 @@ def test_only_what_is_asked_for_can_be_approved() -> None:
 
 
 def test_a_pause_is_not_called_noted() -> None:
-    answers, commands, asking = io.StringIO(), CommandQueue(), Asking(lambda _: None)
+    answers, commands, asking = io.StringIO(), CommandQueue(), CalibrationPrompts(lambda _: None)
     terminal = TerminalOperator(commands, io.StringIO(), answers, may=asking.may)
     terminal.take("pause")
     assert "cannot be said now" in answers.getvalue() and "noted" not in answers.getvalue()

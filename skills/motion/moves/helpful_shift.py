@@ -14,13 +14,13 @@ from skills.motion.moves.posture_search import rank_postures
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import GraspId, Table, ToolPath
 
-__all__ = ["with_helpful_shift"]
+__all__ = ["with_shift_suggestion"]
 
 SHIFTS = (0.06, 0.15)
 """Tried in turn, along x and along y towards the table's middle [m]."""
 
 
-def with_helpful_shift(
+def with_shift_suggestion(
     model: RobotModel,
     checker: CollisionChecker,
     table: Table,

@@ -9,7 +9,7 @@ import numpy as np
 from cell.control.ticks import TICK_S
 from robots.ports import Array
 
-__all__ = ["Sent", "faded"]
+__all__ = ["LastCommand", "blend"]
 
 FADE_S = 0.25
 """In which the gap between the last set-point and the next motion's first is closed [s]."""
@@ -18,7 +18,7 @@ NEAR = float(np.deg2rad(1.5))
 
 
 @dataclass(eq=False)
-class Sent:
+class LastCommand:
     """The set-point that the arms were last sent, so that what comes next begins there.
 
     The arms are never read back exactly where they were sent: a set-point that begins at the reading is a jump.
@@ -33,7 +33,7 @@ class Sent:
         return self.q - q
 
 
-def faded(ticks: int, seconds: float = FADE_S) -> float:
+def blend(ticks: int, seconds: float = FADE_S) -> float:
     """Share of an offset that is left after some ticks: 1 to 0 in `seconds`, with minimum jerk."""
     u = min(1.0, ticks * TICK_S / seconds)
     return 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

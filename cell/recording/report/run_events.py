@@ -8,11 +8,11 @@ from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 
-__all__ = ["Remark", "Remarks"]
+__all__ = ["RunEvent", "RunEvents"]
 
 
 @dataclass(frozen=True)
-class Remark:
+class RunEvent:
     """kind: 'failure', 'recovery' or 'command'."""
 
     t: float
@@ -21,27 +21,29 @@ class Remark:
     text: str
 
 
-class Remarks:
+class RunEvents:
     """Failures, recoveries and the operator's commands in order, for the report."""
 
     def __init__(self) -> None:
-        self.list: list[Remark] = []
+        self.list: list[RunEvent] = []
 
     def entered(self, t: float, step: Step) -> None: ...
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         failure = result.context.failure
         where = step.target.value.replace("_", " ")
-        self.list += [Remark(when, "command", what, f"on the way, while {where}") for when, what in result.within]
+        self.list += [
+            RunEvent(when, "command", what, f"on the way, while {where}") for when, what in result.within
+        ]
         if result.event in FAILING and failure is not None:
             kind = failure.kind.value.replace("_", " ")
             hint = f" ({failure.hint})" if failure.hint else ""
-            self.list.append(Remark(t, "failure", f"{kind} while {where}", failure.what + hint))
+            self.list.append(RunEvent(t, "failure", f"{kind} while {where}", failure.what + hint))
         elif step.effect is Effect.CHOOSE_RECOVERY:
             text = str(result.record.get("change", "none")).replace("_", " ")
             title = result.event.value.replace("_", " ")
-            self.list.append(Remark(t, "recovery", title, "" if text == "none" else f"change: {text}"))
+            self.list.append(RunEvent(t, "recovery", title, "" if text == "none" else f"change: {text}"))
         elif "command" in result.record:
-            self.list.append(Remark(t, "command", str(result.record["command"]), f"while {where}"))
+            self.list.append(RunEvent(t, "command", str(result.record["command"]), f"while {where}"))
         elif result.event is Event.PAUSE:
-            self.list.append(Remark(t, "command", "pause", f"before {where}"))
+            self.list.append(RunEvent(t, "command", "pause", f"before {where}"))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cell.control.last_command import LastCommand, blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, SetPoint, Tick, Watch
-from cell.control.sent import Sent, faded
 from cell.control.ticks import TICK_S
 from robots.errors import Failure
 from robots.ports import JointState
@@ -20,13 +20,13 @@ def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failu
 
     Arms of which nothing recent is known are told nothing: the next motion refuses them.
     """
-    return loop.run(lambda start: stand(loop.sent, start, seconds, watch), standing=True).failure
+    return loop.run(lambda start: stand(loop.last_command, start, seconds, watch), standing=True).failure
 
 
-def stand(sent: Sent, start: JointState, seconds: float, watch: Watch | None) -> Motion[JointState]:
-    offset, state = sent.offset(start.q), start
+def stand(last_command: LastCommand, start: JointState, seconds: float, watch: Watch | None) -> Motion[JointState]:
+    offset, state = last_command.offset(start.q), start
     for k in range(max(1, round(seconds / TICK_S))):
-        state = (yield SetPoint(start.q + faded(k) * offset, np.zeros_like(start.q))).state
+        state = (yield SetPoint(start.q + blend(k) * offset, np.zeros_like(start.q))).state
         failure = watch(Tick((k + 1) * TICK_S, state)) if watch else None
         if failure:
             return Outcome(failure=failure)
