@@ -28,6 +28,8 @@ TOOL, INK = (52, 55, 62), (40, 42, 48)
 LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
 SUPERSAMPLE = 2
+SLIVER = 3
+"""A strip of the other side of the cloth narrower than twice this is not drawn [px]."""
 TOOL_LENGTH = 0.09
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
@@ -184,11 +186,25 @@ def _cloth(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.i
     to_eye = view.eye - vertices
     shade = AMBIENT + (1.0 - AMBIENT) * np.abs(normals @ LIGHT)
     facing = np.einsum("ij,ij->i", normals, to_eye)
-    depth = np.full(canvas.shape[:2], np.inf)
-    _rasterise(
-        np.ascontiguousarray(p), triangles.astype(np.int64), shade, facing, np.array(FRONT, dtype=np.float64),
-        np.array(BACK, dtype=np.float64), depth, canvas,
-    )  # fmt: skip
+    depth, tone = np.full(canvas.shape[:2], np.inf), np.zeros(canvas.shape[:2])
+    front = np.zeros(canvas.shape[:2], np.uint8)
+    _rasterise(np.ascontiguousarray(p), triangles.astype(np.int64), shade, facing, depth, tone, front)
+    front = _without_slivers(front, np.isfinite(depth))
+    colour = np.where(front[..., None] > 0, np.array(FRONT, float), np.array(BACK, float))
+    np.copyto(canvas, tone[..., None] * colour, where=np.isfinite(depth)[..., None])
+
+
+def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Which side of the cloth shows, without slivers: along an open hem the coarse edges of two layers cross, and
+    the inside of one shows as teeth."""
+    size = 2 * SLIVER * SUPERSAMPLE + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    for side in (1, 0):
+        mask = (cloth & (front == side)).astype(np.uint8)
+        thin = (mask > 0) & (cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel) == 0)
+        other = cv2.dilate((cloth & (front != side)).astype(np.uint8), kernel) > 0
+        front = np.where(thin & other, 1 - side, front).astype(np.uint8)
+    return front
 
 
 def _normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
@@ -201,8 +217,9 @@ def _normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
 
 
 @numba.njit(cache=True, nogil=True)
-def _rasterise(p, triangles, shade, facing, front, back, depth, canvas):  # type: ignore[no-untyped-def]
-    """Fill triangles with a z-buffer. p: (n, 3) pixel and depth; shade, facing: (n,) at the vertices."""
+def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore[no-untyped-def]
+    """Fill triangles with a z-buffer. p: (n, 3) pixel and depth; shade, facing: (n,) at the vertices. depth, tone,
+    front: (H, W) results: depth, brightness, and 1 where the front of the cloth shows."""
     height, width = depth.shape
     for m in range(triangles.shape[0]):
         i, j, k = triangles[m, 0], triangles[m, 1], triangles[m, 2]
@@ -213,7 +230,7 @@ def _rasterise(p, triangles, shade, facing, front, back, depth, canvas):  # type
         left, right = max(0, int(min(x0, x1, x2))), min(width - 1, int(max(x0, x1, x2)) + 1)
         top, bottom = max(0, int(min(y0, y1, y2))), min(height - 1, int(max(y0, y1, y2)) + 1)
         # which side of the sheet is seen is the triangle's own matter, not its vertices'
-        colour = front if facing[i] + facing[j] + facing[k] > 0.0 else back
+        side = facing[i] + facing[j] + facing[k] > 0.0
         for row in range(top, bottom + 1):
             for column in range(left, right + 1):
                 b = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
@@ -224,9 +241,8 @@ def _rasterise(p, triangles, shade, facing, front, back, depth, canvas):  # type
                 z = a * p[i, 2] + b * p[j, 2] + c * p[k, 2]
                 if z < depth[row, column]:
                     depth[row, column] = z
-                    s = a * shade[i] + b * shade[j] + c * shade[k]
-                    for n in range(3):
-                        canvas[row, column, n] = s * colour[n]
+                    tone[row, column] = a * shade[i] + b * shade[j] + c * shade[k]
+                    front[row, column] = side
 
 
 def _line(picture: Picture, view: View, path: Array, colour: tuple[int, int, int], width: int) -> None:
