@@ -8,16 +8,64 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("benchmarks", "calibration", "cell", "robots", "skills", "tests")
 FORMER = frozenset(
-    """
-    Agenda Asking Audience Errands Heavy Hearing Keeper Overheard Past Performance Performer PunctualClock Pushes
-    Remark Remarks Said Stenographer Withdrawal Witness Zero ZeroState
-    applied_to faded first_belief has_belief heavy_runs ledger_path lighten moved_along notes_by_step perform_script
-    plan_withdrawal read_belief senseless_goal senseless_height senseless_paths senseless_state start_zero
-    stenographer unhindered write_belief
-    """.split()
+    {
+        "Agenda",
+        "Asking",
+        "Audience",
+        "Errands",
+        "Heavy",
+        "Hearing",
+        "Keeper",
+        "Overheard",
+        "Past",
+        "Performance",
+        "Performer",
+        "PunctualClock",
+        "Pushes",
+        "Remark",
+        "Remarks",
+        "Said",
+        "Stenographer",
+        "Withdrawal",
+        "Witness",
+        "Zero",
+        "ZeroState",
+        "applied_to",
+        "faded",
+        "first_belief",
+        "has_belief",
+        "heavy_runs",
+        "ledger_path",
+        "lighten",
+        "moved_along",
+        "notes_by_step",
+        "perform_script",
+        "plan_withdrawal",
+        "read_belief",
+        "senseless_goal",
+        "senseless_height",
+        "senseless_paths",
+        "senseless_state",
+        "start_zero",
+        "stenographer",
+        "unhindered",
+        "write_belief",
+    }
 )
 FORMER_MODULES = frozenset(
-    "audience d_relax door drifting ledger remarks sent stenographer tidying turned witness".split()
+    {
+        "audience",
+        "d_relax",
+        "door",
+        "drifting",
+        "ledger",
+        "remarks",
+        "sent",
+        "stenographer",
+        "tidying",
+        "turned",
+        "witness",
+    }
 )
 
 
