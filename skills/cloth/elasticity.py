@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.f64x4 import FOUR, all_four, dots, ends, load_four, over, pick_four, where_above
+from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, vdiv, where_above
 from skills.cloth.simd.vec3 import dot, load, spread, store
 from skills.vocabulary import Material
 
@@ -257,17 +257,17 @@ def solve_edges(wave, edge, inverse_square, wi, wj, x):
     1 - 1 / sqrt(r), r the square of the length over that at rest, is 2 (r - 1) / (3 r + 1) but for 2e-4 of it
     at a strain of 3 %, 2e-3 at 10 % (its Pade approximant at r = 1). The root would take as long as all the rest,
     and this is finite where an edge has lost its length."""
-    k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), all_four(1.0), all_four(2.0)
+    k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(1.0), splat_f64x4(2.0)
     for row in range(single, np.uint64(len(wave))):
         end = np.uint64(wave[row])
         while k + four <= end:
             i, j = ends(edge, k)
             p, q = _load_four(x, i), _load_four(x, j)
             d = _apart(p, q)
-            r = load_four(inverse_square, k) * dots(d, d)
-            s = over(2.0 * r - two, 3.0 * r + one)
-            _store_four(x, i, p, s * load_four(wi, k), d)
-            _store_four(x, j, q, -(s * load_four(wj, k)), d)
+            r = load_f64x4(inverse_square, k) * dots(d, d)
+            s = vdiv(2.0 * r - two, 3.0 * r + one)
+            _store_four(x, i, p, s * load_f64x4(wi, k), d)
+            _store_four(x, j, q, -(s * load_f64x4(wj, k)), d)
             k += four
         while k < end:
             i, j = edge[k, 0], edge[k, 1]
@@ -392,17 +392,17 @@ def solve_rubbed_hinges(n, hinge, weight, part, axis, foot, moment, grow, w, x):
 def damp_edges(wave, edge, rate, w, x, v):
     """Take the share `rate` of the speed at which each edge's ends part or meet: momentum is kept. Four edges at
     once, as in `solve_edges`."""
-    k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), all_four(0.0)
+    k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(0.0)
     for row in range(single, np.uint64(len(wave))):
         end = np.uint64(wave[row])
         while k + four <= end:
             i, j = ends(edge, k)
             d = _apart(_load_four(x, i), _load_four(x, j))
-            p, q, wi, wj = _load_four(v, i), _load_four(v, j), pick_four(w, i), pick_four(w, j)
+            p, q, wi, wj = _load_four(v, i), _load_four(v, j), gather_f64x4(w, i), gather_f64x4(w, j)
             total, d2 = wi + wj, dots(d, d)
-            s = over(load_four(rate, k) * dots(_apart(p, q), d), d2 * total)
+            s = vdiv(load_f64x4(rate, k) * dots(_apart(p, q), d), d2 * total)
             # without a branch: it would be guessed wrongly too often
-            s = where_above(total, nothing, where_above(all_four(LOST), d2, nothing, s), nothing)
+            s = where_above(total, nothing, where_above(splat_f64x4(LOST), d2, nothing, s), nothing)
             _store_four(v, i, p, s * wi, d)
             _store_four(v, j, q, -(s * wj), d)
             k += four

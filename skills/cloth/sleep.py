@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.contact.capsules import squared_distance
-from skills.cloth.simd.f64x4 import pick_four
+from skills.cloth.simd.f64x4 import gather_f64x4
 from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
@@ -233,7 +233,7 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
         i, own = members(hinge, one), load(weight, one)
         to_hinge[k, 0], to_hinge[k, 1], to_hinge[k, 2], to_hinge[k, 3] = i
         store(to_weight, k, own)
-        store(to_part, k, inverse[one] * (pick_four(free, i) * own))
+        store(to_part, k, inverse[one] * (gather_f64x4(free, i) * own))
     return n
 
 

@@ -10,22 +10,22 @@ from skills.cloth.contact.ridges import find_ridges
 from skills.cloth.patches import FAR
 from skills.cloth.simd.f32x16 import (
     LANES,
-    all_lanes,
+    ctz,
     expect_columns,
     expect_rows,
-    least,
-    load_lanes,
-    lowest,
-    most,
-    picked,
-    root,
-    set_lanes,
+    load_f32x16,
+    permute,
+    splat_f32x16,
+    store_f32x16,
+    vmax,
+    vmin,
+    vsqrt,
     where,
 )
 from skills.cloth.simd.i32x16 import (
-    above,
-    all_whole,
-    load_whole,
+    load_i32x16,
+    mask_greater,
+    splat_i32x16,
 )
 
 __all__ = ["fit_patches", "fit_ridges"]
@@ -83,7 +83,7 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 def _at(a, d, rows, at, later):
     """a[d, at] of an array (3, rows, LANES): each place is in the first of the `rows` or, where there is a bit, in
     the other one."""
-    return where(later, picked(load_lanes(a, d, rows[1]), at), picked(load_lanes(a, d, rows[0]), at))
+    return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
 @njit(nogil=True, forceinline=True)
@@ -95,8 +95,8 @@ def _three_at(a, rows, at, later):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
     """Velocity of the middle of triangles along axis d, of those of the corners; -> by how much they differ."""
-    mean = (p + q + r) * all_lanes(THIRD)
-    set_lanes(geo, k, 10 + d, mean)
+    mean = (p + q + r) * splat_f32x16(THIRD)
+    store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean
     return p * p, q * q, r * r
 
@@ -104,36 +104,36 @@ def _fit_speeds(k, d, p, q, r, geo):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
     """Of patch k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
-    p, q, r = load_whole(at, k, 0), load_whole(at, k, 1), load_whole(at, k, 2)
-    end = all_whole(int32((rows[0] + ONE_ROW) * LANES - 1))
-    in_p, in_q, in_r = above(p, end), above(q, end), above(r, end)
+    p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
+    end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
+    in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
     px, py, pz = _three_at(place, rows, p, in_p)
     qx, qy, qz = _three_at(place, rows, q, in_q)
     rx, ry, rz = _three_at(place, rows, r, in_r)
-    set_lanes(geo, k, 0, least(px, least(qx, rx)))
-    set_lanes(geo, k, 1, least(py, least(qy, ry)))
-    set_lanes(geo, k, 2, least(pz, least(qz, rz)))
-    set_lanes(geo, k, 3, most(px, most(qx, rx)))
-    set_lanes(geo, k, 4, most(py, most(qy, ry)))
-    set_lanes(geo, k, 5, most(pz, most(qz, rz)))
+    store_f32x16(geo, k, 0, vmin(px, vmin(qx, rx)))
+    store_f32x16(geo, k, 1, vmin(py, vmin(qy, ry)))
+    store_f32x16(geo, k, 2, vmin(pz, vmin(qz, rz)))
+    store_f32x16(geo, k, 3, vmax(px, vmax(qx, rx)))
+    store_f32x16(geo, k, 4, vmax(py, vmax(qy, ry)))
+    store_f32x16(geo, k, 5, vmax(pz, vmax(qz, rz)))
     ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, rx - px, ry - py, rz - pz
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    s = all_lanes(ONE) / root(nx * nx + ny * ny + nz * nz + all_lanes(TINY))
-    there, zero = above(load_whole(tris, 0, k), all_whole(int32(-1))), all_lanes(ZERO)
+    s = splat_f32x16(ONE) / vsqrt(nx * nx + ny * ny + nz * nz + splat_f32x16(TINY))
+    there, zero = mask_greater(load_i32x16(tris, 0, k), splat_i32x16(int32(-1))), splat_f32x16(ZERO)
     nx, ny, nz = where(there, nx * s, zero), where(there, ny * s, zero), where(there, nz * s, zero)
-    set_lanes(geo, k, 6, nx)
-    set_lanes(geo, k, 7, ny)
-    set_lanes(geo, k, 8, nz)
-    set_lanes(geo, k, 9, nx * px + ny * py + nz * pz)
+    store_f32x16(geo, k, 6, nx)
+    store_f32x16(geo, k, 7, ny)
+    store_f32x16(geo, k, 8, nz)
+    store_f32x16(geo, k, 9, nx * px + ny * py + nz * pz)
     px, py, pz = _three_at(course, rows, p, in_p)
     qx, qy, qz = _three_at(course, rows, q, in_q)
     rx, ry, rz = _three_at(course, rows, r, in_r)
     px, qx, rx = _fit_speeds(k, 0, px, qx, rx, geo)
     py, qy, ry = _fit_speeds(k, 1, py, qy, ry, geo)
     pz, qz, rz = _fit_speeds(k, 2, pz, qz, rz, geo)
-    differs = most(zero, most(px + py + pz, most(qx + qy + qz, rx + ry + rz)))
-    set_lanes(geo, k, 13, root(differs))
-    set_lanes(geo, k, 14, all_lanes(slack))
+    differs = vmax(zero, vmax(px + py + pz, vmax(qx + qy + qz, rx + ry + rz)))
+    store_f32x16(geo, k, 13, vsqrt(differs))
+    store_f32x16(geo, k, 14, splat_f32x16(slack))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -233,7 +233,7 @@ def fit_ridges(patches, course, slack):
         for row in range(first, last):
             before[row] = bits = ridge[row]
             while bits:
-                a = lowest(bits)
+                a = ctz(bits)
                 bits &= bits - 1
                 if edge[row, a] < 0:
                     continue

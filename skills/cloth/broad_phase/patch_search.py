@@ -20,27 +20,27 @@ from skills.cloth.contact.contacts import RELEASE, edge_distance
 from skills.cloth.patches import FAR, LEAF
 from skills.cloth.simd.f32x16 import (
     LANES,
-    all_lanes,
     expect_columns,
     expect_rows,
-    least,
-    load_lanes,
-    most,
-    not_above,
-    size,
+    load_f32x16,
+    mask_less_equal,
+    splat_f32x16,
+    vabs,
+    vmax,
+    vmin,
 )
 from skills.cloth.simd.i32x16 import (
-    above,
-    all_whole,
-    differ,
-    greater,
-    how_many,
-    lesser,
-    load_whole,
-    packed,
-    places,
-    put_pairs,
-    put_whole,
+    compress,
+    iota,
+    load_i32x16,
+    mask_greater,
+    mask_not_equal,
+    popcount,
+    splat_i32x16,
+    store_i32x16,
+    store_interleaved,
+    vmax_i32x16,
+    vmin_i32x16,
 )
 
 __all__ = ["search_pairs"]
@@ -72,75 +72,80 @@ def _smooth(normal, a, b):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
     """Which of row h of boxes come as near as `near` to another one with the bounds `own`: a bit for each."""
-    sweep = all_lanes(horizon)
-    gap = all_lanes(-BEYOND)
+    sweep = splat_f32x16(horizon)
+    gap = splat_f32x16(-BEYOND)
     for d in range(3):
-        away = size(load_lanes(box, h, d) - all_lanes(own[d])) - sweep * size(
-            load_lanes(box, h, d + 6) - all_lanes(own[d + 6])
+        away = vabs(load_f32x16(box, h, d) - splat_f32x16(own[d])) - sweep * vabs(
+            load_f32x16(box, h, d + 6) - splat_f32x16(own[d + 6])
         )
-        gap = most(gap, away - load_lanes(box, h, d + 3) - all_lanes(own[d + 3] + near))
-    return not_above(gap, all_lanes(ZERO))
+        gap = vmax(gap, away - load_f32x16(box, h, d + 3) - splat_f32x16(own[d + 3] + near))
+    return mask_less_equal(gap, splat_f32x16(ZERO))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _points_within(geo, r, box, slab, b, near, horizon):
     """Which of row r of points come as near as `near` to the box and the slab of patch b: a bit for each."""
-    g, c, sweep = b // LANES, b % LANES, all_lanes(horizon)
+    g, c, sweep = b // LANES, b % LANES, splat_f32x16(horizon)
     x, y, z, u, v, w = (
-        load_lanes(geo, r, 0),
-        load_lanes(geo, r, 1),
-        load_lanes(geo, r, 2),
-        load_lanes(geo, r, 3),
-        load_lanes(geo, r, 4),
-        load_lanes(geo, r, 5),
+        load_f32x16(geo, r, 0),
+        load_f32x16(geo, r, 1),
+        load_f32x16(geo, r, 2),
+        load_f32x16(geo, r, 3),
+        load_f32x16(geo, r, 4),
+        load_f32x16(geo, r, 5),
     )
-    nx, ny, nz = all_lanes(slab[b, 0]), all_lanes(slab[b, 1]), all_lanes(slab[b, 2])
-    gap = size(nx * x + ny * y + nz * z - all_lanes(slab[b, 3]))
-    gap = gap - sweep * size(nx * u + ny * v + nz * w - all_lanes(slab[b, 5])) - all_lanes(slab[b, 4] + near)
-    gap = most(gap, _beyond(x, u, box, g, c, 0, near, sweep))
-    gap = most(gap, _beyond(y, v, box, g, c, 1, near, sweep))
-    gap = most(gap, _beyond(z, w, box, g, c, 2, near, sweep))
-    return not_above(gap, load_lanes(geo, r, 6))
+    nx, ny, nz = splat_f32x16(slab[b, 0]), splat_f32x16(slab[b, 1]), splat_f32x16(slab[b, 2])
+    gap = vabs(nx * x + ny * y + nz * z - splat_f32x16(slab[b, 3]))
+    gap = gap - sweep * vabs(nx * u + ny * v + nz * w - splat_f32x16(slab[b, 5])) - splat_f32x16(slab[b, 4] + near)
+    gap = vmax(gap, _beyond(x, u, box, g, c, 0, near, sweep))
+    gap = vmax(gap, _beyond(y, v, box, g, c, 1, near, sweep))
+    gap = vmax(gap, _beyond(z, w, box, g, c, 2, near, sweep))
+    return mask_less_equal(gap, load_f32x16(geo, r, 6))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
     """How far places x with the speeds u are beyond a box, along axis d, within +-sweep."""
-    away = size(x - all_lanes(box[g, d, c])) - sweep * size(u - all_lanes(box[g, d + 6, c]))
-    return away - all_lanes(box[g, d + 3, c] + near)
+    away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
+    return away - splat_f32x16(box[g, d + 3, c] + near)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _edges_within(geo, r, box, slab, b, near, horizon):
     """The same for a row of edges."""
-    g, c, sweep, half = b // LANES, b % LANES, all_lanes(horizon), all_lanes(HALF)
-    dx, dy, dz = half * load_lanes(geo, r, 3), half * load_lanes(geo, r, 4), half * load_lanes(geo, r, 5)
-    x, y, z = load_lanes(geo, r, 0) + dx, load_lanes(geo, r, 1) + dy, load_lanes(geo, r, 2) + dz
-    u, v, w = load_lanes(geo, r, 7), load_lanes(geo, r, 8), load_lanes(geo, r, 9)
-    nx, ny, nz = all_lanes(slab[b, 0]), all_lanes(slab[b, 1]), all_lanes(slab[b, 2])
-    gap = size(nx * x + ny * y + nz * z - all_lanes(slab[b, 3])) - size(nx * dx + ny * dy + nz * dz)
-    gap = gap - sweep * size(nx * u + ny * v + nz * w - all_lanes(slab[b, 5])) - all_lanes(slab[b, 4] + near)
-    gap = most(gap, _beyond(x, u, box, g, c, 0, near, sweep) - size(dx))
-    gap = most(gap, _beyond(y, v, box, g, c, 1, near, sweep) - size(dy))
-    gap = most(gap, _beyond(z, w, box, g, c, 2, near, sweep) - size(dz))
-    return not_above(gap, load_lanes(geo, r, 11) + sweep * load_lanes(geo, r, 10))
+    g, c, sweep, half = b // LANES, b % LANES, splat_f32x16(horizon), splat_f32x16(HALF)
+    dx, dy, dz = half * load_f32x16(geo, r, 3), half * load_f32x16(geo, r, 4), half * load_f32x16(geo, r, 5)
+    x, y, z = load_f32x16(geo, r, 0) + dx, load_f32x16(geo, r, 1) + dy, load_f32x16(geo, r, 2) + dz
+    u, v, w = load_f32x16(geo, r, 7), load_f32x16(geo, r, 8), load_f32x16(geo, r, 9)
+    nx, ny, nz = splat_f32x16(slab[b, 0]), splat_f32x16(slab[b, 1]), splat_f32x16(slab[b, 2])
+    gap = vabs(nx * x + ny * y + nz * z - splat_f32x16(slab[b, 3])) - vabs(nx * dx + ny * dy + nz * dz)
+    gap = gap - sweep * vabs(nx * u + ny * v + nz * w - splat_f32x16(slab[b, 5])) - splat_f32x16(slab[b, 4] + near)
+    gap = vmax(gap, _beyond(x, u, box, g, c, 0, near, sweep) - vabs(dx))
+    gap = vmax(gap, _beyond(y, v, box, g, c, 1, near, sweep) - vabs(dy))
+    gap = vmax(gap, _beyond(z, w, box, g, c, 2, near, sweep) - vabs(dz))
+    return mask_less_equal(gap, load_f32x16(geo, r, 11) + sweep * load_f32x16(geo, r, 10))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _triangles_near(geo, b, points, r, c, near, horizon):
     """Which of the triangles of patch b the point in place c of row r may come as near as `near` within +-horizon
     (by their boxes and planes): a bit for each."""
-    x, y, z = all_lanes(points[r, 0, c]), all_lanes(points[r, 1, c]), all_lanes(points[r, 2, c])
-    nx, ny, nz, sweep = load_lanes(geo, b, 6), load_lanes(geo, b, 7), load_lanes(geo, b, 8), all_lanes(horizon)
-    du = load_lanes(geo, b, 10) - all_lanes(points[r, 3, c])
-    dv = load_lanes(geo, b, 11) - all_lanes(points[r, 4, c])
-    dw = load_lanes(geo, b, 12) - all_lanes(points[r, 5, c])
-    gap = size(nx * x + ny * y + nz * z - load_lanes(geo, b, 9)) - sweep * size(nx * du + ny * dv + nz * dw)
-    gap = most(gap, most(load_lanes(geo, b, 0) - x, x - load_lanes(geo, b, 3)) - sweep * size(du))
-    gap = most(gap, most(load_lanes(geo, b, 1) - y, y - load_lanes(geo, b, 4)) - sweep * size(dv))
-    gap = most(gap, most(load_lanes(geo, b, 2) - z, z - load_lanes(geo, b, 5)) - sweep * size(dw))
-    return not_above(
-        gap, all_lanes(near + points[r, 6, c]) + load_lanes(geo, b, 14) + sweep * load_lanes(geo, b, 13)
+    x, y, z = splat_f32x16(points[r, 0, c]), splat_f32x16(points[r, 1, c]), splat_f32x16(points[r, 2, c])
+    nx, ny, nz, sweep = (
+        load_f32x16(geo, b, 6),
+        load_f32x16(geo, b, 7),
+        load_f32x16(geo, b, 8),
+        splat_f32x16(horizon),
+    )
+    du = load_f32x16(geo, b, 10) - splat_f32x16(points[r, 3, c])
+    dv = load_f32x16(geo, b, 11) - splat_f32x16(points[r, 4, c])
+    dw = load_f32x16(geo, b, 12) - splat_f32x16(points[r, 5, c])
+    gap = vabs(nx * x + ny * y + nz * z - load_f32x16(geo, b, 9)) - sweep * vabs(nx * du + ny * dv + nz * dw)
+    gap = vmax(gap, vmax(load_f32x16(geo, b, 0) - x, x - load_f32x16(geo, b, 3)) - sweep * vabs(du))
+    gap = vmax(gap, vmax(load_f32x16(geo, b, 1) - y, y - load_f32x16(geo, b, 4)) - sweep * vabs(dv))
+    gap = vmax(gap, vmax(load_f32x16(geo, b, 2) - z, z - load_f32x16(geo, b, 5)) - sweep * vabs(dw))
+    return mask_less_equal(
+        gap, splat_f32x16(near + points[r, 6, c]) + load_f32x16(geo, b, 14) + sweep * load_f32x16(geo, b, 13)
     )
 
 
@@ -148,38 +153,38 @@ def _triangles_near(geo, b, points, r, c, near, horizon):
 def _edges_near(geo, r, c, other, near, horizon):
     """Which of the edges in row `other` the one in place c of row r may come as near as `near` within +-horizon
     (Ericson 2005, 5.1.9): a bit for each."""
-    zero, one, sweep = all_lanes(ZERO), all_lanes(ONE), all_lanes(horizon)
+    zero, one, sweep = splat_f32x16(ZERO), splat_f32x16(ONE), splat_f32x16(horizon)
     dx, dy, dz, a = (
-        all_lanes(geo[r, 3, c]),
-        all_lanes(geo[r, 4, c]),
-        all_lanes(geo[r, 5, c]),
-        all_lanes(geo[r, 6, c]),
+        splat_f32x16(geo[r, 3, c]),
+        splat_f32x16(geo[r, 4, c]),
+        splat_f32x16(geo[r, 5, c]),
+        splat_f32x16(geo[r, 6, c]),
     )
     bx, by, bz, e = (
-        load_lanes(geo, other, 3),
-        load_lanes(geo, other, 4),
-        load_lanes(geo, other, 5),
-        load_lanes(geo, other, 6),
+        load_f32x16(geo, other, 3),
+        load_f32x16(geo, other, 4),
+        load_f32x16(geo, other, 5),
+        load_f32x16(geo, other, 6),
     )
-    rx = all_lanes(geo[r, 0, c]) - load_lanes(geo, other, 0)
-    ry = all_lanes(geo[r, 1, c]) - load_lanes(geo, other, 1)
-    rz = all_lanes(geo[r, 2, c]) - load_lanes(geo, other, 2)
+    rx = splat_f32x16(geo[r, 0, c]) - load_f32x16(geo, other, 0)
+    ry = splat_f32x16(geo[r, 1, c]) - load_f32x16(geo, other, 1)
+    rz = splat_f32x16(geo[r, 2, c]) - load_f32x16(geo, other, 2)
     f = bx * rx + by * ry + bz * rz
     g = dx * rx + dy * ry + dz * rz
     h = dx * bx + dy * by + dz * bz
-    s = least(most((h * f - g * e) / most(a * e - h * h, all_lanes(TINY)), zero), one)
-    t = least(most((h * s + f) * load_lanes(geo, other, 12), zero), one)
-    s = least(most((h * t - g) * all_lanes(geo[r, 12, c]), zero), one)
+    s = vmin(vmax((h * f - g * e) / vmax(a * e - h * h, splat_f32x16(TINY)), zero), one)
+    t = vmin(vmax((h * s + f) * load_f32x16(geo, other, 12), zero), one)
+    s = vmin(vmax((h * t - g) * splat_f32x16(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
     # along the line between the closest points, d long, both lie apart by d wherever they move beside it: they are
     # within reach when d^2 <= reach d + along. No root is needed for 2 reach d <= reach^2 + d^2, which is about so
-    du = all_lanes(geo[r, 7, c]) - load_lanes(geo, other, 7)
-    dv = all_lanes(geo[r, 8, c]) - load_lanes(geo, other, 8)
-    dw = all_lanes(geo[r, 9, c]) - load_lanes(geo, other, 9)
-    along = sweep * size(rx * du + ry * dv + rz * dw)
-    reach = all_lanes(near + geo[r, 11, c] + horizon * geo[r, 10, c]) + load_lanes(geo, other, 11)
-    reach = reach + sweep * load_lanes(geo, other, 10)
-    return not_above(rx * rx + ry * ry + rz * rz, reach * reach + along + along)
+    du = splat_f32x16(geo[r, 7, c]) - load_f32x16(geo, other, 7)
+    dv = splat_f32x16(geo[r, 8, c]) - load_f32x16(geo, other, 8)
+    dw = splat_f32x16(geo[r, 9, c]) - load_f32x16(geo, other, 9)
+    along = sweep * vabs(rx * du + ry * dv + rz * dw)
+    reach = splat_f32x16(near + geo[r, 11, c] + horizon * geo[r, 10, c]) + load_f32x16(geo, other, 11)
+    reach = reach + sweep * load_f32x16(geo, other, 10)
+    return mask_less_equal(rx * rx + ry * ry + rz * rz, reach * reach + along + along)
 
 
 @njit(nogil=True)
@@ -276,17 +281,17 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
         if apart:
             continue
         bits = _boxes_near(box, h, own, near, horizon) & ~left_out[h]
-        put_whole(hit, n, packed(places(int32(h * LANES)), bits))
-        n += how_many(bits)
+        store_i32x16(hit, n, compress(iota(int32(h * LANES)), bits))
+        n += popcount(bits)
     return n
 
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
     """Tests from place m on: of what bits tell in row r, with patch b; -> the place behind them."""
-    put_whole(which, m, packed(places(int32(r * WIDE)), bits))
-    put_whole(of, m, all_whole(int32(b)))
-    return m + how_many(bits)
+    store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
+    store_i32x16(of, m, splat_i32x16(int32(b)))
+    return m + popcount(bits)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -295,7 +300,7 @@ def _near_triangles(
 ):  # fmt: skip
     """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
-    none = all_whole(int32(-1))
+    none = splat_i32x16(int32(-1))
     for turn in range(2 * met):
         b = np.uint64(hit[turn // TWO])
         p, q = (np.uint64(a), b) if turn % TWO == 0 else (b, np.uint64(a))
@@ -308,13 +313,13 @@ def _near_triangles(
                 found[k] = _triangles_near(tri_geo, of[k], geo, which[k] // WIDE, which[k] % WIDE, near, horizon)
             for k in range(m):
                 i, q = int32(vertex[which[k] // WIDE, which[k] % WIDE]), of[k]
-                t, vertices = load_whole(face, q, 0), all_whole(i)
+                t, vertices = load_i32x16(face, q, 0), splat_i32x16(i)
                 # no empty places: their bounds are those of others, or no numbers
-                bits = found[k] & above(t, none) & (int32(0) if i < 0 else int32(-1))
+                bits = found[k] & mask_greater(t, none) & (int32(0) if i < 0 else int32(-1))
                 for d in range(1, 4):
-                    bits &= differ(load_whole(face, q, d), vertices)
-                put_pairs(vt, min(n, last), vertices, packed(t, bits))
-                n += how_many(bits)
+                    bits &= mask_not_equal(load_i32x16(face, q, d), vertices)
+                store_interleaved(vt, min(n, last), vertices, compress(t, bits))
+                n += popcount(bits)
             m = NONE
     return n
 
@@ -330,12 +335,14 @@ def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, ho
     """Edges of patch a that can meet edges of patches hit[:met]: ridges alone."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
     own, own_rows = np.uint64(start[a]), _rows(ridges[a])
-    own_end = all_whole(int32(start[a] * LANES + ridges[a]))
+    own_end = splat_i32x16(int32(start[a] * LANES + ridges[a]))
     for turn in range(met):
         b = np.uint64(hit[turn])
         for k in range(own_rows if ridges[b] else NONE):
             r = own + k
-            within = above(own_end, places(int32(r * WIDE))) & _edges_within(geo, r, box, slab, b, near, horizon)
+            within = mask_greater(own_end, iota(int32(r * WIDE))) & _edges_within(
+                geo, r, box, slab, b, near, horizon
+            )
             m = _put_down(which, of, m, r, within, b)
         if m > room or turn + SINGLE == met:
             made = NONE
@@ -351,14 +358,20 @@ def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, ho
                 first, end = np.uint64(start[b]), int32(start[b] * LANES + ridges[b])
                 before = int32(which[k]) if b == a else int32(-1)  # two of one patch are met once
                 for other in range(first, first + _rows(ridges[b])):
-                    place = places(int32(other * WIDE))
-                    u, v = load_whole(ridge_edge, other, 1), load_whole(ridge_edge, other, 2)
-                    bits = found[made] & above(place, all_whole(before)) & above(all_whole(end), place)
-                    bits &= differ(u, all_whole(i)) & differ(u, all_whole(j))
-                    bits &= differ(v, all_whole(i)) & differ(v, all_whole(j))
-                    f = packed(load_whole(ridge_edge, other, 0), bits)
-                    put_pairs(ee, min(n, last), lesser(all_whole(e), f), greater(all_whole(e), f))
-                    n += how_many(bits)
+                    place = iota(int32(other * WIDE))
+                    u, v = load_i32x16(ridge_edge, other, 1), load_i32x16(ridge_edge, other, 2)
+                    bits = (
+                        found[made]
+                        & mask_greater(place, splat_i32x16(before))
+                        & mask_greater(splat_i32x16(end), place)
+                    )
+                    bits &= mask_not_equal(u, splat_i32x16(i)) & mask_not_equal(u, splat_i32x16(j))
+                    bits &= mask_not_equal(v, splat_i32x16(i)) & mask_not_equal(v, splat_i32x16(j))
+                    f = compress(load_i32x16(ridge_edge, other, 0), bits)
+                    store_interleaved(
+                        ee, min(n, last), vmin_i32x16(splat_i32x16(e), f), vmax_i32x16(splat_i32x16(e), f)
+                    )
+                    n += popcount(bits)
                     made += SINGLE
             m = NONE
     return n

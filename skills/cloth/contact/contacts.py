@@ -35,19 +35,19 @@ from numba.extending import register_jitable
 from skills.cloth.simd.f64x8 import (
     EIGHT,
     add_shares,
-    all_eight,
     any_above,
     blocks,
     coordinates,
     dots,
     gather,
-    least,
-    load_eight,
-    most,
-    over,
-    root,
+    load_f64x8,
     scatter,
-    store_eight,
+    splat_f64x8,
+    store_f64x8,
+    vdiv,
+    vmax,
+    vmin,
+    vsqrt,
     where_above,
 )  # fmt: skip
 from skills.cloth.simd.vec3 import dot, load, members, spread, store
@@ -90,15 +90,15 @@ def expect_places(block):
 @njit(nogil=True, forceinline=True)
 def load_three(block, g, place):
     """Coordinates of a vector of each contact of a group."""
-    return load_eight(block, g, place), load_eight(block, g, place + 1), load_eight(block, g, place + 2)
+    return load_f64x8(block, g, place), load_f64x8(block, g, place + 1), load_f64x8(block, g, place + 2)
 
 
 @njit(nogil=True, forceinline=True)
 def store_three(block, g, place, a):
     """The reverse."""
-    store_eight(block, g, place, a[0])
-    store_eight(block, g, place + 1, a[1])
-    store_eight(block, g, place + 2, a[2])
+    store_f64x8(block, g, place, a[0])
+    store_f64x8(block, g, place + 1, a[1])
+    store_f64x8(block, g, place + 2, a[2])
 
 
 @register_jitable
@@ -217,8 +217,8 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
     nor nearer than when the substep began where that was less; Coulomb friction. BORNE: what each contact has
     borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
     moved the sides of one by more than `tolerance` [m]. work: (n, 4) scratch, a row for each of n contacts"""
-    one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, all_eight(0.0), all_eight(1.0)
-    rub, most_way, full = all_eight(friction), all_eight(tolerance), np.uint8(EIGHT)
+    one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, splat_f64x8(0.0), splat_f64x8(1.0)
+    rub, most_way, full = splat_f64x8(friction), splat_f64x8(tolerance), np.uint8(EIGHT)
     expect_places(block)
     for row in range(end):
         g = end - one - row if back else row
@@ -226,16 +226,16 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
         bx, by, bz = load_three(block, g, BORNE)
         px, py, pz = load_three(block, g, APART)
         nx, ny, nz = load_three(block, g, NORMAL)
-        least_gap, inv = load_eight(block, g, GAP), load_eight(block, g, INVERSE)
+        least_gap, inv = load_f64x8(block, g, GAP), load_f64x8(block, g, INVERSE)
         d, dp = dots(nx, ny, nz, rx, ry, rz), dots(nx, ny, nz, px, py, pz)
         borne = dots(bx, by, bz, nx, ny, nz)
-        press = most(nothing, borne + (least(least_gap, dp) - d) * inv)
+        press = vmax(nothing, borne + (vmin(least_gap, dp) - d) * inv)
         # the tangential motion of this substep, and what friction would have to bear to undo it
         ax = bx - borne * nx - inv * (rx - px - (d - dp) * nx)
         ay = by - borne * ny - inv * (ry - py - (d - dp) * ny)
         az = bz - borne * nz - inv * (rz - pz - (d - dp) * nz)
-        hold = root(dots(ax, ay, az, ax, ay, az))
-        slide = where_above(hold, nothing, least(unit, over(rub * press, hold)), nothing)
+        hold = vsqrt(dots(ax, ay, az, ax, ay, az))
+        slide = where_above(hold, nothing, vmin(unit, vdiv(rub * press, hold)), nothing)
         jx, jy, jz = press * nx + slide * ax, press * ny + slide * ay, press * nz + slide * az
         # nothing changes for one that bears nothing and is apart
         jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))
@@ -264,7 +264,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
 def average_impulses(groups, order, block, act_m):
     """Let the memory of each contact follow what it bore in this substep: the next one begins with it."""
     expect_places(block)
-    little = all_eight(MEMORY)
+    little = splat_f64x8(MEMORY)
     for g in range(np.uint64(groups)):
         bx, by, bz = load_three(block, g, BORNE)
         x, y, z = load_three(block, g, OF_LATE)
