@@ -74,11 +74,11 @@ from skills.cloth.state import (
 
 DONE, PAIRS_FULL = 0, 1  # why the loop came back
 COMPILED = (
-    "broad_phase/pairs.py", "broad_phase/patch_bounds.py", "broad_phase/patch_search.py", "contact/capsules.py",
-    "contact/contact_order.py", "contact/contacts.py", "contact/corners.py", "contact/edge_edge.py",
-    "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py", "contact/vertex_triangle.py",
-    "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py", "intersections/resolve.py",
-    "kernel.py", "patches.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
+    "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
+    "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
+    "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
+    "contact/vertex_triangle.py", "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py",
+    "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
     "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
 """The files that are compiled into the loop."""

@@ -193,7 +193,7 @@ def pack(body, state):
         state.part
     )  # fmt: skip
     count[WATCHED] = _watch(
-        body.patches.corner, body.patches.corner_start, state.awake, state.moving, state.watched
+        body.clusters.corner, body.clusters.corner_start, state.awake, state.moving, state.watched
     )
     count[PACKED] = 1
 
@@ -239,7 +239,7 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
 
 @njit(nogil=True)
 def _watch(corner, start, awake, moving, watched):
-    """Patches with a corner that is awake or was foreseen to move; -> their number."""
+    """Clusters with a corner that is awake or was foreseen to move; -> their number."""
     n = 0
     for k in range(len(moving)):
         some = moving[k]

@@ -122,7 +122,7 @@ class ClothSimulation:
         n = len(mesh.rest)
         rubbing = len(self._body.rub.most)
         self._state = new_state(
-            n, len(mesh.edges), len(self._body.wave), len(mesh.hinges), rubbing, self._body.patches
+            n, len(mesh.edges), len(self._body.wave), len(mesh.hinges), rubbing, self._body.clusters
         )
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
@@ -184,7 +184,7 @@ class ClothSimulation:
         s = self._state
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._rules.sleep_frames
-        s.base[:], s.course[:] = s.x[self._body.patches.corner, :3].T, 0.0
+        s.base[:], s.course[:] = s.x[self._body.clusters.corner, :3].T, 0.0
         s.ridge_searched[:] = -1  # nothing is searched only because it has not been yet
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
         s.counts[AWAKE] = 0
@@ -318,7 +318,7 @@ class ClothSimulation:
         self._holds = Holds(**part("holds"))
         self._tangles = Tangles(**part("tangles"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
-        self._state.counts[FITTED] = 0  # the patches are not part of it
+        self._state.counts[FITTED] = 0  # the clusters are not part of it
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
@@ -359,7 +359,7 @@ def _body(
         topology.ring_start,
         topology.ring,
         topology.ring_edge,
-        topology.patches,
+        topology.clusters,
     )
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.cloth.clusters import Clusters
 from skills.cloth.elasticity import Rub
-from skills.cloth.patches import Patches
 from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
 
@@ -51,7 +51,7 @@ class Body(NamedTuple):
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
-    patches: Patches
+    clusters: Clusters
 
 
 class Rules(NamedTuple):
@@ -82,21 +82,19 @@ class State(NamedTuple):
     """What moves, and what remembers. x, xp, v: (n, 4; see simd/vec3.py) positions, those when the substep began
     (shifted along with x where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex
     asleep; free: the same, but not 0 in the fringe of what is awake (sleep.py). awake_list: what is awake, and its
-    fringe behind.
-    press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
-    low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
-    What `pack` chose (sleep.py), the first so many of each: edge, in waves, of which wave tells where each begins
-    and the last one ends (some may be empty), inverse_square, rate, and wi, wj, the shares of the ends; hinge,
-    weight, and part, the shares of its vertices.
-    base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
-    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch);
-    ridge_searched: (rows,) bits of its edges that were ridges when it last was (ridges.py).
-    ref, last: (n, 3) where each was when it was last found to move, and a frame ago; quiet: (n,) frames since
-    anything near it moved; kept: since it itself left its place.
-    turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
-    with a corner that is awake or was foreseen to move; top_row: (n,) scratch, -1. Of hinges that rub, else of no
-    length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
-    numbers of the packed hinges; axis, foot, turn, rub_inverse, moment: of these, as last measured."""
+    fringe behind. press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and
+    y and upwards; low: vertices that it may bear, with floor: how low each may be, and rub: its friction. What
+    `pack` chose (sleep.py), the first so many of each: edge, in waves, of which wave tells where each begins and
+    the last one ends (some may be empty), inverse_square, rate, and wi, wj, the shares of the ends; hinge, weight,
+    and part, the shares of its vertices. base, course: (3, corners) each cluster foresees its corners at base +
+    course * (time since the substep born), to within slack; moving: whether a course is not zero; expired: it is
+    to be searched (all: a cluster); ridge_searched: (rows,) bits of its edges that were ridges when it last was
+    (ridges.py). ref, last: (n, 3) where each was when it was last found to move, and a frame ago; quiet: (n,)
+    frames since anything near it moved; kept: since it itself left its place. turned: (n,) fell asleep or woke
+    since the last search; still: hardly moved in the last frame; watched: clusters with a corner that is awake or
+    was foreseen to move; top_row: (n,) scratch, -1. Of hinges that rub, else of no length: slip: (h,) the turn to
+    which friction pulls; held: (h + 1,) what its spring holds of late; which: numbers of the packed hinges; axis,
+    foot, turn, rub_inverse, moment: of these, as last measured."""
 
     x: Array
     xp: Array
@@ -213,9 +211,9 @@ class Holds(NamedTuple):
     points: NDArray[np.int64]
 
 
-def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patches: Patches) -> State:
+def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, clusters: Clusters) -> State:
     """Of n vertices, all awake: nothing is known yet of where they are. bounds: of the waves of edges."""
-    m, corners = len(patches.tri), len(patches.corner)
+    m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:
         return aligned_zeros(shape)
@@ -233,7 +231,7 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patche
         born=aligned_zeros(m, np.int32),
         moving=aligned_zeros(m, np.bool_),
         expired=np.ones(m, np.bool_),
-        ridge_searched=np.zeros_like(patches.rim),
+        ridge_searched=np.zeros_like(clusters.rim),
         watched=aligned_zeros(m, np.int32),
         turned=aligned_zeros(n, np.bool_),
         wa=f(n),

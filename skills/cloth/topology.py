@@ -1,4 +1,4 @@
-"""Who is whose neighbour in a mesh, and its patches: what the solver needs and hangs on the mesh alone.
+"""Who is whose neighbour in a mesh, and its clusters: what the solver needs and hangs on the mesh alone.
 
 An optimiser simulates one mesh hundreds of times; all of this is made once for each mesh.
 """
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skills.cloth.clusters import Clusters, build_clusters
 from skills.cloth.elasticity import in_waves, shuffled
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.patches import Patches, build_patches
 from skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
@@ -34,13 +34,13 @@ class Topology(NamedTuple):
     ring_edge: NDArray[np.int32]
     by_wave: NDArray[np.int64]
     wave: NDArray[np.int64]
-    patches: Patches
+    clusters: Clusters
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """The mesh's own, with patches that nobody else has: a simulation writes into them."""
+    """The mesh's own, with clusters that nobody else has: a simulation writes into them."""
     known = _build(mesh)
-    return known._replace(patches=Patches._make(map(aligned, known.patches)))
+    return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 
 
 @lru_cache(maxsize=MESHES)
@@ -69,4 +69,4 @@ def _build(mesh: ClothMesh) -> Topology:
     start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
     ring_edge = between(both[:, 0], both[:, 1])
-    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *in_waves(edge), build_patches(mesh, edge))
+    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *in_waves(edge), build_clusters(mesh, edge))

@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Self-contact of cloth: what contacts are, and the sweeps over them.
 
-The search for pairs is in patch_search.py. Narrow phase, every few substeps (vertex_triangle.py, edge_edge.py):
+The search for pairs is in cluster_search.py. Narrow phase, every few substeps (vertex_triangle.py, edge_edge.py):
 which of the pairs are near, on which side, and with which weights; such a contact is one linear constraint
 n . sum(b_i x_i) >= thickness until the next narrow phase. The side of a pair follows the geometry as long as it
 is apart and is kept while it is near: a pair that was pressed through is pushed back to where it came from. What

@@ -8,7 +8,7 @@ a l / 4 (a roof's ridge over the middle of its eaves): up to a = 4 (thickness - 
 distance d of a contact of edges. So both edges of a pair have to be ridges or rims; where one
 is flat the contact can bear nothing. Of the pairs of a folded shirt a third is left.
 
-Bent is what is so in the middle of the time that a search looks ahead. A patch in which other edges have become
+Bent is what is so in the middle of the time that a search looks ahead. A cluster in which other edges have become
 ridges since it was searched goes along with the search after that. An edge that bends faster than the margin
 allows counts from then on, a frame later; vertices and triangles keep it apart meanwhile.
 """
@@ -38,7 +38,7 @@ def flat_cosine(thickness: float, edge: float) -> float:
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def find_ridges(row, edges, beside, geo, flat):
     """Which edges in a row are ridges: a bit for each. beside: (rows, 2, LANES) the triangles beside the edges, as
-    patch x LANES + place; geo: (patches, 15, LANES), with normals in rows 6 to 8 (patches.py)."""
+    cluster x LANES + place; geo: (clusters, 15, LANES), with normals in rows 6 to 8 (clusters.py)."""
     bits = np.int32(0)
     for a in range(LANES):
         s, t = beside[row, 0, a], beside[row, 1, a]
@@ -60,7 +60,7 @@ def stay_ridges(n, pair, near, at, ridge):
 
 @njit(nogil=True)
 def note_ridges(stale, start, ridge, searched, expired):
-    """Puts down the ridges with which stale patches were searched (rows,), and marks the others that have more
+    """Puts down the ridges with which stale clusters were searched (rows,), and marks the others that have more
     ridges than that: they are to go along with the next search. What is no ridge now is left out of this search:
     it counts as new when it bends again."""
     for k in range(len(stale)):

@@ -1,13 +1,13 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The geometry of patches where their courses lead, and what bounds it for the search."""
+"""The geometry of clusters where their courses lead, and what bounds it for the search."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import int32, njit
 
+from skills.cloth.clusters import FAR
 from skills.cloth.contact.ridges import find_ridges
-from skills.cloth.patches import FAR
 from skills.cloth.simd.f32x16 import (
     LANES,
     ctz,
@@ -28,7 +28,7 @@ from skills.cloth.simd.i32x16 import (
     splat_i32x16,
 )
 
-__all__ = ["fit_patches", "fit_ridges"]
+__all__ = ["fit_clusters", "fit_ridges"]
 
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)
@@ -50,7 +50,7 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_normals(k, ring, start, geo, normal):
-    """Bounds of the normals of the triangles in and beside patch k."""
+    """Bounds of the normals of the triangles in and beside cluster k."""
     x_lo = y_lo = z_lo = ONE
     x_hi = y_hi = z_hi = -ONE
     for a in range(np.uint64(start[k]), np.uint64(start[k + 1])):
@@ -64,7 +64,7 @@ def _fit_normals(k, ring, start, geo, normal):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
-    """Mean normal of patch k's triangles, and bounds along it."""
+    """Mean normal of cluster k's triangles, and bounds along it."""
     nx, ny, nz = TINY, ZERO, ZERO
     for a in range(LANES):
         nx, ny, nz = nx + geo[k, 6, a], ny + geo[k, 7, a], nz + geo[k, 8, a]
@@ -103,7 +103,7 @@ def _fit_speeds(k, d, p, q, r, geo):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
-    """Of patch k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
+    """Of cluster k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
     p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
     end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
     in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
@@ -163,19 +163,19 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything, flat):
+def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
     """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
-    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
-    stale patches and of those beside them: no others are asked for. Which edges
-    are bent, of the patches that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
-    place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
-    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
-    edge = patches.edge
-    vertex, vertex_at, vertex_geo = patches.vertex, patches.vertex_at.view(np.uint32), patches.vertex_geo
-    edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
-    beside, beside_start = patches.beside, patches.beside_start
-    ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
-    rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
+    the substep `born`, each of `span` [s]; clusters that neither move nor are stale are as they were. Normals of
+    stale clusters and of those beside them: no others are asked for. Which edges
+    are bent, of the clusters that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
+    place, box, corner_start, stale = clusters.place, clusters.box, clusters.corner_start, clusters.stale
+    tri, tri_at, tri_geo, slab = clusters.tri, clusters.tri_at.view(np.uint32), clusters.tri_geo, clusters.slab
+    edge = clusters.edge
+    vertex, vertex_at, vertex_geo = clusters.vertex, clusters.vertex_at.view(np.uint32), clusters.vertex_geo
+    edge_start, vertex_start, fitted = clusters.edge_start, clusters.vertex_start, clusters.fitted
+    beside, beside_start = clusters.beside, clusters.beside_start
+    ring, ring_start, normal = clusters.ring.view(np.uint32), clusters.ring_start, clusters.normal
+    rim, bent, edge_beside = clusters.rim, clusters.bent, clusters.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
     place_rows, course_rows = place.reshape((3, -1, LANES)), course.reshape((3, -1, LANES))
     tris = tri.reshape((1, -1, LANES))
@@ -211,16 +211,16 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
         if _beside_some(beside, beside_start, fitted, k):
             for row in range(np.uint64(edge_start[k]), np.uint64(edge_start[k + 1])):
                 bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
-    _fit_groups(box, len(moving), ahead, patches.group)
+    _fit_groups(box, len(moving), ahead, clusters.group)
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_ridges(patches, course, slack):
-    """Geometry of the edges that are ridges, those of a patch side by side in its rows: of patches that were
-    fitted (`fit_patches`), or of which others have become ridges."""
-    edge, edge_at, start = patches.edge, patches.edge_at.view(np.uint32), patches.edge_start
-    ridge, before, place, fitted = patches.ridge, patches.ridge_before, patches.place, patches.fitted
-    ridges, ridge_edge, geo, corner = patches.ridges, patches.ridge_edge, patches.edge_geo, patches.corner
+def fit_ridges(clusters, course, slack):
+    """Geometry of the edges that are ridges, those of a cluster side by side in its rows: of clusters that were
+    fitted (`fit_clusters`), or of which others have become ridges."""
+    edge, edge_at, start = clusters.edge, clusters.edge_at.view(np.uint32), clusters.edge_start
+    ridge, before, place, fitted = clusters.ridge, clusters.ridge_before, clusters.place, clusters.fitted
+    ridges, ridge_edge, geo, corner = clusters.ridges, clusters.ridge_edge, clusters.edge_geo, clusters.corner
     expect_rows(geo, 13)
     expect_rows(ridge_edge, 3)
     expect_rows(edge_at, 2)
@@ -257,7 +257,7 @@ def _differ(first, last, a, b):
 
 @njit(nogil=True, forceinline=True)
 def _beside_some(beside, start, which, k):
-    """Whether patch k or one beside it is one of these."""
+    """Whether cluster k or one beside it is one of these."""
     found = False
     for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
         found |= which[np.uint64(beside[row])]

@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The search for pairs that may touch: patches against patches, sixteen of their primitives at a time.
+"""The search for pairs that may touch: clusters against clusters, sixteen of their primitives at a time.
 
 All bounds are compared in the frame that moves with one of the two, along axes on which they may lie apart, so
 that layers that travel together or slide past each other do not look as if they would meet everything on their
 way. The geometry is that in the middle of the horizon: half of the time has to be looked ahead, and half back.
 
-A smooth stretch of cloth cannot touch itself: a patch is not searched against itself or a neighbour when all their
-normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
+A smooth stretch of cloth cannot touch itself: a cluster is not searched against itself or a neighbour when all
+their normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
 other cost anything. In a notch cloth meets itself edge to edge, however flat it is: what has borders on both sides
-of one is always searched (their test of the contour, made once, of the mesh: patches.py).
+of one is always searched (their test of the contour, made once, of the mesh: clusters.py).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numba import int32, njit
 
+from skills.cloth.clusters import FAR, LEAF
 from skills.cloth.contact.contacts import RELEASE, edge_distance
-from skills.cloth.patches import FAR, LEAF
 from skills.cloth.simd.f32x16 import (
     LANES,
     expect_columns,
@@ -45,7 +45,7 @@ from skills.cloth.simd.i32x16 import (
 
 __all__ = ["search_pairs"]
 
-ROOM = 3 * LEAF  # tests that two patches may need: each vertex or edge of one with the other
+ROOM = 3 * LEAF  # tests that two clusters may need: each vertex or edge of one with the other
 # so many are put down, then made: how many there are would be guessed at before it is known
 TESTS = 16 * ROOM
 SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
@@ -58,7 +58,7 @@ NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LA
 
 @njit(nogil=True, forceinline=True)
 def _smooth(normal, a, b):
-    """Whether all normals of patches a and b lean towards one direction."""
+    """Whether all normals of clusters a and b lean towards one direction."""
     lean = 0.0
     d2 = 0.0
     for c in range(3):
@@ -84,7 +84,7 @@ def _boxes_near(box, h, own, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _points_within(geo, r, box, slab, b, near, horizon):
-    """Which of row r of points come as near as `near` to the box and the slab of patch b: a bit for each."""
+    """Which of row r of points come as near as `near` to the box and the slab of cluster b: a bit for each."""
     g, c, sweep = b // LANES, b % LANES, splat_f32x16(horizon)
     x, y, z, u, v, w = (
         load_f32x16(geo, r, 0),
@@ -128,8 +128,8 @@ def _edges_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _triangles_near(geo, b, points, r, c, near, horizon):
-    """Which of the triangles of patch b the point in place c of row r may come as near as `near` within +-horizon
-    (by their boxes and planes): a bit for each."""
+    """Which of the triangles of cluster b the point in place c of row r may come as near as `near` within
+    +-horizon (by their boxes and planes): a bit for each."""
     x, y, z = splat_f32x16(points[r, 0, c]), splat_f32x16(points[r, 1, c]), splat_f32x16(points[r, 2, c])
     nx, ny, nz, sweep = (
         load_f32x16(geo, b, 6),
@@ -188,19 +188,19 @@ def _edges_near(geo, r, c, other, near, horizon):
 
 
 @njit(nogil=True)
-def search_pairs(patches, thick, horizon, vt, ee):
-    """All pairs with a stale patch that can come within release distance within +-horizon [s] of where the patches
-    were fitted, when no corner strays from its course by more than its slack; -> counts, which exceed the lists'
-    lengths if these are too short. vt, ee: (k, 2), k at least LANES: so many rows are written at once, and the
-    last ones stay empty."""
+def search_pairs(clusters, thick, horizon, vt, ee):
+    """All pairs with a stale cluster that can come within release distance within +-horizon [s] of where the
+    clusters were fitted, when no corner strays from its course by more than its slack; -> counts, which exceed the
+    lists' lengths if these are too short. vt, ee: (k, 2), k at least LANES: so many rows are written at once, and
+    the last ones stay empty."""
     near = RELEASE * thick
     n_vt = n_ee = NONE
-    stale, box, hit, slab, group = patches.stale, patches.box, patches.hit, patches.slab, patches.group
-    smooth, smooth_start, normal = patches.smooth, patches.smooth_start, patches.normal
-    vertex, vertex_start, vertex_geo = patches.vertex.view(np.uint32), patches.vertex_start, patches.vertex_geo
-    face, tri_geo = patches.face, patches.tri_geo
-    ridges, ridge_edge = patches.ridges, patches.ridge_edge
-    edge_start, edge_geo = patches.edge_start, patches.edge_geo
+    stale, box, hit, slab, group = clusters.stale, clusters.box, clusters.hit, clusters.slab, clusters.group
+    smooth, smooth_start, normal = clusters.smooth, clusters.smooth_start, clusters.normal
+    vertex, vertex_start, vertex_geo = clusters.vertex.view(np.uint32), clusters.vertex_start, clusters.vertex_geo
+    face, tri_geo = clusters.face, clusters.tri_geo
+    ridges, ridge_edge = clusters.ridges, clusters.ridge_edge
+    edge_start, edge_geo = clusters.edge_start, clusters.edge_geo
     close, close_edges = np.float32(near + ROUNDING), np.float32(RELEASE * edge_distance(thick) + ROUNDING)
     ahead = np.float32(horizon)
     expect_rows(box, 9)
@@ -215,7 +215,7 @@ def search_pairs(patches, thick, horizon, vt, ee):
     which, of = np.empty(TESTS + LANES, np.uint32), np.empty(TESTS + LANES, np.uint32)
     found = np.empty(3 * TESTS, np.int32)
     done, left_out = np.zeros(len(group), np.int32), np.empty(len(group), np.int32)
-    for a in range(len(stale), len(group) * LANES):  # there are no such patches
+    for a in range(len(stale), len(group) * LANES):  # there are no such clusters
         done[a // LANES] |= int32(1 << (a % LANES))
     for a in range(len(stale)):
         if not stale[a]:
@@ -261,7 +261,7 @@ def _counted(n, pairs):
 
 @njit(nogil=True, forceinline=True)
 def _leave_out_smooth(a, smooth, start, normal, left_out):
-    """Marks patches of one smooth region with patch a: a bit for each."""
+    """Marks clusters of one smooth region with cluster a: a bit for each."""
     for k in range(start[a], start[a + 1]):
         b = np.uint64(smooth[k])
         left_out[b // WIDE] |= int32(_smooth(normal, np.uint64(a), b)) << int32(b % WIDE)
@@ -269,7 +269,7 @@ def _leave_out_smooth(a, smooth, start, normal, left_out):
 
 @njit(nogil=True, forceinline=True)
 def _meeting(box, group, own, left_out, near, horizon, hit):
-    """Patches that one with the bounds `own` can meet into `hit`, but those left out (a bit for each); -> their
+    """Clusters that one with the bounds `own` can meet into `hit`, but those left out (a bit for each); -> their
     number."""
     n = NONE
     for h in range(len(group)):
@@ -288,7 +288,7 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
-    """Tests from place m on: of what bits tell in row r, with patch b; -> the place behind them."""
+    """Tests from place m on: of what bits tell in row r, with cluster b; -> the place behind them."""
     store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
     store_i32x16(of, m, splat_i32x16(int32(b)))
     return m + popcount(bits)
@@ -298,7 +298,7 @@ def _put_down(which, of, m, r, bits, b):
 def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
-    """Vertices of patch a that can meet triangles of patches hit[:met], and the other way round."""
+    """Vertices of cluster a that can meet triangles of clusters hit[:met], and the other way round."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
     none = splat_i32x16(int32(-1))
     for turn in range(2 * met):
@@ -332,7 +332,7 @@ def _rows(n):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
-    """Edges of patch a that can meet edges of patches hit[:met]: ridges alone."""
+    """Edges of cluster a that can meet edges of clusters hit[:met]: ridges alone."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
     own, own_rows = np.uint64(start[a]), _rows(ridges[a])
     own_end = splat_i32x16(int32(start[a] * LANES + ridges[a]))
@@ -356,7 +356,7 @@ def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, ho
                 r, c, b = which[k] // WIDE, which[k] % WIDE, of[k]
                 e, i, j = ridge_edge[r, 0, c], ridge_edge[r, 1, c], ridge_edge[r, 2, c]
                 first, end = np.uint64(start[b]), int32(start[b] * LANES + ridges[b])
-                before = int32(which[k]) if b == a else int32(-1)  # two of one patch are met once
+                before = int32(which[k]) if b == a else int32(-1)  # two of one cluster are met once
                 for other in range(first, first + _rows(ridges[b])):
                     place = iota(int32(other * WIDE))
                     u, v = load_i32x16(ridge_edge, other, 1), load_i32x16(ridge_edge, other, 2)
