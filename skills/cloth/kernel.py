@@ -111,16 +111,21 @@ def _compile(sources: str) -> Callable[..., int]:
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
         rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
         low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
-        act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
-        act_d, act_w = pairs.act_d, pairs.act_w
-        act_m, room = pairs.act_m, len(pairs.act_d)
+        contact_vertices, contact_weights, contact_mobilities, contact_normals = (
+            pairs.contact_vertices,
+            pairs.contact_weights,
+            pairs.contact_mobilities,
+            pairs.contact_normals,
+        )
+        contact_distances, contact_masses = pairs.contact_distances, pairs.contact_masses
+        contact_impulses, room = pairs.contact_impulses, len(pairs.contact_distances)
         # The loop is always entered at a narrow phase: none of this is kept. Groups of contacts (contact.py)
         # seldom need more room than they have at first
         groups, taken, work = 0, np.empty(len(x), np.int32), blocks((room + 1) // 2, 1).reshape((-1, 4))
         order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
         contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
         first = np.empty(room + 1, np.uint32)
-        member, contact_weight, contact_share, block = room_for_groups(room // EIGHT + 1)
+        member, group_weights, group_mobilities, block = room_for_groups(room // EIGHT + 1)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
         soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
@@ -160,13 +165,14 @@ def _compile(sources: str) -> Callable[..., int]:
                             v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
-                        take_turns(n, act_i, taken, contact_turn, level, first)
-                        groups = group_contacts(n, act_i, taken, order, filled)
+                        take_turns(n, contact_vertices, taken, contact_turn, level, first)
+                        groups = group_contacts(n, contact_vertices, taken, order, filled)
                         if groups > len(block):
-                            member, contact_weight, contact_share, block = room_for_groups(2 * groups)
+                            member, group_weights, group_mobilities, block = room_for_groups(2 * groups)
                         lay_out(
-                            groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member,
-                            contact_weight, contact_share, block
+                            groups, order, contact_vertices, contact_weights, contact_mobilities, contact_normals,
+                            contact_distances, contact_masses, contact_impulses, member, group_weights,
+                            group_mobilities, block
                         )  # fmt: skip
                         way = max(farthest, edges_farthest) / (pace * thick)
                         count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
@@ -206,10 +212,13 @@ def _compile(sources: str) -> Callable[..., int]:
                             a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
-                        count[ACTIVE], contact_turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
+                        count[ACTIVE], contact_turn, contact_vertices, contact_weights, contact_mobilities,
+                        contact_normals, contact_distances, contact_masses, x, xp, h
                     )  # fmt: skip
-                    apply_impulses(count[ACTIVE], contact_turn, act_i, act_s, act_m, x)
-                    measure_sides(groups, member, contact_weight, block, xp)
+                    apply_impulses(
+                        count[ACTIVE], contact_turn, contact_vertices, contact_mobilities, contact_impulses, x
+                    )
+                    measure_sides(groups, member, group_weights, block, xp)
                     sunk = 0
                     if rules.table:
                         sunk = find_low(
@@ -222,13 +231,13 @@ def _compile(sources: str) -> Callable[..., int]:
                             sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
                         )  # fmt: skip
                         moved = solve_contacts(
-                            groups, order, filled, member, contact_weight, contact_share, block, x,
+                            groups, order, filled, member, group_weights, group_mobilities, block, x,
                             rules.mu_layers,
                             (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
                             TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1
-                    average_impulses(groups, order, block, act_m)
+                    average_impulses(groups, order, block, contact_impulses)
                     if len(busy):
                         push_by_capsules(
                             busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,
@@ -241,7 +250,12 @@ def _compile(sources: str) -> Callable[..., int]:
                     count[NOW] += 1
                     if s + 1 == count[NEXT]:
                         remember_impulses(
-                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, act_m, pairs.vt_j, pairs.ee_j
+                            count[ACTIVE_VT],
+                            count[ACTIVE],
+                            pairs.contact_pairs,
+                            contact_impulses,
+                            pairs.vt_j,
+                            pairs.ee_j,
                         )
                 if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
                     soon = count[NOW] + count[PACE]

@@ -45,7 +45,7 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
     near[:] = stirred
     _grow(body.ring_start, body.ring, near, 2)
-    _stir_by_contact(count[ACTIVE], pairs.act_i, stirred, near)
+    _stir_by_contact(count[ACTIVE], pairs.contact_vertices, stirred, near)
     hand, vertex = holds.hand, holds.vertex
     for k in range(len(hand)):
         if hand[k] >= 0:
@@ -112,9 +112,9 @@ def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
 
 
 @njit(nogil=True)
-def _stir_by_contact(n, act_i, stirred, near):
+def _stir_by_contact(n, contact_vertices, stirred, near):
     for c in range(n):
-        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        i, j, k, m = contact_vertices[c, 0], contact_vertices[c, 1], contact_vertices[c, 2], contact_vertices[c, 3]
         if stirred[i] or stirred[j] or stirred[k] or stirred[m]:
             near[i] = near[j] = near[k] = near[m] = True
 

@@ -149,14 +149,14 @@ class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
     vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see simd/vec3.py) what it
-    bears [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
-    what it bears of late; act_n: (m, 4) its normal; act_d: its distance, act_w: one over its
-    inverse mass; act_c: its pair. Scratch: near_c, pairs of a vertex and a
-    triangle that can touch, and places in the lists of pairs that became free; near_row: (m, LINE) what is known
-    of them (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same
-    vertex; second, where the one of the highest rank is, the one that comes after it; better; bearing, those that
-    bore something; some, those of these or of the pairs that are to be looked at; new_vt, new_ee, key, row, kept,
-    kept_normal."""
+    bears [kg m]; contact_vertices: (m, 4) vertices of a contact, contact_weights: their weights,
+    contact_mobilities: these times wa; contact_impulses: (m, 4) what it bears of late; contact_normals: (m, 4) its
+    normal; contact_distances: its distance, contact_masses: one over its inverse mass; contact_pairs: its pair.
+    Scratch: near_c, pairs of a vertex and a triangle that can touch, and places in the lists of pairs that became
+    free; near_row: (m, LINE) what is known of them (vertex_triangle.py); rank, how far inside of its triangle the
+    vertex is; ring, the next of the same vertex; second, where the one of the highest rank is, the one that comes
+    after it; better; bearing, those that bore something; some, those of these or of the pairs that are to be
+    looked at; new_vt, new_ee, key, row, kept, kept_normal."""
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -173,14 +173,14 @@ class Pairs(NamedTuple):
     row: NDArray[np.int32]
     kept: Array
     kept_normal: Array
-    act_i: NDArray[np.uint32]
-    act_b: Array
-    act_s: Array
-    act_n: Array
-    act_d: Array
-    act_w: Array
-    act_m: Array
-    act_c: NDArray[np.int32]
+    contact_vertices: NDArray[np.uint32]
+    contact_weights: Array
+    contact_mobilities: Array
+    contact_normals: Array
+    contact_distances: Array
+    contact_masses: Array
+    contact_impulses: Array
+    contact_pairs: NDArray[np.int32]
     rank: NDArray[np.uint64]
     ring: NDArray[np.uint32]
     second: NDArray[np.uint32]
@@ -288,14 +288,14 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         row=aligned_zeros(table, np.int32),
         kept=rows(m),
         kept_normal=rows(m),
-        act_i=aligned_zeros((m, 4), np.uint32),
-        act_b=aligned_zeros((m, 4)),
-        act_s=aligned_zeros((m, 4)),
-        act_n=rows(m),
-        act_d=aligned_zeros(m),
-        act_w=aligned_zeros(m),
-        act_m=rows(m),
-        act_c=aligned_zeros(m, np.int32),
+        contact_vertices=aligned_zeros((m, 4), np.uint32),
+        contact_weights=aligned_zeros((m, 4)),
+        contact_mobilities=aligned_zeros((m, 4)),
+        contact_normals=rows(m),
+        contact_distances=aligned_zeros(m),
+        contact_masses=aligned_zeros(m),
+        contact_impulses=rows(m),
+        contact_pairs=aligned_zeros(m, np.int32),
         rank=aligned_zeros(m, np.uint64),
         ring=aligned_zeros(m, np.uint32),
         second=aligned_zeros(m, np.uint32),

@@ -164,7 +164,13 @@ def _foresee(
 def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
     """The new pairs in the places of those of stale clusters, with the side of those that were there. Pairs that
     sleep and know no side leave, too."""
-    vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+    vt, side, due, new, scratch = (
+        pairs.vt.view(np.uint32),
+        pairs.side,
+        pairs.vt_due,
+        pairs.new_vt,
+        pairs.contact_vertices,
+    )
     borne, memory, free, key, row = pairs.vt_j, pairs.kept, pairs.near_c, pairs.key, pairs.row
     stale, of_vertex, of_tri = clusters.stale, clusters.of_vertex.view(np.uint32), clusters.of_tri.view(np.uint32)
     n, kept, places, now = np.uint64(count[VT]), NONE, NONE, count[NOW]
@@ -200,7 +206,7 @@ def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
 def _renew_edge_edge(clusters, width, pairs, count, n_new):
     """The same for edges, with the normals of those that were near."""
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
+    scratch, borne, memory, kept_normal = pairs.contact_vertices, pairs.ee_j, pairs.kept, pairs.kept_normal
     stale, of_edge = clusters.stale, clusters.of_edge.view(np.uint32)
     free, key, row = pairs.near_c, pairs.key, pairs.row
     n, kept, places, now = np.uint64(count[EE]), NONE, NONE, count[NOW]

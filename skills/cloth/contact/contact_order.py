@@ -21,7 +21,7 @@ PARTS = 4
 
 
 @njit(nogil=True)
-def take_turns(n, act_i, taken, turn, level, first):
+def take_turns(n, contact_vertices, taken, turn, level, first):
     """An order in which contacts that follow each other seldom have a common vertex, so that one need not wait for
     what another one writes; those that have one keep theirs. turn: (n,) the contacts in it: first all that come
     after no other, then all that come after one of these, and so on. taken: (vertices,), level: (n,) and first:
@@ -30,7 +30,7 @@ def take_turns(n, act_i, taken, turn, level, first):
     taken[:] = 0  # the level after that of the last one of each vertex
     first[: n + 1] = 0
     for c in range(count):
-        i, j, k, m = members(act_i, c)
+        i, j, k, m = members(contact_vertices, c)
         own = np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m])))
         after = own + one
         taken[i] = taken[j] = taken[k] = taken[m] = after
@@ -46,7 +46,7 @@ def take_turns(n, act_i, taken, turn, level, first):
 
 
 @njit(nogil=True)
-def group_contacts(n, act_i, taken, order, filled):
+def group_contacts(n, contact_vertices, taken, order, filled):
     """Put the contacts into groups of up to EIGHT without a common vertex, which a sweep solves at once. Where two
     share a vertex, they are solved in the order in which one contact of each of PARTS of the list comes in turn,
     and so the sweep's result is that of solving them one by one. -> groups
@@ -61,7 +61,7 @@ def group_contacts(n, act_i, taken, order, filled):
             c = part * length + place
             if c >= count:
                 continue
-            i, j, k, m = members(act_i, c)
+            i, j, k, m = members(contact_vertices, c)
             g = max(begin, np.uint64(max(max(taken[i], taken[j]), max(taken[k], taken[m]))))
             while g < end and filled[g] == full:
                 g += one

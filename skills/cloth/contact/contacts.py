@@ -136,19 +136,31 @@ def later(now, pace, free, reach):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def release_overlaps(n, turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h):
+def release_overlaps(
+    n,
+    turn,
+    contact_vertices,
+    contact_weights,
+    contact_mobilities,
+    contact_normals,
+    contact_distances,
+    contact_masses,
+    x,
+    xp,
+    h,
+):
     """Shift apart what overlapped when the substep began, as it was then and as it is."""
     most_way = OVERLAP_SPEED * h
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
-        i, j, k, m = members(act_i, c)
-        bi, bj, bk, bm = spread(load(act_b, c))
+        i, j, k, m = members(contact_vertices, c)
+        bi, bj, bk, bm = spread(load(contact_weights, c))
         pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
-        normal = load(act_n, c)
-        overlap = act_d[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
+        normal = load(contact_normals, c)
+        overlap = contact_distances[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
         # shifted by nothing if it is apart: half of them are, and a branch would be guessed wrongly too often
-        apart = (max(min(OVERLAP_SHARE * overlap, most_way), 0.0) * act_w[c]) * normal
-        si, sj, sk, sm = spread(load(act_s, c))
+        apart = (max(min(OVERLAP_SHARE * overlap, most_way), 0.0) * contact_masses[c]) * normal
+        si, sj, sk, sm = spread(load(contact_mobilities, c))
         si, sj, sk, sm = si * apart, sj * apart, sk * apart, sm * apart
         store(xp, i, pi + si)
         store(xp, j, pj + sj)
@@ -161,13 +173,13 @@ def release_overlaps(n, turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def apply_impulses(n, turn, act_i, act_s, act_m, x):
+def apply_impulses(n, turn, contact_vertices, contact_mobilities, contact_impulses, x):
     """What the contacts have borne of late, to begin a substep with. Which bear something is not guessed at."""
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
-        i, j, k, m = members(act_i, c)
-        borne = load(act_m, c)
-        si, sj, sk, sm = spread(load(act_s, c))
+        i, j, k, m = members(contact_vertices, c)
+        borne = load(contact_impulses, c)
+        si, sj, sk, sm = spread(load(contact_mobilities, c))
         store(x, i, load(x, i) + si * borne)
         store(x, j, load(x, j) + sj * borne)
         store(x, k, load(x, k) + sk * borne)
@@ -183,22 +195,37 @@ def room_for_groups(n):
 
 
 @njit(nogil=True)
-def lay_out(groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member, weight, share, block):
-    """What the sweeps read, in the order in which they do. member, weight, share: (m * EIGHT, 4) act_i, act_b,
-    act_s; block: (m, PLACES, EIGHT) registers of each group, of all that has a place there but APART."""
+def lay_out(
+    groups,
+    order,
+    contact_vertices,
+    contact_weights,
+    contact_mobilities,
+    contact_normals,
+    contact_distances,
+    contact_masses,
+    contact_impulses,
+    member,
+    weight,
+    share,
+    block,
+):
+    """What the sweeps read, in the order in which they do. member, weight, share: (m * EIGHT, 4) contact_vertices,
+    contact_weights, contact_mobilities; block: (m, PLACES, EIGHT) registers of each group, of all that has a place
+    there but APART."""
     expect_places(block)
     end, full = np.uint64(groups), np.uint64(EIGHT)
     for row in range(end * full):
         c = np.uint64(order[row // full, row % full])
-        member[row, 0], member[row, 1], member[row, 2], member[row, 3] = members(act_i, c)
-        store(weight, row, load(act_b, c))
-        store(share, row, load(act_s, c))
+        member[row, 0], member[row, 1], member[row, 2], member[row, 3] = members(contact_vertices, c)
+        store(weight, row, load(contact_weights, c))
+        store(share, row, load(contact_mobilities, c))
     for g in range(end):
         for k in range(full):
             c = np.uint64(order[g, k])
-            block[g, GAP, k], block[g, INVERSE, k] = act_d[c], act_w[c]
-        store_three(block, g, NORMAL, coordinates(act_n, order, g))
-        of_late = coordinates(act_m, order, g)
+            block[g, GAP, k], block[g, INVERSE, k] = contact_distances[c], contact_masses[c]
+        store_three(block, g, NORMAL, coordinates(contact_normals, order, g))
+        of_late = coordinates(contact_impulses, order, g)
         store_three(block, g, BORNE, of_late)
         store_three(block, g, OF_LATE, of_late)
 
@@ -261,7 +288,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
 
 
 @njit(nogil=True)
-def average_impulses(groups, order, block, act_m):
+def average_impulses(groups, order, block, contact_impulses):
     """Let the memory of each contact follow what it bore in this substep: the next one begins with it."""
     expect_places(block)
     little = splat_f64x8(MEMORY)
@@ -271,11 +298,11 @@ def average_impulses(groups, order, block, act_m):
         x, y, z = x + little * (bx - x), y + little * (by - y), z + little * (bz - z)
         store_three(block, g, BORNE, (x, y, z))
         store_three(block, g, OF_LATE, (x, y, z))
-        scatter(act_m, order, g, x, y, z)
+        scatter(contact_impulses, order, g, x, y, z)
 
 
 @njit(nogil=True)
-def remember_impulses(n_vt, n, act_c, act_m, vt_j, ee_j):
+def remember_impulses(n_vt, n, contact_pairs, contact_impulses, vt_j, ee_j):
     """Give what the contacts bear back to their pairs, until the next narrow phase."""
     for c in range(n):
-        store(vt_j if c < n_vt else ee_j, act_c[c], load(act_m, c))
+        store(vt_j if c < n_vt else ee_j, contact_pairs[c], load(contact_impulses, c))

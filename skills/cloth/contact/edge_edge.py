@@ -53,8 +53,19 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     on the table, have no other normal than the shortest way from one to the other."""
     pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
     due, memory = pairs.ee_due, pairs.ee_j
-    act_i, act_b, act_s, act_n, act_m = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m
-    act_d, act_w, act_c, asked = pairs.act_d, pairs.act_w, pairs.act_c, pairs.some
+    contact_vertices, contact_weights, contact_mobilities, contact_normals, contact_impulses = (
+        pairs.contact_vertices,
+        pairs.contact_weights,
+        pairs.contact_mobilities,
+        pairs.contact_normals,
+        pairs.contact_impulses,
+    )
+    contact_distances, contact_masses, contact_pairs, asked = (
+        pairs.contact_distances,
+        pairs.contact_masses,
+        pairs.contact_pairs,
+        pairs.some,
+    )
     release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
     farthest, span, n = 0.0, pace * h, np.uint64(n)
     for place in range(find_due(count, now, pace, due, asked)):
@@ -101,12 +112,22 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
         if den == 0.0:
             continue
         den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))
-        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
-        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
-        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = (1 - s) * w[i], s * w[j], (t - 1) * w[k], -t * w[m]
-        store(act_n, n, direction)
-        store(act_m, n, borne)
-        act_d[n], act_w[n], act_c[n] = thick, 1.0 / den, c
+        contact_vertices[n, 0], contact_vertices[n, 1], contact_vertices[n, 2], contact_vertices[n, 3] = i, j, k, m
+        contact_weights[n, 0], contact_weights[n, 1], contact_weights[n, 2], contact_weights[n, 3] = (
+            1 - s,
+            s,
+            t - 1,
+            -t,
+        )
+        contact_mobilities[n, 0], contact_mobilities[n, 1], contact_mobilities[n, 2], contact_mobilities[n, 3] = (
+            (1 - s) * w[i],
+            s * w[j],
+            (t - 1) * w[k],
+            -t * w[m],
+        )
+        store(contact_normals, n, direction)
+        store(contact_impulses, n, borne)
+        contact_distances[n], contact_masses[n], contact_pairs[n] = thick, 1.0 / den, c
         n += np.uint64(1)
         farthest = max(farthest, reach)
     return np.int64(n), farthest

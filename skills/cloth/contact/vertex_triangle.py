@@ -67,8 +67,9 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
     )  # fmt: skip
     _pass_on(bearing, pairs.bearing, pairs.better, pairs.near_c, pairs.vt_j)
     rows = _enter(
-        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.act_i, pairs.act_b,
-        pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
+        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.contact_vertices,
+        pairs.contact_weights, pairs.contact_mobilities, pairs.contact_normals, pairs.contact_impulses,
+        pairs.contact_pairs, pairs.contact_distances, pairs.contact_masses
     )  # fmt: skip
     return np.int64(rows), farthest
 
@@ -277,8 +278,8 @@ def _pass_on(n, bearing, better, near_c, memory):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _enter(
-    count, thick, w, better, left, memory, near, ids, near_c, act_i, act_b, act_s, act_n, act_m, act_c, act_d,
-    act_w
+    count, thick, w, better, left, memory, near, ids, near_c, contact_vertices, contact_weights,
+    contact_mobilities, contact_normals, contact_impulses, contact_pairs, contact_distances, contact_masses
 ):  # fmt: skip
     """Contacts of those that have no better one; -> rows. left: scratch, which these are.
 
@@ -295,16 +296,26 @@ def _enter(
         b1, b2 = float(near[one, AT_SECOND]), float(near[one, AT_THIRD])
         den = _inverse_mass(i, p, q, r, b1, b2, w)
         sinks = (near[one, INSIDE] < -OVER) | (better[one] == AT_BEND)
-        act_d[k] = float(near[one, AIM]) if sinks else thick
+        contact_distances[k] = float(near[one, AIM]) if sinks else thick
         den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
-        act_i[k, 0], act_i[k, 1], act_i[k, 2], act_i[k, 3] = i, p, q, r
+        contact_vertices[k, 0], contact_vertices[k, 1], contact_vertices[k, 2], contact_vertices[k, 3] = i, p, q, r
         b0 = 1.0 - b1 - b2
-        act_b[k, 0], act_b[k, 1], act_b[k, 2], act_b[k, 3] = 1.0, -b0, -b1, -b2
-        act_s[k, 0], act_s[k, 1], act_s[k, 2], act_s[k, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
+        contact_weights[k, 0], contact_weights[k, 1], contact_weights[k, 2], contact_weights[k, 3] = (
+            1.0,
+            -b0,
+            -b1,
+            -b2,
+        )
+        contact_mobilities[k, 0], contact_mobilities[k, 1], contact_mobilities[k, 2], contact_mobilities[k, 3] = (
+            w[i],
+            -b0 * w[p],
+            -b1 * w[q],
+            -b2 * w[r],
+        )
         nx, ny, nz = near[one, DIRECTION], near[one, DIRECTION + 1], near[one, DIRECTION + 2]
-        store(act_n, k, vector(float(nx), float(ny), float(nz)))
+        store(contact_normals, k, vector(float(nx), float(ny), float(nz)))
         pair = np.uint64(near_c[one])
-        store(act_m, k, load(memory, pair))
+        store(contact_impulses, k, load(memory, pair))
         store(memory, pair, nothing)
-        act_c[k], act_w[k] = pair, 1.0 / den
+        contact_pairs[k], contact_masses[k] = pair, 1.0 / den
     return n

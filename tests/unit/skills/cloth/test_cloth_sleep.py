@@ -149,9 +149,9 @@ def test_the_fourth_column_stays_zero_through_a_fold():
     rods[0][:, 0, 0] += np.linspace(0.0, 0.05, 61)
     s.advance_along(position, rotation, (*rods, np.array([0.01])))
     state, pairs = s._state, s._pairs
-    assert np.abs(state.x[:, :3]).max() < 2.0 and pairs.act_n.any()
+    assert np.abs(state.x[:, :3]).max() < 2.0 and pairs.contact_normals.any()
     for rows in (state.x, state.xp, state.v, state.u, state.press, pairs.vt_j, pairs.ee_j, pairs.normal,
-                 pairs.act_n, pairs.act_m):  # fmt: skip
+                 pairs.contact_normals, pairs.contact_impulses):  # fmt: skip
         assert not rows[:, 3].any()
 
 
