@@ -32,8 +32,17 @@ from skills.cloth.simd.vec3 import dot, load, spread, store
 from skills.vocabulary import Material
 
 __all__ = [
-    "GRAVITY", "Elastic", "Rub", "build_elastic", "build_rub", "flexural_rigidity", "in_waves", "membrane_modulus",
-    "shuffled", "stretch_excess", "turns",
+    "GRAVITY",
+    "BendingFriction",
+    "Elastic",
+    "build_bending_friction",
+    "build_elastic",
+    "colour_batches",
+    "flexural_rigidity",
+    "membrane_modulus",
+    "shuffled",
+    "stretch_excess",
+    "turns",
 ]  # fmt: skip
 
 GRAVITY = 9.81  # [m/s2]
@@ -47,11 +56,12 @@ FLAT = 1e-12  # [m2] a triangle of less has no normal
 
 
 class Elastic(NamedTuple):
-    """Constraints of one mesh and material, in a shuffled order; edges are solved in waves of it (`in_waves`).
+    """Constraints of one mesh and material, in a shuffled order; edges are solved in waves of it
+    (`colour_batches`).
 
     edge: (e, 2); rim: (e,) edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected for the
-    sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance
-    (A0 + A1) / B [1/(N m)].
+    sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance (A0
+    + A1) / B [1/(N m)].
     """
 
     edge: NDArray[np.int32]
@@ -64,16 +74,16 @@ class Elastic(NamedTuple):
     bend: Array
 
 
-class Rub(NamedTuple):
+class BendingFriction(NamedTuple):
     """Friction of the hinges, in their order; of no length where there is none. near: (h, 4) the other hinges of
     both triangles, h where there is none. soft: (h,) compliance of the slider's spring against the turn over h^2
-    [1/(kg m2)]; share: (h,) spring moment h^2 squared to spring curvature^2 times area; most: (h,) of that, in the
-    hinge and about it, what the slider bears."""
+    [1/(kg m2)]; share: (h,) spring moment h^2 squared to spring curvature^2 times area; limit: (h,) of that, in
+    the hinge and about it, what the slider bears."""
 
     near: NDArray[np.int32]
     soft: Array
     share: Array
-    most: Array
+    limit: Array
 
 
 def membrane_modulus(material: Material, reference_drop: float) -> float:
@@ -111,18 +121,20 @@ def build_elastic(
     )  # fmt: skip
 
 
-def build_rub(mesh: ClothMesh, material: Material, step: float, residual_curvature: float) -> Rub:
+def build_bending_friction(
+    mesh: ClothMesh, material: Material, step: float, residual_curvature: float
+) -> BendingFriction:
     """Friction for a substep of `step` [s] that leaves `residual_curvature` [1/m], HB / B, in cloth that is let
     go."""
     if residual_curvature == 0.0:
-        return Rub(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+        return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
     a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
     length2 = ((mesh.rest[b] - mesh.rest[a]) ** 2).sum(axis=1)
     _, areas = _stencils(mesh)
     areas = areas[order]
     soft = areas / (STIFFER * flexural_rigidity(material) * length2 * step**2)
-    return Rub(
+    return BendingFriction(
         _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
         (residual_curvature / STIFFER) ** 2 * areas,
     )  # fmt: skip
@@ -201,15 +213,15 @@ def shuffled(n: int) -> NDArray[np.int64]:
     return np.random.default_rng(7).permutation(n)
 
 
-def in_waves(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def colour_batches(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """An order of the edges (e, 2) in waves, and where each wave begins and the last one ends. The edges of a
     wave have no vertex in common, and can be solved at once; those that have one keep their order, so that a sweep
     comes to the same."""
-    wave, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: the wave after the last one of each vertex
+    colour, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: first colour that is free at each vertex
     for i, j in edge.tolist():
-        wave.append(max(free[i], free[j]))
-        free[i] = free[j] = wave[-1] + 1
-    return np.argsort(wave, kind="stable"), np.append(0, np.cumsum(np.bincount(wave)))
+        colour.append(max(free[i], free[j]))
+        free[i] = free[j] = colour[-1] + 1
+    return np.argsort(colour, kind="stable"), np.append(0, np.cumsum(np.bincount(colour)))
 
 
 def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
@@ -249,17 +261,17 @@ def _store_four(x, i, p, share, d):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_edges(wave, edge, inverse_square, wi, wj, x):
-    """One sweep over the packed edges, four of a wave (`in_waves`) at once, and what is left of it one by one.
-    wave: where each begins, and the last one ends; inverse_square: of the lengths at rest [1/m2]; wi, wj: share of
-    each end, w / (w_i + w_j + compliance / h^2).
+def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
+    """One sweep over the packed edges, four of a wave (`colour_batches`) at once, and what is left of it one by
+    one. wave: where each begins, and the last one ends; inverse_square: of the lengths at rest [1/m2]; wi, wj:
+    share of each end, w / (w_i + w_j + compliance / h^2).
 
-    1 - 1 / sqrt(r), r the square of the length over that at rest, is 2 (r - 1) / (3 r + 1) but for 2e-4 of it
-    at a strain of 3 %, 2e-3 at 10 % (its Pade approximant at r = 1). The root would take as long as all the rest,
-    and this is finite where an edge has lost its length."""
+    1 - 1 / sqrt(r), r the square of the length over that at rest, is 2 (r - 1) / (3 r + 1) but for 2e-4 of it at a
+    strain of 3 %, 2e-3 at 10 % (its Pade approximant at r = 1). The root would take as long as all the rest, and
+    this is finite where an edge has lost its length."""
     k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(1.0), splat_f64x4(2.0)
-    for row in range(single, np.uint64(len(wave))):
-        end = np.uint64(wave[row])
+    for row in range(single, np.uint64(len(batch_start))):
+        end = np.uint64(batch_start[row])
         while k + four <= end:
             i, j = ends(edge, k)
             p, q = _load_four(x, i), _load_four(x, j)
@@ -335,13 +347,15 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def rub_hinges(n, which, hinge, near, share, most, axis, foot, turn, inverse, slip, held, x, moment):
+def bending_friction_moments(
+    n, which, hinge, near, share, limit, axis, foot, turn, inverse, slip, held, x, moment
+):
     """Friction in bending of the hinges which[:n], as they were measured last: moment (n,) times h^2.
 
-    A spring pulls each turn to slip[e], and gives way when springs bear more than `most`. That is summed up over
+    A spring pulls each turn to slip[e], and gives way when springs bear more than `limit`. That is summed up over
     both triangles of the hinge (held: (h + 1,) of late): if each hinge had a limit of its own, cloth would rub
     more by two thirds in one direction of the mesh than in another. Moments are only found here, all from the
-    same x, and act in `solve_rubbed_hinges`."""
+    same x, and act in `solve_hinges_with_friction`."""
     for k in range(n):
         e = which[k]
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
@@ -358,15 +372,15 @@ def rub_hinges(n, which, hinge, near, share, most, axis, foot, turn, inverse, sl
         g = (slip[e] - now) * inverse[k]
         held[e] = share[e] * g * g
         around = held[e] + 0.5 * (held[near[e, 0]] + held[near[e, 1]] + held[near[e, 2]] + held[near[e, 3]])
-        if around > most[e]:
-            keep = np.sqrt(most[e] / around)
+        if around > limit[e]:
+            keep = np.sqrt(limit[e] / around)
             g *= keep
             slip[e] = now + keep * (slip[e] - now)
         moment[k] = g
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_rubbed_hinges(n, hinge, weight, part, axis, foot, moment, grow, w, x):
+def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
     """`solve_hinges` with friction: `grow` times its moment bends each hinge just before that is solved. So they
     balance where cloth stays bent; in sweeps of their own each would find what the other has moved, and the
     damping of bending take it for speed."""
@@ -389,12 +403,12 @@ def solve_rubbed_hinges(n, hinge, weight, part, axis, foot, moment, grow, w, x):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def damp_edges(wave, edge, rate, w, x, v):
+def damp_edges(batch_start, edge, rate, w, x, v):
     """Take the share `rate` of the speed at which each edge's ends part or meet: momentum is kept. Four edges at
     once, as in `solve_edges`."""
     k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(0.0)
-    for row in range(single, np.uint64(len(wave))):
-        end = np.uint64(wave[row])
+    for row in range(single, np.uint64(len(batch_start))):
+        end = np.uint64(batch_start[row])
         while k + four <= end:
             i, j = ends(edge, k)
             d = _apart(_load_four(x, i), _load_four(x, j))

@@ -74,7 +74,7 @@ def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, heigh
 
 
 @njit(nogil=True)
-def let_go(holds):
+def release_overloaded(holds):
     """A pinch that is pulled harder than its pads can bear loses the cloth."""
     for hand in range(2):
         f2 = 0.0

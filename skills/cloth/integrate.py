@@ -27,7 +27,7 @@ def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def lead(count, awake, g, x, xp, u):
+def extrapolate(count, awake, g, x, xp, u):
     """u = x + g (x - xp), in which a constraint with damping is one without."""
     for c in range(count):
         i = awake[c]
@@ -36,8 +36,8 @@ def lead(count, awake, g, x, xp, u):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def follow(count, awake, g, x, xp, u):
-    """The x of which u is what `lead` makes of it."""
+def undo_extrapolation(count, awake, g, x, xp, u):
+    """The x of which u is what `extrapolate` makes of it."""
     scale = 1.0 / (1.0 + g)
     for c in range(count):
         i = awake[c]
@@ -45,7 +45,7 @@ def follow(count, awake, g, x, xp, u):
 
 
 @njit(nogil=True)
-def put_back(first, end, awake, x, xp):
+def restore_positions(first, end, awake, x, xp):
     """Those from `first` to `end` where they were."""
     for c in range(first, end):
         i = awake[c]
@@ -53,7 +53,7 @@ def put_back(first, end, awake, x, xp):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def take_speed(count, awake, h, x, xp, v):
+def update_velocities(count, awake, h, x, xp, v):
     """Velocities from displacements."""
     inv_h = 1.0 / h
     for c in range(count):

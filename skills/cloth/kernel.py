@@ -42,16 +42,16 @@ from skills.cloth.contact.edge_edge import narrow_edge_edge
 from skills.cloth.contact.table import find_low, press_on_table
 from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
 from skills.cloth.elasticity import (
+    bending_friction_moments,
     damp_edges,
     measure_turns,
-    rub_hinges,
     solve_edges,
     solve_hinges,
-    solve_rubbed_hinges,
+    solve_hinges_with_friction,
 )
-from skills.cloth.hold import hold, let_go
-from skills.cloth.integrate import follow, integrate, lead, put_back, take_speed
-from skills.cloth.intersections.resolve import GLANCE, untangle
+from skills.cloth.hold import hold, release_overloaded
+from skills.cloth.integrate import extrapolate, integrate, restore_positions, undo_extrapolation, update_velocities
+from skills.cloth.intersections.resolve import GLANCE, resolve_intersections
 from skills.cloth.simd.f64x8 import EIGHT, blocks
 from skills.cloth.sleep import pack, update_sleep
 from skills.cloth.state import (
@@ -96,7 +96,9 @@ def _compile(sources: str) -> Callable[..., int]:
     """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
 
     @njit(cache=True, nogil=True)
-    def run_frames(body, rules, state, pairs, holds, tangles, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):
+    def run_frames(
+        body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
+    ):
         """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
 
         tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0,
@@ -105,12 +107,12 @@ def _compile(sources: str) -> Callable[..., int]:
         count = state.counts
         # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
-        edge, wave, inverse_square = state.edge, state.wave, state.inverse_square
+        edge, batch_start, inverse_square = state.edge, state.batch_start, state.inverse_square
         wi, wj, rate = state.wi, state.wj, state.rate
         hinge, weight, part, free = state.hinge, state.weight, state.part, state.free
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
-        rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
-        low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
+        friction_inverse, slip, held, moment = state.friction_inverse, state.slip, state.held, state.moment
+        low, floor, table_friction, press = state.low, state.floor, state.table_friction, state.press
         contact_vertices, contact_weights, contact_mobilities, contact_normals = (
             pairs.contact_vertices,
             pairs.contact_weights,
@@ -128,30 +130,33 @@ def _compile(sources: str) -> Callable[..., int]:
         member, group_weights, group_mobilities, block = room_for_groups(room // EIGHT + 1)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
-        soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
+        soft, near, share, limit = (
+            body.bending_friction.soft, body.bending_friction.near, body.bending_friction.share,
+            body.bending_friction.limit
+        )  # fmt: skip
         _ = sources
-        h, pose = rules.h, np.empty((4, 3))
-        thick = rules.thickness
-        frame = h * rules.substeps
-        gravity = (rules.gx, rules.gy, rules.gz)
+        h, pose = parameters.h, np.empty((4, 3))
+        thick = parameters.thickness
+        frame = h * parameters.substeps
+        gravity = (parameters.gx, parameters.gy, parameters.gz)
         for f in range(count[FRAME], frames):
             if count[BEGUN] == 0:
-                update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
+                update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
                 impulse[:] = 0.0
                 count[BEGUN] = 1
             if count[PACKED] == 0:
                 pack(body, state)
             busy = np.empty((0, 2), np.int32)
             if len(cap_r):
-                busy = near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
+                busy = near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f)
             p0, p1, r0, r1 = tool_p[f], tool_p[f + 1], tool_r[f], tool_r[f + 1]
             holding = points[0] + points[1] > 0
             if count[AWAKE] > 0:
-                for s in range(count[SUBSTEP], rules.substeps):
+                for s in range(count[SUBSTEP], parameters.substeps):
                     if s == count[NEXT]:
-                        if needs_search(body, rules, state):
+                        if needs_search(body, parameters, state):
                             count[SEARCHED] = 0
-                            if not search(body, rules, state, pairs):
+                            if not search(body, parameters, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
                         pace = count[PACE]
@@ -175,40 +180,42 @@ def _compile(sources: str) -> Callable[..., int]:
                             group_mobilities, block
                         )  # fmt: skip
                         way = max(farthest, edges_farthest) / (pace * thick)
-                        count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
-                    if s % rules.phase == 0:
-                        damp_edges(wave, edge, rate, wa, x, v)
+                        count[NEXT], count[PACE] = next_narrow_phase(
+                            s, parameters.substeps, parameters.phase, pace, way
+                        )
+                    if s % parameters.phase == 0:
+                        damp_edges(batch_start, edge, rate, wa, x, v)
                     integrate(
-                        count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, x, xp, v
+                        count[MOVABLE], awake, h, parameters.drag, parameters.max_speed, gravity, x, xp, v
                     )  # fmt: skip
-                    solve_edges(wave, edge, inverse_square, wi, wj, x)
-                    lead(count[MOVABLE], awake, rules.bend_gamma, x, xp, u)
-                    if len(most):
-                        if s % rules.phase == 0:
+                    solve_edges(batch_start, edge, inverse_square, wi, wj, x)
+                    extrapolate(count[MOVABLE], awake, parameters.bend_gamma, x, xp, u)
+                    if len(limit):
+                        if s % parameters.phase == 0:
                             measure_turns(
                                 count[HINGES], which, hinge, soft, body.w, x, axis,
-                                foot, turn, rub_inverse
+                                foot, turn, friction_inverse
                             )  # fmt: skip
-                        rub_hinges(
-                            count[HINGES], which, hinge, near, share, most, axis,
-                            foot, turn, rub_inverse, slip, held, x,
+                        bending_friction_moments(
+                            count[HINGES], which, hinge, near, share, limit, axis,
+                            foot, turn, friction_inverse, slip, held, x,
                             moment
                         )  # fmt: skip
-                        solve_rubbed_hinges(
+                        solve_hinges_with_friction(
                             count[HINGES], hinge, weight, part, axis, foot,
-                            moment, 1.0 + rules.bend_gamma, free, u
+                            moment, 1.0 + parameters.bend_gamma, free, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
                             count[HINGES], hinge, weight, part, u
                         )  # fmt: skip
-                    follow(count[AWAKE], awake, rules.bend_gamma, x, xp, u)
-                    put_back(count[AWAKE], count[MOVABLE], awake, x, xp)
-                    a = (s + 1.0) / rules.substeps
+                    undo_extrapolation(count[AWAKE], awake, parameters.bend_gamma, x, xp, u)
+                    restore_positions(count[AWAKE], count[MOVABLE], awake, x, xp)
+                    a = (s + 1.0) / parameters.substeps
                     if holding:
                         hold(
                             points, age, hand, vertex, bary, offset,
-                            height, impulse, rules.hold_compliance / h**2, x, wa,
+                            height, impulse, parameters.hold_compliance / h**2, x, wa,
                             a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
@@ -220,19 +227,19 @@ def _compile(sources: str) -> Callable[..., int]:
                     )
                     measure_sides(groups, member, group_weights, block, xp)
                     sunk = 0
-                    if rules.table:
+                    if parameters.table:
                         sunk = find_low(
-                            count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, x, xp,
-                            v, press, low, floor, table_rub
+                            count[AWAKE], awake, thick, parameters.mu_static, parameters.mu_dynamic, h, x, xp,
+                            v, press, low, floor, table_friction
                         )  # fmt: skip
                     sweep, moved = 0, True
                     while sweep < LEAST_SWEEPS or (moved and sweep < MOST_SWEEPS):
                         press_on_table(
-                            sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
+                            sunk, low, 0.5 * thick, floor, table_friction, x, xp, press
                         )  # fmt: skip
                         moved = solve_contacts(
                             groups, order, filled, member, group_weights, group_mobilities, block, x,
-                            rules.mu_layers,
+                            parameters.mu_layers,
                             (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
                             TOLERANCE * thick, work
                         )  # fmt: skip
@@ -240,13 +247,13 @@ def _compile(sources: str) -> Callable[..., int]:
                     average_impulses(groups, order, block, contact_impulses)
                     if len(busy):
                         push_by_capsules(
-                            busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,
-                            0.5 * thick, h, edge, x, xp, wa
+                            busy, a, s / parameters.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1],
+                            cap_r, 0.5 * thick, h, edge, x, xp, wa
                         )  # fmt: skip
                     press_on_table(
-                        sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
+                        sunk, low, 0.5 * thick, floor, table_friction, x, xp, press
                     )  # fmt: skip
-                    take_speed(count[AWAKE], awake, h, x, xp, v)
+                    update_velocities(count[AWAKE], awake, h, x, xp, v)
                     count[NOW] += 1
                     if s + 1 == count[NEXT]:
                         remember_impulses(
@@ -257,17 +264,17 @@ def _compile(sources: str) -> Callable[..., int]:
                             pairs.vt_j,
                             pairs.ee_j,
                         )
-                if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
+                if intersections.found[0] > 0 or count[NOW] // parameters.substeps % GLANCE == 0:
                     soon = count[NOW] + count[PACE]
-                    untangle(body, pairs, tangles, count[VT], count[EE], soon, x, wa, thick)
+                    resolve_intersections(body, pairs, intersections, count[VT], count[EE], soon, x, wa, thick)
             else:
-                count[PACE] = rules.phase
+                count[PACE] = parameters.phase
             count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
             for side in range(2):
                 age[side] += frame
                 for m in range(3):
-                    holds.force[side, m] = impulse[side, m] / (h * h * rules.substeps)
-            let_go(holds)
+                    holds.force[side, m] = impulse[side, m] / (h * h * parameters.substeps)
+            release_overloaded(holds)
         count[FRAME] = 0
         return DONE
 

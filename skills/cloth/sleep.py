@@ -24,7 +24,7 @@ NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
 
 
 @njit(nogil=True)
-def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
+def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
     count = state.counts
     stirred, near = state.stirred, state.near
@@ -38,8 +38,8 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.quiet,
         state.kept,
         state.still,
-        rules.sleep_distance,
-        rules.sleep_frames,
+        parameters.sleep_distance,
+        parameters.sleep_frames,
         stirred,
     )
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
@@ -52,7 +52,7 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
             for m in range(3):
                 near[vertex[k, m]] = True
     changed, woke = _settle(
-        rules.sleep_frames,
+        parameters.sleep_frames,
         near,
         state.x,
         state.xp,
@@ -185,8 +185,8 @@ def pack(body, state):
             n += 1
     count[MOVABLE] = n
     count[EDGES] = _pack_edges(
-        body.spring, body.wave, body.edge_inverse, body.inverse_square, body.damping, free, state.edge, state.wave,
-        state.inverse_square, state.wi, state.wj, state.rate
+        body.spring, body.batch_start, body.edge_inverse, body.inverse_square, body.damping, free, state.edge,
+        state.batch_start, state.inverse_square, state.wi, state.wj, state.rate
     )  # fmt: skip
     count[HINGES] = _pack_hinges(
         body.hinge.view(np.uint32), body.hinge_inverse, body.weight, free, state.which, state.hinge, state.weight,
@@ -200,17 +200,18 @@ def pack(body, state):
 
 @njit(nogil=True)
 def _pack_edges(
-    edge, wave, inverse, inverse_square, damping, free, to_edge, to_wave, to_inverse_square, to_wi, to_wj, to_rate
+    edge, batch_start, inverse, inverse_square, damping, free, to_edge, to_batch_start, to_inverse_square, to_wi,
+    to_wj, to_rate
 ):  # fmt: skip
     """Edges with a free end, and the waves of these; -> their number."""
     single, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
-    for row in range(single, np.uint64(len(wave))):
+    for row in range(single, np.uint64(len(batch_start))):
         for e in range(
-            np.uint64(wave[row - single]), np.uint64(wave[row])
+            np.uint64(batch_start[row - single]), np.uint64(batch_start[row])
         ):  # without a guess about which they are
             which[n] = e
             n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
-        to_wave[row] = n
+        to_batch_start[row] = n
     for k in range(n):
         one = np.uint64(which[k])
         i, j = edge[one, 0], edge[one, 1]

@@ -17,13 +17,13 @@ from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
 from skills.cloth.contact.ridges import flat_cosine
 from skills.cloth.elasticity import (
+    build_bending_friction,
     build_elastic,
-    build_rub,
     flexural_rigidity,
     membrane_modulus,
     turns,
 )
-from skills.cloth.intersections.resolve import Tangles, no_tangles
+from skills.cloth.intersections.resolve import Intersections, no_intersections
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
@@ -36,7 +36,7 @@ from skills.cloth.state import (
     Body,
     Holds,
     Pairs,
-    Rules,
+    SolverParameters,
     State,
     new_holds,
     new_pairs,
@@ -117,16 +117,18 @@ class ClothSimulation:
         self.time = 0.0
         check_cloth(material, self.settings, mesh)
         self.substeps, self.stretch_error = choose_substeps(mesh, material, self.settings)
-        self._rules = _rules(mesh, material, self.settings, self.substeps, self.pads, table)
-        self._body = _body(mesh, material, self.settings, self._rules, fixed)
+        self._solver_parameters = _solver_parameters(
+            mesh, material, self.settings, self.substeps, self.pads, table
+        )
+        self._body = _body(mesh, material, self.settings, self._solver_parameters, fixed)
         n = len(mesh.rest)
-        rubbing = len(self._body.rub.most)
+        friction_hinges = len(self._body.bending_friction.limit)
         self._state = new_state(
-            n, len(mesh.edges), len(self._body.wave), len(mesh.hinges), rubbing, self._body.clusters
+            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges, self._body.clusters
         )
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
-        self._tangles = no_tangles(n)
+        self._intersections = no_intersections(n)
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
         self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
@@ -173,8 +175,8 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[AWAKE], s.counts[PACE] = len(free), self._rules.phase
-        for part in self._tangles:
+        s.counts[AWAKE], s.counts[PACE] = len(free), self._solver_parameters.phase
+        for part in self._intersections:
             part[...] = 0
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
@@ -183,7 +185,7 @@ class ClothSimulation:
     def _sleep(self) -> None:
         s = self._state
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
-        s.quiet[:] = self._rules.sleep_frames
+        s.quiet[:] = self._solver_parameters.sleep_frames
         s.base[:], s.course[:] = s.x[self._body.clusters.corner, :3].T, 0.0
         s.ridge_searched[:] = -1  # nothing is searched only because it has not been yet
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
@@ -262,7 +264,13 @@ class ClothSimulation:
         try:
             while (
                 kernel.run_frames(
-                    self._body, self._rules, self._state, self._pairs, self._holds, self._tangles, *motion
+                    self._body,
+                    self._solver_parameters,
+                    self._state,
+                    self._pairs,
+                    self._holds,
+                    self._intersections,
+                    *motion,
                 )
                 == kernel.PAIRS_FULL
             ):
@@ -290,7 +298,7 @@ class ClothSimulation:
         out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
         out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
         out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
-        out |= {f"tangles.{k}": v.copy() for k, v in self._tangles._asdict().items()}
+        out |= {f"intersections.{k}": v.copy() for k, v in self._intersections._asdict().items()}
         out |= {"tool_p": self._tool_p.copy(), "tool_r": self._tool_r.copy(), "time": np.array(self.time)}
         out["kernel"] = np.array(kernel.SOURCES)
         return out
@@ -316,7 +324,7 @@ class ClothSimulation:
         self._state = State(**part("state"))
         self._pairs = Pairs(**part("pairs"))
         self._holds = Holds(**part("holds"))
-        self._tangles = Tangles(**part("tangles"))
+        self._intersections = Intersections(**part("intersections"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
         self._state.counts[FITTED] = 0  # the clusters are not part of it
         self.time = float(saved["time"])
@@ -330,30 +338,34 @@ class ClothSimulation:
 
 
 def _body(
-    mesh: ClothMesh, material: Material, settings: SolverSettings, rules: Rules, fixed: NDArray[np.bool_] | None
+    mesh: ClothMesh,
+    material: Material,
+    settings: SolverSettings,
+    parameters: SolverParameters,
+    fixed: NDArray[np.bool_] | None,
 ) -> Body:
-    h, w = rules.h, 1.0 / (material.areal_mass * mesh.vertex_area)
+    h, w = parameters.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     if fixed is not None:
         w[fixed] = 0.0  # before the sweep's own compliance is found: it lifts nothing there
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
-    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * rules.phase * h * w[e.edge].sum(axis=1))
-    grow = 1.0 + rules.bend_gamma
+    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * parameters.phase * h * w[e.edge].sum(axis=1))
+    grow = 1.0 + parameters.bend_gamma
     topology = topology_of(mesh)
-    order = topology.by_wave
+    order = topology.batch_order
     return Body(
         w,
         e.edge,
         topology.edge_tri,
         e.rim,
         e.edge[order].view(np.uint32),
-        topology.wave,
+        topology.batch_start,
         1.0 / e.length[order] ** 2,
         1.0 / (w[e.edge].sum(axis=1) + e.compliance / h**2)[order],
         rate[order],
         e.hinge,
         e.weight,
         grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),
-        build_rub(mesh, material, h, settings.residual_curvature),
+        build_bending_friction(mesh, material, h, settings.residual_curvature),
         mesh.triangles.copy(),
         topology.tri_edge,
         topology.ring_start,
@@ -363,16 +375,16 @@ def _body(
     )
 
 
-def _rules(
+def _solver_parameters(
     mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
-) -> Rules:
+) -> SolverParameters:
     h = settings.frame / substeps
     edge = float(mesh.edge_length.mean())
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # along one of the two directions
     modulus = softer * membrane_modulus(material, settings.reference_drop)
     most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity
-    return Rules(
+    return SolverParameters(
         h=h,
         substeps=substeps,
         phase=phase_length(h, substeps),

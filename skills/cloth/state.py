@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.clusters import Clusters
-from skills.cloth.elasticity import Rub
+from skills.cloth.elasticity import BendingFriction
 from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
 
@@ -38,14 +38,14 @@ class Body(NamedTuple):
     edge_tri: NDArray[np.int32]
     rim: NDArray[np.bool_]
     spring: NDArray[np.uint32]
-    wave: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
     inverse_square: Array
     edge_inverse: Array
     damping: Array
     hinge: NDArray[np.int32]
     weight: Array
     hinge_inverse: Array
-    rub: Rub
+    bending_friction: BendingFriction
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
     ring_start: NDArray[np.int32]
@@ -54,7 +54,7 @@ class Body(NamedTuple):
     clusters: Clusters
 
 
-class Rules(NamedTuple):
+class SolverParameters(NamedTuple):
     """Numbers of the run. h: substep [s]; phase: substeps from one narrow phase to the next; flat: cosine of
     a ridge (ridges.py)."""
 
@@ -94,7 +94,7 @@ class State(NamedTuple):
     since the last search; still: hardly moved in the last frame; watched: clusters with a corner that is awake or
     was foreseen to move; top_row: (n,) scratch, -1. Of hinges that rub, else of no length: slip: (h,) the turn to
     which friction pulls; held: (h + 1,) what its spring holds of late; which: numbers of the packed hinges; axis,
-    foot, turn, rub_inverse, moment: of these, as last measured."""
+    foot, turn, friction_inverse, moment: of these, as last measured."""
 
     x: Array
     xp: Array
@@ -124,10 +124,10 @@ class State(NamedTuple):
     awake_list: NDArray[np.int32]
     low: NDArray[np.int32]
     floor: Array
-    rub: Array
+    table_friction: Array
     counts: NDArray[np.int64]
     edge: NDArray[np.uint32]
-    wave: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
     inverse_square: Array
     wi: Array
     wj: Array
@@ -141,7 +141,7 @@ class State(NamedTuple):
     axis: Array
     foot: Array
     turn: Array
-    rub_inverse: Array
+    friction_inverse: Array
     moment: Array
 
 
@@ -211,7 +211,7 @@ class Holds(NamedTuple):
     points: NDArray[np.int64]
 
 
-def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, clusters: Clusters) -> State:
+def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters) -> State:
     """Of n vertices, all awake: nothing is known yet of where they are. bounds: of the waves of edges."""
     m, corners = len(clusters.tri), len(clusters.corner)
 
@@ -247,10 +247,10 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, cluste
         awake_list=aligned_zeros(n, np.int32),
         low=aligned_zeros(n, np.int32),
         floor=f(n),
-        rub=f(n),
+        table_friction=f(n),
         counts=aligned_zeros(19, np.int64),
         edge=aligned_zeros((edges, 2), np.uint32),
-        wave=aligned_zeros(bounds, np.int64),
+        batch_start=aligned_zeros(bounds, np.int64),
         inverse_square=f(edges),
         wi=f(edges),
         wj=f(edges),
@@ -259,13 +259,13 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, cluste
         weight=f(hinges, 4),
         part=f(hinges, 4),
         which=aligned_zeros(hinges, np.int32),
-        slip=f(rubbing),
-        held=f(rubbing + 1),
-        axis=f(rubbing, 6),
-        foot=f(rubbing, 2),
-        turn=f(rubbing),
-        rub_inverse=f(rubbing),
-        moment=f(rubbing),
+        slip=f(friction_hinges),
+        held=f(friction_hinges + 1),
+        axis=f(friction_hinges, 6),
+        foot=f(friction_hinges, 2),
+        turn=f(friction_hinges),
+        friction_inverse=f(friction_hinges),
+        moment=f(friction_hinges),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skills.cloth.clusters import Clusters, build_clusters
-from skills.cloth.elasticity import in_waves, shuffled
+from skills.cloth.elasticity import colour_batches, shuffled
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.aligned_arrays import aligned
 
@@ -24,16 +24,16 @@ MESHES = 16  # of which it is kept
 class Topology(NamedTuple):
     """Edges count in a shuffled order, in which pairs refer to them. tri_edge: (t, 3) edges of the triangles;
     edge_tri: (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and
-    the edges to them, from ring_start[i] to ring_start[i + 1]. by_wave, wave: in which waves the edges are solved,
-    and where these begin (`in_waves`)."""
+    the edges to them, from ring_start[i] to ring_start[i + 1]. batch_order, wave: in which waves the edges are
+    solved, and where these begin (`colour_batches`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
-    by_wave: NDArray[np.int64]
-    wave: NDArray[np.int64]
+    batch_order: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
     clusters: Clusters
 
 
@@ -69,4 +69,4 @@ def _build(mesh: ClothMesh) -> Topology:
     start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
     ring_edge = between(both[:, 0], both[:, 1])
-    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *in_waves(edge), build_clusters(mesh, edge))
+    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *colour_batches(edge), build_clusters(mesh, edge))

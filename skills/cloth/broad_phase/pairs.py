@@ -27,14 +27,14 @@ RENEW = 4  # phases after which a cluster is searched along with others
 
 
 @njit(nogil=True)
-def needs_search(body, rules, state):
+def needs_search(body, parameters, state):
     """Whether pairs may be missing from the lists."""
     count = state.counts
     must = _expire(
         count[NOW],
         count[PACE],
-        rules.phase,
-        rules.h,
+        parameters.phase,
+        parameters.h,
         count[WATCHED],
         state.watched,
         body.clusters.corner,
@@ -73,14 +73,14 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
 
 
 @njit(nogil=True)
-def search(body, rules, state, pairs):
+def search(body, parameters, state, pairs):
     """Pairs of stale clusters anew; near ones keep their side. False, and no pair changed, when a list is too
     small."""
     count, clusters = state.counts, body.clusters
-    now, ahead = count[NOW], 0.5 * HORIZON * rules.phase * rules.h
+    now, ahead = count[NOW], 0.5 * HORIZON * parameters.phase * parameters.h
     _foresee(
         now,
-        min(SLACK, CALM_SLACK * rules.thickness),
+        min(SLACK, CALM_SLACK * parameters.thickness),
         clusters.corner,
         clusters.corner_start,
         state.x,
@@ -104,15 +104,15 @@ def search(body, rules, state, pairs):
         state.born,
         state.moving,
         now,
-        rules.h,
+        parameters.h,
         ahead,
         count[FITTED] == 0,
-        np.float32(rules.flat),
+        np.float32(parameters.flat),
     )
     clusters.ridge[:] = clusters.bent
     stay_ridges(count[EE], pairs.ee, pairs.near, clusters.at_edge, clusters.ridge)
     fit_ridges(clusters, state.course, state.slack)
-    n_vt, n_ee = search_pairs(clusters, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
+    n_vt, n_ee = search_pairs(clusters, parameters.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if not _have_room(n_vt, count[VT], pairs.vt, clusters.stale, clusters.of_vertex, clusters.of_tri):
         return False
     if not _have_room(n_ee, count[EE], pairs.ee, clusters.stale, clusters.of_edge, clusters.of_edge):

@@ -13,11 +13,11 @@ CAPSULE_FRICTION = 0.3
 
 
 @njit(nogil=True)
-def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
+def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
     """(m, 2) capsule and packed edge that can meet within frame f."""
     found = [(0, 0)]
     found.pop()
-    frame = rules.h * rules.substeps
+    frame = parameters.h * parameters.substeps
     for k in range(len(cap_r)):
         for e in range(state.counts[EDGES]):
             i, j = state.edge[e, 0], state.edge[e, 1]
@@ -30,7 +30,7 @@ def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
                 d2 += ((1 - s) * state.x[i, m] + s * state.x[j, m] - c) ** 2
                 travel = max(travel, abs(cap_p0[f + 1, k, m] - cap_p0[f, k, m]))
                 v2 += max(state.v[i, m] ** 2, state.v[j, m] ** 2)
-            reach = cap_r[k] + rules.thickness + 0.005 + 2.0 * travel + 1.5 * np.sqrt(v2) * frame
+            reach = cap_r[k] + parameters.thickness + 0.005 + 2.0 * travel + 1.5 * np.sqrt(v2) * frame
             if d2 < reach * reach:
                 found.append((k, e))
     out = np.empty((len(found), 2), np.int32)

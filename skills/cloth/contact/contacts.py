@@ -245,7 +245,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
     borne in this substep so far [kg m]; the sweep may take from it, but no contact pulls. -> whether it
     moved the sides of one by more than `tolerance` [m]. work: (n, 4) scratch, a row for each of n contacts"""
     one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, splat_f64x8(0.0), splat_f64x8(1.0)
-    rub, most_way, full = splat_f64x8(friction), splat_f64x8(tolerance), np.uint8(EIGHT)
+    mu, most_way, full = splat_f64x8(friction), splat_f64x8(tolerance), np.uint8(EIGHT)
     expect_places(block)
     for row in range(end):
         g = end - one - row if back else row
@@ -262,7 +262,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
         ay = by - borne * ny - inv * (ry - py - (d - dp) * ny)
         az = bz - borne * nz - inv * (rz - pz - (d - dp) * nz)
         hold = vsqrt(dots(ax, ay, az, ax, ay, az))
-        slide = where_above(hold, nothing, vmin(unit, vdiv(rub * press, hold)), nothing)
+        slide = where_above(hold, nothing, vmin(unit, vdiv(mu * press, hold)), nothing)
         jx, jy, jz = press * nx + slide * ax, press * ny + slide * ay, press * nz + slide * az
         # nothing changes for one that bears nothing and is apart
         jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))

@@ -16,7 +16,7 @@ SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, rub):
+def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
     """Which of awake[:count] are so low that the contacts of this substep may press them on the table, how low the
     table lets them be, and how much they rub on it: by the speed that they have, else whatever gives way a little
     while loads settle would go on sliding. Nothing is borne yet. -> their number."""
@@ -32,13 +32,13 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
         least = old + min(SUNK_SHARE * (rest - old), SUNK_SPEED * h)
         sliding = min(1.0, np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1]) / SLIDING)
         low[n], floor[n] = i, min(rest, least) if old < rest else rest
-        rub[n] = mu_static + sliding * (mu_dynamic - mu_static)
+        friction[n] = mu_static + sliding * (mu_dynamic - mu_static)
         n += 1
     return n
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def press_on_table(count, low, rest, floor, rub, x, xp, press):
+def press_on_table(count, low, rest, floor, friction, x, xp, press):
     """The table (a plane at z = 0) with Coulomb friction, on which vertices of one layer are at z = rest. It is
     asked before the contacts, so that layers rest on what it holds, and after them, with the sum of what it bore:
     press, the displacements in this substep."""
@@ -49,7 +49,7 @@ def press_on_table(count, low, rest, floor, rub, x, xp, press):
             continue
         up = max(0.0, borne + floor[c] - x[i, 2])
         sx, sy = press[i, 0] - x[i, 0] + xp[i, 0], press[i, 1] - x[i, 1] + xp[i, 1]
-        limit, hold2 = rub[c] * up, sx * sx + sy * sy
+        limit, hold2 = friction[c] * up, sx * sx + sy * sy
         if hold2 > limit * limit:
             share = limit / np.sqrt(hold2)
             sx, sy = share * sx, share * sy

@@ -94,8 +94,8 @@ def judge_sides(work, thick, span):
         # the gap cannot close within the span: the pair is apart, whichever side
         far = (abs(d) > release + reach) | (beside & (away > thick + reach))
         gap = away if beside else abs(d)
-        let_go = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
-        kept = ZERO if let_go else remembered
+        released = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
+        kept = ZERO if released else remembered
         clear = (not beside) | (abs(d) > np.float32(LEAN) * away)
         here = (ONE if d > ZERO else -ONE) if clear else ZERO
         side = here if kept == ZERO else kept

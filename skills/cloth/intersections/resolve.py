@@ -34,7 +34,7 @@ FAINT = 0.05  # a way shorter than this is none: two flat parts that cross have 
 MOST = 512  # crossings that are treated at once; those beyond wait
 
 
-class Tangles(NamedTuple):
+class Intersections(NamedTuple):
     """What the looks have found. found: (1,) crossings at the last one (MOST at most), and cross: (found, 2) edges
     and the triangles that they pass through. age: (n,) looks in a row at which a vertex was part of one. Scratch:
     old, (MOST, 2) those that are being undone; way, (MOST, 3) where their edges should go against the triangles,
@@ -48,8 +48,8 @@ class Tangles(NamedTuple):
     wish: Array
 
 
-def no_tangles(vertices: int) -> Tangles:
-    return Tangles(
+def no_intersections(vertices: int) -> Intersections:
+    return Intersections(
         np.zeros(1, np.int64),
         np.zeros((MOST, 2), np.int32),
         np.zeros(vertices, np.int32),
@@ -60,27 +60,27 @@ def no_tangles(vertices: int) -> Tangles:
 
 
 @njit(nogil=True)
-def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
+def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, thickness):
     """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
     x: (n, 4) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
     n = _find(
         soon, n_vt, pairs.vt.view(np.uint32), pairs.vt_due, n_ee, pairs.ee.view(np.uint32), pairs.near,
         body.tri.view(np.uint32), body.edge.view(np.uint32), body.edge_tri, body.ring_start,
-        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, tangles.cross
+        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, intersections.cross
     )  # fmt: skip
-    if n == 0 and tangles.found[0] == 0:
+    if n == 0 and intersections.found[0] == 0:
         return
-    tangles.found[0] = n
-    _grow_older(n, tangles.cross, body.edge, body.tri, tangles.age)
-    old, way, edge, tri = tangles.old, tangles.way, body.edge, body.tri
+    intersections.found[0] = n
+    _grow_older(n, intersections.cross, body.edge, body.tri, intersections.age)
+    old, way, edge, tri = intersections.old, intersections.way, body.edge, body.tri
     m = 0
     for c in range(n):
-        e, t = tangles.cross[c, 0], tangles.cross[c, 1]
-        if _oldest(edge[e], tri[t], tangles.age) > PATIENCE:
+        e, t = intersections.cross[c, 0], intersections.cross[c, 1]
+        if _oldest(edge[e], tri[t], intersections.age) > PATIENCE:
             old[m, 0], old[m, 1] = e, t
             shorten(x, edge[e], body.edge_tri[e], tri, t, way[m])
             m += 1
-    _agree(m, old, edge, tri, way, tangles.wish)
+    _agree(m, old, edge, tri, way, intersections.wish)
     for c in range(m):
         e, t = old[c, 0], old[c, 1]
         if way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2 > FAINT**2:

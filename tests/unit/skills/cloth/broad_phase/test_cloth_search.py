@@ -215,7 +215,7 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
     )
     sim = ClothSimulation(mesh, MATERIAL, x, settings)
-    sim._rules = sim._rules._replace(flat=float(EVERY_EDGE))
+    sim._solver_parameters = sim._solver_parameters._replace(flat=float(EVERY_EDGE))
     upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
     sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
     edges, seen, searched = sim._body.edge, 0, []
