@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """The compiled loop over frames and substeps (small-step XPBD, Macklin et al. 2019).
 
-One thread, no global interpreter lock, a fixed order of every sum: the same input gives the same bits. The
-state lives in arrays that the caller owns; the loop can be left and entered again between substeps (when
-a list of pairs is too small) without any difference.
+One thread, without the global interpreter lock, and every sum in a fixed order: the same input gives the same
+bits. The caller owns the arrays of the state. The loop can return between substeps (when a list of pairs is too
+small) and be entered again without any difference.
 
-What is called in every substep is handed the arrays that it works on: a tuple of arrays is handed over piece by
-piece, hundreds of numbers a call, and nine such calls a substep took a sixth of a towel's time. Each array that is
-taken out of a tuple, each slice and each view counts its references in an atomic step, and once more in the end:
-none in what runs often. Indices are unsigned there: signed ones are first asked whether they count from the end.
+Functions called in every substep take the arrays that they work on. A tuple of arrays would be passed piece by
+piece, hundreds of numbers a call: nine such calls a substep took a sixth of a towel's time. Each array taken out
+of a tuple, each slice and each view updates a reference count in an atomic step, twice: code that runs often has
+none. Indices are unsigned there, since signed ones are first tested for counting from the end.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ from skills.cloth.state import (
     VT,
 )
 
-DONE, PAIRS_FULL = 0, 1  # why the loop came back
+DONE, PAIRS_FULL = 0, 1  # why the loop returned
 COMPILED = (
     "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
     "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
@@ -81,11 +81,11 @@ COMPILED = (
     "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
     "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
-"""The files that are compiled into the loop."""
+"""Files that are compiled into the loop."""
 
 
 def _fingerprint() -> str:
-    """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
+    """Hash of the sources compiled into the loop: numba's cache only notices changes of one file."""
     digest = hashlib.sha256()
     for name in COMPILED:
         digest.update((Path(__file__).parent / name).read_bytes())
@@ -93,7 +93,7 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
+    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources."""
 
     @njit(cache=True, nogil=True)
     def run_frames(
@@ -105,7 +105,7 @@ def _compile(sources: str) -> Callable[..., int]:
         cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
         """
         count = state.counts
-        # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
+        # reading an attribute of a tuple increments a reference count atomically: read each once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
         edge, batch_start, inverse_square = state.edge, state.batch_start, state.inverse_square
         wi, wj, rate = state.wi, state.wj, state.rate
@@ -121,8 +121,8 @@ def _compile(sources: str) -> Callable[..., int]:
         )
         contact_distances, contact_masses = pairs.contact_distances, pairs.contact_masses
         contact_impulses, room = pairs.contact_impulses, len(pairs.contact_distances)
-        # The loop is always entered at a narrow phase: none of this is kept. Groups of contacts (contact.py)
-        # seldom need more room than they have at first
+        # Nothing of this is kept between calls: the loop is always entered at a narrow phase. Groups of contacts
+        # (contact_order.py) seldom need more room than they have at first
         groups, taken, work = 0, np.empty(len(x), np.int32), blocks((room + 1) // 2, 1).reshape((-1, 4))
         order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
         contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
@@ -240,7 +240,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         moved = solve_contacts(
                             groups, order, filled, member, group_weights, group_mobilities, block, x,
                             parameters.mu_layers,
-                            (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
+                            (s + sweep) % 2 == 1,  # forwards and backwards; the next substep begins backwards
                             TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1
@@ -282,5 +282,5 @@ def _compile(sources: str) -> Callable[..., int]:
 
 
 SOURCES = _fingerprint()
-"""What the loop is compiled from."""
+"""Hash of the sources of the compiled loop."""
 run_frames = _compile(SOURCES)

@@ -1,6 +1,6 @@
-"""Who is whose neighbour in a mesh, and its clusters: what the solver needs and hangs on the mesh alone.
+"""Neighbourhoods and clusters of a mesh: the part of the solver's data that depends on the mesh alone.
 
-An optimiser simulates one mesh hundreds of times; all of this is made once for each mesh.
+An optimiser simulates one mesh hundreds of times, so all of this is built once for each mesh.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
 
-MESHES = 16  # of which it is kept
+MESHES = 16  # size of the cache
 
 
 class Topology(NamedTuple):
-    """Edges count in a shuffled order, in which pairs refer to them. tri_edge: (t, 3) edges of the triangles;
+    """Edges are numbered in the shuffled order that pairs refer to. tri_edge: (t, 3) edges of the triangles;
     edge_tri: (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and
-    the edges to them, from ring_start[i] to ring_start[i + 1]. batch_order, wave: in which waves the edges are
-    solved, and where these begin (`colour_batches`)."""
+    the edges to them, from ring_start[i] to ring_start[i + 1]. batch_order, batch_start: the edges in colour
+    batches, and where each batch begins (`colour_batches`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
@@ -38,7 +38,7 @@ class Topology(NamedTuple):
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """The mesh's own, with clusters that nobody else has: a simulation writes into them."""
+    """The topology of a mesh, with its own copy of the clusters, into which a simulation writes."""
     known = _build(mesh)
     return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 
