@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The geometry of clusters where their courses lead, and what bounds it for the search."""
+"""Geometry and bounds of the clusters along their predicted courses, for the search."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["fit_clusters", "fit_ridges"]
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
-TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # in place of 0: for points and lines, for a sum of normals
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
@@ -81,20 +81,21 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 @njit(nogil=True, forceinline=True)
 def _at(a, d, rows, at, later):
-    """a[d, at] of an array (3, rows, LANES): each place is in the first of the `rows` or, where there is a bit, in
-    the other one."""
+    """a[d, at] of an array (3, rows, LANES): from the first of the `rows` or, where the bit is set, from the
+    second."""
     return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
 @njit(nogil=True, forceinline=True)
 def _three_at(a, rows, at, later):
-    """The same for three coordinates."""
+    """`_at` for three coordinates."""
     return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
-    """Velocity of the middle of triangles along axis d, of those of the corners; -> by how much they differ."""
+    """Velocity of the triangles' middles along axis d. -> squared differences of the corners' velocities from
+    it."""
     mean = (p + q + r) * splat_f32x16(THIRD)
     store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean
@@ -103,7 +104,8 @@ def _fit_speeds(k, d, p, q, r, geo):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
-    """Of cluster k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
+    """Geometry of the triangles of cluster k, whose corners are in two `rows` of place and course (3, rows,
+    LANES)."""
     p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
     end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
     in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
@@ -138,7 +140,7 @@ def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edge(i, j, place, course, slack, geo, row, a):
-    """An edge between corners i and j into place a of a row."""
+    """An edge between corners i and j into lane a of a row."""
     length2 = differs = ZERO
     for d in range(3):
         along = place[d, j] - place[d, i]
@@ -164,10 +166,10 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy")
 def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
-    """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
-    the substep `born`, each of `span` [s]; clusters that neither move nor are stale are as they were. Normals of
-    stale clusters and of those beside them: no others are asked for. Which edges
-    are bent, of the clusters that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
+    """Geometry with the corners predicted for `horizon` [s] after the substep `now`: base + course x time since
+    the substep `born`, each substep of `span` [s]. Clusters that neither move nor are stale stay as they were.
+    Normals are updated in stale clusters and those beside them, where the search reads them. Bent edges are
+    updated in the fitted clusters and those beside them. flat: cosine of a ridge (ridges.py)."""
     place, box, corner_start, stale = clusters.place, clusters.box, clusters.corner_start, clusters.stale
     tri, tri_at, tri_geo, slab = clusters.tri, clusters.tri_at.view(np.uint32), clusters.tri_geo, clusters.slab
     edge = clusters.edge
@@ -216,8 +218,8 @@ def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon
 
 @njit(nogil=True, error_model="numpy")
 def fit_ridges(clusters, course, slack):
-    """Geometry of the edges that are ridges, those of a cluster side by side in its rows: of clusters that were
-    fitted (`fit_clusters`), or of which others have become ridges."""
+    """Geometry of the edges that are ridges, side by side in the rows of their cluster, of clusters that were
+    fitted (`fit_clusters`) or whose ridges changed."""
     edge, edge_at, start = clusters.edge, clusters.edge_at.view(np.uint32), clusters.edge_start
     ridge, before, place, fitted = clusters.ridge, clusters.ridge_before, clusters.place, clusters.fitted
     ridges, ridge_edge, geo, corner = clusters.ridges, clusters.ridge_edge, clusters.edge_geo, clusters.corner
@@ -248,7 +250,7 @@ def fit_ridges(clusters, course, slack):
 
 @njit(nogil=True, forceinline=True)
 def _differ(first, last, a, b):
-    """Whether two arrays do from first to last."""
+    """Whether two arrays differ from first to last."""
     found = False
     for row in range(first, last):
         found = found or a[row] != b[row]
@@ -257,7 +259,7 @@ def _differ(first, last, a, b):
 
 @njit(nogil=True, forceinline=True)
 def _beside_some(beside, start, which, k):
-    """Whether cluster k or one beside it is one of these."""
+    """Whether `which` is set for cluster k or one beside it."""
     found = False
     for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
         found |= which[np.uint64(beside[row])]

@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The search for pairs that may touch: clusters against clusters, sixteen of their primitives at a time.
+"""Search for pairs that may touch: clusters against clusters, sixteen of their primitives at a time.
 
-All bounds are compared in the frame that moves with one of the two, along axes on which they may lie apart, so
-that layers that travel together or slide past each other do not look as if they would meet everything on their
-way. The geometry is that in the middle of the horizon: half of the time has to be looked ahead, and half back.
+All bounds are compared in the frame that moves with one of the two, along axes on which they may be separated.
+Layers that travel together or slide past each other thus do not seem to meet everything on their way. The geometry
+is that in the middle of the horizon, so that half of the horizon lies ahead and half behind.
 
-A smooth stretch of cloth cannot touch itself: a cluster is not searched against itself or a neighbour when all
-their normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that really face each
-other cost anything. In a notch cloth meets itself edge to edge, however flat it is: what has borders on both sides
-of one is always searched (their test of the contour, made once, of the mesh: clusters.py).
+A smooth region of cloth cannot touch itself: a cluster is not searched against itself or a neighbour when all
+their normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that face each other
+cost anything. In a notch cloth meets itself edge to edge, however flat it is: clusters with borders on both sides
+of one are always searched (their test of the contour, made once for each mesh: clusters.py).
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ from skills.cloth.simd.i32x16 import (
 
 __all__ = ["search_pairs"]
 
-ROOM = 3 * LEAF  # tests that two clusters may need: each vertex or edge of one with the other
-# so many are put down, then made: how many there are would be guessed at before it is known
+ROOM = 3 * LEAF  # most tests of two clusters: each vertex or edge of one against the other
+# size of a batch: tests are collected, then made, so that loop lengths are known in advance
 TESTS = 16 * ROOM
-SMOOTH = 0.15  # how far the normals of a region have to lean towards one direction for it to be smooth
-ROUNDING = 2e-5  # [m] of single precision
+SMOOTH = 0.15  # least lean of a smooth region's normals in a common direction
+ROUNDING = 2e-5  # [m] error of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-TINY = np.float32(1e-20)  # instead of 0: for points and lines
+TINY = np.float32(1e-20)  # in place of 0: for points and lines
 BEYOND = np.float32(FAR)
 NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LANES)  # for indices
 
 
 @njit(nogil=True, forceinline=True)
 def _smooth(normal, a, b):
-    """Whether all normals of clusters a and b lean towards one direction."""
+    """Whether all normals of clusters a and b lean in one direction."""
     lean = 0.0
     d2 = 0.0
     for c in range(3):
@@ -71,7 +71,7 @@ def _smooth(normal, a, b):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
-    """Which of row h of boxes come as near as `near` to another one with the bounds `own`: a bit for each."""
+    """A bit for each box of row h that comes within `near` of the bounds `own`."""
     sweep = splat_f32x16(horizon)
     gap = splat_f32x16(-BEYOND)
     for d in range(3):
@@ -84,7 +84,7 @@ def _boxes_near(box, h, own, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _points_within(geo, r, box, slab, b, near, horizon):
-    """Which of row r of points come as near as `near` to the box and the slab of cluster b: a bit for each."""
+    """A bit for each point of row r that comes within `near` of the box and the slab of cluster b."""
     g, c, sweep = b // LANES, b % LANES, splat_f32x16(horizon)
     x, y, z, u, v, w = (
         load_f32x16(geo, r, 0),
@@ -105,14 +105,14 @@ def _points_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
-    """How far places x with the speeds u are beyond a box, along axis d, within +-sweep."""
+    """Distances of places x with speeds u beyond a box, along axis d, within +-sweep."""
     away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
     return away - splat_f32x16(box[g, d + 3, c] + near)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _edges_within(geo, r, box, slab, b, near, horizon):
-    """The same for a row of edges."""
+    """A bit for each edge of row r that comes within `near` of the box and the slab of cluster b."""
     g, c, sweep, half = b // LANES, b % LANES, splat_f32x16(horizon), splat_f32x16(HALF)
     dx, dy, dz = half * load_f32x16(geo, r, 3), half * load_f32x16(geo, r, 4), half * load_f32x16(geo, r, 5)
     x, y, z = load_f32x16(geo, r, 0) + dx, load_f32x16(geo, r, 1) + dy, load_f32x16(geo, r, 2) + dz
@@ -128,8 +128,8 @@ def _edges_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _triangles_near(geo, b, points, r, c, near, horizon):
-    """Which of the triangles of cluster b the point in place c of row r may come as near as `near` within
-    +-horizon (by their boxes and planes): a bit for each."""
+    """A bit for each triangle of cluster b that the point in lane c of row r may come within `near` of, within
+    +-horizon (by their boxes and planes)."""
     x, y, z = splat_f32x16(points[r, 0, c]), splat_f32x16(points[r, 1, c]), splat_f32x16(points[r, 2, c])
     nx, ny, nz, sweep = (
         load_f32x16(geo, b, 6),
@@ -151,8 +151,8 @@ def _triangles_near(geo, b, points, r, c, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _edges_near(geo, r, c, other, near, horizon):
-    """Which of the edges in row `other` the one in place c of row r may come as near as `near` within +-horizon
-    (Ericson 2005, 5.1.9): a bit for each."""
+    """A bit for each edge in row `other` that the edge in lane c of row r may come within `near` of, within
+    +-horizon (Ericson 2005, 5.1.9)."""
     zero, one, sweep = splat_f32x16(ZERO), splat_f32x16(ONE), splat_f32x16(horizon)
     dx, dy, dz, a = (
         splat_f32x16(geo[r, 3, c]),
@@ -176,8 +176,8 @@ def _edges_near(geo, r, c, other, near, horizon):
     t = vmin(vmax((h * s + f) * load_f32x16(geo, other, 12), zero), one)
     s = vmin(vmax((h * t - g) * splat_f32x16(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-    # along the line between the closest points, d long, both lie apart by d wherever they move beside it: they are
-    # within reach when d^2 <= reach d + along. No root is needed for 2 reach d <= reach^2 + d^2, which is about so
+    # The line between the closest points has length d; motion across it leaves the edges d apart. They are within
+    # reach when d^2 <= reach d + along. With 2 reach d <= reach^2 + d^2, nearly an equality, no root is needed.
     du = splat_f32x16(geo[r, 7, c]) - load_f32x16(geo, other, 7)
     dv = splat_f32x16(geo[r, 8, c]) - load_f32x16(geo, other, 8)
     dw = splat_f32x16(geo[r, 9, c]) - load_f32x16(geo, other, 9)
@@ -189,10 +189,10 @@ def _edges_near(geo, r, c, other, near, horizon):
 
 @njit(nogil=True)
 def search_pairs(clusters, thick, horizon, vt, ee):
-    """All pairs with a stale cluster that can come within release distance within +-horizon [s] of where the
-    clusters were fitted, when no corner strays from its course by more than its slack; -> counts, which exceed the
-    lists' lengths if these are too short. vt, ee: (k, 2), k at least LANES: so many rows are written at once, and
-    the last ones stay empty."""
+    """All pairs with a stale cluster that can come within release distance within +-horizon [s] of the fitted
+    state, provided that no corner strays from its course by more than its slack. -> counts, which exceed the
+    lengths of the lists if these are too short. vt, ee: (k, 2), k at least LANES: LANES rows are written at once,
+    and the last ones stay unused."""
     near = RELEASE * thick
     n_vt = n_ee = NONE
     stale, box, hit, slab, group = clusters.stale, clusters.box, clusters.hit, clusters.slab, clusters.group
@@ -215,7 +215,7 @@ def search_pairs(clusters, thick, horizon, vt, ee):
     which, of = np.empty(TESTS + LANES, np.uint32), np.empty(TESTS + LANES, np.uint32)
     found = np.empty(3 * TESTS, np.int32)
     done, left_out = np.zeros(len(group), np.int32), np.empty(len(group), np.int32)
-    for a in range(len(stale), len(group) * LANES):  # there are no such clusters
+    for a in range(len(stale), len(group) * LANES):  # unused lanes
         done[a // LANES] |= int32(1 << (a % LANES))
     for a in range(len(stale)):
         if not stale[a]:
@@ -255,13 +255,14 @@ def search_pairs(clusters, thick, horizon, vt, ee):
 
 @njit(nogil=True, forceinline=True)
 def _counted(n, pairs):
-    """n, or more than there is room for: LANES are written at once, so the last places stay empty."""
+    """n, or a number above the length of the list if it is too short: LANES are written at once, so its last rows
+    stay unused."""
     return np.int64(n) if np.int64(n) <= len(pairs) - LANES else len(pairs) + 1
 
 
 @njit(nogil=True, forceinline=True)
 def _leave_out_smooth(a, smooth, start, normal, left_out):
-    """Marks clusters of one smooth region with cluster a: a bit for each."""
+    """Set the bits of the clusters that form one smooth region with cluster a."""
     for k in range(start[a], start[a + 1]):
         b = np.uint64(smooth[k])
         left_out[b // WIDE] |= int32(_smooth(normal, np.uint64(a), b)) << int32(b % WIDE)
@@ -269,11 +270,11 @@ def _leave_out_smooth(a, smooth, start, normal, left_out):
 
 @njit(nogil=True, forceinline=True)
 def _meeting(box, group, own, left_out, near, horizon, hit):
-    """Clusters that one with the bounds `own` can meet into `hit`, but those left out (a bit for each); -> their
-    number."""
+    """Clusters that one with the bounds `own` can meet into `hit`, except those in `left_out` (a bit for each). ->
+    their number."""
     n = NONE
     for h in range(len(group)):
-        # all of a row at once
+        # a whole row of boxes at once
         apart = False
         for d in range(3):
             sweep = horizon * abs(group[h, d + 6] - own[d + 6])
@@ -288,7 +289,7 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
-    """Tests from place m on: of what bits tell in row r, with cluster b; -> the place behind them."""
+    """Append from index m on the tests of the set bits of row r against cluster b. -> the index behind them."""
     store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
     store_i32x16(of, m, splat_i32x16(int32(b)))
     return m + popcount(bits)
@@ -298,7 +299,7 @@ def _put_down(which, of, m, r, bits, b):
 def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
-    """Vertices of cluster a that can meet triangles of clusters hit[:met], and the other way round."""
+    """Pairs of vertices of cluster a with triangles of clusters hit[:met], and the other way round."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
     none = splat_i32x16(int32(-1))
     for turn in range(2 * met):
@@ -314,7 +315,7 @@ def _near_triangles(
             for k in range(m):
                 i, q = int32(vertex[which[k] // WIDE, which[k] % WIDE]), of[k]
                 t, vertices = load_i32x16(face, q, 0), splat_i32x16(i)
-                # no empty places: their bounds are those of others, or no numbers
+                # without empty lanes, whose bounds are undefined
                 bits = found[k] & mask_greater(t, none) & (int32(0) if i < 0 else int32(-1))
                 for d in range(1, 4):
                     bits &= mask_not_equal(load_i32x16(face, q, d), vertices)
@@ -326,13 +327,13 @@ def _near_triangles(
 
 @njit(nogil=True, forceinline=True)
 def _rows(n):
-    """Rows that n places take."""
+    """Number of rows for n lanes."""
     return np.uint64(n + (LANES - 1)) // WIDE
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
-    """Edges of cluster a that can meet edges of clusters hit[:met]: ridges alone."""
+    """Pairs of edges of cluster a and edges of clusters hit[:met], ridges alone."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
     own, own_rows = np.uint64(start[a]), _rows(ridges[a])
     own_end = splat_i32x16(int32(start[a] * LANES + ridges[a]))
@@ -356,7 +357,7 @@ def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, ho
                 r, c, b = which[k] // WIDE, which[k] % WIDE, of[k]
                 e, i, j = ridge_edge[r, 0, c], ridge_edge[r, 1, c], ridge_edge[r, 2, c]
                 first, end = np.uint64(start[b]), int32(start[b] * LANES + ridges[b])
-                before = int32(which[k]) if b == a else int32(-1)  # two of one cluster are met once
+                before = int32(which[k]) if b == a else int32(-1)  # a pair within one cluster is found once
                 for other in range(first, first + _rows(ridges[b])):
                     place = iota(int32(other * WIDE))
                     u, v = load_i32x16(ridge_edge, other, 1), load_i32x16(ridge_edge, other, 2)

@@ -15,7 +15,8 @@ NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their p
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _closest_on_segments(a, b, r):
-    """Closest points of two segments along a and b that begin r apart (Ericson 2005, 5.1.9): their parameters."""
+    """Parameters of the closest points of two segments along a and b whose starts are r apart (Ericson 2005,
+    5.1.9)."""
     aa, bb = dot(a, a) + 1e-30, dot(b, b) + 1e-30
     f, c, ab = dot(b, r), dot(a, r), dot(a, b)
     den = aa * bb - ab * ab
@@ -30,7 +31,7 @@ def _closest_on_segments(a, b, r):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
-    """Normal and gap of two crossing edges on the side that they are remembered to be on."""
+    """Normal and gap of two crossing edges on their remembered side."""
     lean = dot(n, load(normal, c)) if near[c] else d
     if lean < 0.0:
         n, d = -n, -d
@@ -46,11 +47,12 @@ def _sided(c, n, d, near, normal, release, give_up):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
-    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row n on; ->
-    rows, and how far the fastest of them may go in this time [m].
+    """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
+    from row n on. -> number of rows, and the farthest that one of them may move in this time [m].
 
-    rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
-    on the table, have no other normal than the shortest way from one to the other."""
+    rim: (e,) True for edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards
+    each other on the table, have no other normal than the shortest line between them.
+    """
     pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
     due, memory = pairs.ee_due, pairs.ee_j
     contact_vertices, contact_weights, contact_mobilities, contact_normals, contact_impulses = (

@@ -8,18 +8,19 @@ from numba import njit
 
 from skills.cloth.simd.vec3 import load, store, vector
 
-LOW = 0.004  # [m] above its rest on the table: what is higher is not pressed on it before the next substep
-# what is in the table is pushed out, by this share a substep and at most so fast [m/s], and not shifted as layers
-# are: of folded piles more came to rest
+LOW = 0.004  # [m] vertices higher above their rest on the table are not pressed onto it before the next substep
+# vertices inside the table are pushed out by this share a substep, at most so fast [m/s]. They are not shifted as
+# overlapping layers are: more folded piles came to rest so
 SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
-SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
+SLIDING = 0.02  # [m/s] from which friction with the table is dynamic
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
-    """Which of awake[:count] are so low that the contacts of this substep may press them on the table, how low the
-    table lets them be, and how much they rub on it: by the speed that they have, else whatever gives way a little
-    while loads settle would go on sliding. Nothing is borne yet. -> their number."""
+    """List the vertices of awake[:count] that contacts of this substep may press onto the table, their lowest
+    heights `floor`, and the table's friction coefficient for each. The coefficient depends on the vertex's speed;
+    otherwise a vertex that yields a little while loads settle would keep sliding. Resets `press`. -> their
+    number."""
     nothing = vector(0.0, 0.0, 0.0)
     rest = 0.5 * thickness
     n = 0
@@ -39,9 +40,9 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def press_on_table(count, low, rest, floor, friction, x, xp, press):
-    """The table (a plane at z = 0) with Coulomb friction, on which vertices of one layer are at z = rest. It is
-    asked before the contacts, so that layers rest on what it holds, and after them, with the sum of what it bore:
-    press, the displacements in this substep."""
+    """The table (the plane z = 0) with Coulomb friction; vertices of one layer rest at z = `rest`. It is solved
+    before the contacts, so that layers rest on what it holds, and after them, with the sum of its displacements in
+    this substep, `press`."""
     for c in range(count):
         i = low[c]
         borne = press[i, 2]
