@@ -1,8 +1,8 @@
-"""The few values that cross rooms. All frozen; arrays read-only; metres, radians, seconds.
+"""The values exchanged between rooms. All are frozen, with read-only arrays, in metres, radians and seconds.
 
-Everything here is stated in the table frame (see robots.ports): x forward, y left, z = 0 on the table.
-A point "on the garment" is named either by where it lies now (table frame) or by its material
-coordinates: where it lay when the garment was flat, before the first fold. The two agree until then.
+All coordinates are in the table frame (see robots.ports): x forward, y left, z = 0 on the table. A point of the
+garment is given either by its present position (table frame) or by its material coordinates, its position in the
+flat garment before the first fold. The two agree until then.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Outcome(Generic[T]):
-    """What a skill returns: a value or a failure, never both. `notes` are figures for the record."""
+    """The result of a skill: a value or a failure, never both. `notes`: figures for the record."""
 
     value: T | None = None
     failure: Failure | None = None
@@ -83,9 +83,9 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """What the executive believes of its camera. T_table_camera: (4, 4), camera to table.
+    """The calibration of the camera. T_table_camera: (4, 4), camera to table.
 
-    head_pan: the angle at which it was calibrated; looking at another angle is refused [rad].
+    head_pan: the angle at which it was calibrated [rad]; pictures from another angle are refused.
     """
 
     intrinsics: Intrinsics
@@ -94,17 +94,17 @@ class CameraCalibration:
 
 
 REFERENCE_DROP = 0.6
-"""[m] length of the hanging strip by which a fabric's stretch is stated."""
+"""[m] length of the hanging strip for which a fabric's stretch is stated."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """A fabric by what a lab can measure; friction belongs to garment and surface together.
+    """Measurable properties of a fabric; the friction is that of garment and surface together.
 
     areal_mass [kg/m2]; stretch_fraction: elongation of a strip, REFERENCE_DROP long, that hangs by its end (the
     paper's shear_frac is of the garment hung by a point: calibration/shear.py); bending_length: Peirce's
-    cantilever bending length [m]; thickness of one layer [m];
-    friction coefficients with the table and between layers (Coulomb).
+    cantilever bending length [m]; thickness of one layer [m]; friction coefficients with the table and between
+    layers (Coulomb).
     """
 
     areal_mass: float
@@ -115,7 +115,7 @@ class Material:
     friction_dynamic: float
     friction_layers: float
     assumed: tuple[str, ...] = ()
-    """Names of the fields that nobody measured for this garment."""
+    """Names of the fields that were not measured for this garment."""
 
     def with_friction(self, mu: float) -> Material:
         """The same fabric on a table with static coefficient `mu`, dynamic in the same proportion."""
@@ -125,10 +125,10 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class GarmentState:
-    """What perception says lies on the table.
+    """The garment on the table as perceived.
 
-    contour: (n, 2) counter-clockwise, not closed. keypoints: name -> (2,) position.
-    confidence in 0..1. ambiguous: symmetries that the picture cannot resolve, by name.
+    contour: (n, 2) counter-clockwise, not closed. keypoints: name -> (2,) position. confidence in 0..1. ambiguous:
+    names of symmetries that the picture cannot resolve.
     """
 
     category: str
@@ -140,9 +140,9 @@ class GarmentState:
 
 @dataclass(frozen=True, eq=False)
 class FoldLine:
-    """A directed line: what lies to the LEFT of point -> point + direction moves, the rest stays.
+    """A directed line: the part to the LEFT of point -> point + direction moves, the rest stays.
 
-    Stated where the garment lies at that step. point: (2,), direction: (2,) unit.
+    In the garment's position at that step. point: (2,), direction: (2,) unit.
     """
 
     point: Array
@@ -164,9 +164,9 @@ class FoldLine:
 
 
 class GraspId(StrEnum):
-    """Which grasp of a fold step: the key of all that belongs to one of them (target, arc, tool path), named after
-    the arm that takes it by plan. Which arm really does is the motion planner's choice, `Posture.path`: an arm is
-    a `robots.ports.Side`. The two compare equal, so that only the types tell them apart."""
+    """Identifier of a grasp of a fold step, the key of its target, arc and tool path. It is named after the
+    planned arm. The motion planner chooses the arm that executes it (`Posture.path`), which is a
+    `robots.ports.Side`. The two enumerations compare equal, so only their types tell them apart."""
 
     LEFT = "left"
     RIGHT = "right"
@@ -177,17 +177,17 @@ class GraspId(StrEnum):
 
     @property
     def planned_arm(self) -> Side:
-        """The arm that takes it unless the arms are swapped."""
+        """The arm that takes the grasp unless the arms are swapped."""
         return Side(self.value)
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Where one hand takes hold, and how.
+    """Position and orientation of one hand's grasp.
 
-    point: (2,) where the held line's middle lies now, in the table frame. heading: direction of the
-    held line (the tool's x) in the table plane [rad]. layers: how many layers the pinch shall take.
-    height: of the stack's top under the tool before the grasp [m].
+    point: (2,) middle of the held line, table frame. heading: direction of the held line (the tool's x) in the
+    table plane [rad]. layers: number of layers to pinch. height: of the top of the stack under the tool before the
+    grasp [m].
     """
 
     point: Array
@@ -198,12 +198,11 @@ class Grasp:
 
 @dataclass(frozen=True, eq=False)
 class FoldStep:
-    """One fold: where to take hold, where to put it, and what shall come of it.
+    """One fold: grasps, release targets and the target shape.
 
-    index counts from 0. line: the fold line. earlier: the lines of the steps before, in order: the
-    target shape is the flat outline folded by `earlier` and then by `line`. grasps and targets: one for
-    each hand used; a target is (3,): where the tool centre point releases, z above the stack. variant: which
-    of the plan's ways this is, by name.
+    index counts from 0. line: the fold line. earlier: the lines of the steps before, in order; the target shape is
+    the flat outline folded by `earlier` and then by `line`. grasps and targets: one for each hand used; a target
+    is (3,), the tool centre point at release, z above the stack. variant: name of the variant of the plan.
     """
 
     name: str
@@ -254,10 +253,10 @@ def tool_rotation(heading: Array, pitch: Array, roll: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ToolPath:
-    """Where one tool goes, sampled: what the arms execute and what the cloth simulation predicts with.
+    """The sampled path of one tool, for the arms and for the cloth simulation.
 
     t: (n,) [s] from 0; position: (n, 3) of the tool centre point, table frame; heading, pitch, roll: (n,).
-    Orientation R_table_tool = Rz(heading) @ diag(1, -1, -1) @ Rx(pitch) @ Ry(roll): all zero is a hand that
+    Orientation R_table_tool = Rz(heading) @ diag(1, -1, -1) @ Rx(pitch) @ Ry(roll); with all three zero the hand
     points straight down with its held line along table x.
     """
 

@@ -27,31 +27,41 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.f64x4 import FOUR, all_four, dots, ends, load_four, over, pick_four, where_above
+from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, vdiv, where_above
 from skills.cloth.simd.vec3 import dot, load, spread, store
 from skills.vocabulary import Material
 
 __all__ = [
-    "GRAVITY", "Elastic", "Rub", "build_elastic", "build_rub", "flexural_rigidity", "in_waves", "membrane_modulus",
-    "shuffled", "stretch_excess", "turns",
+    "GRAVITY",
+    "BendingFriction",
+    "Elastic",
+    "build_bending_friction",
+    "build_elastic",
+    "colour_batches",
+    "flexural_rigidity",
+    "membrane_modulus",
+    "shuffled",
+    "stretch_excess",
+    "turns",
 ]  # fmt: skip
 
 GRAVITY = 9.81  # [m/s2]
 SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measured by the hang test
 FLOOR = 0.02  # of the same unit: no constraint is made stiffer
-STIFFER = 4.0  # the spring of a slider over its hinge: sliding begins at this part of the residual curvature
-TOGETHER = 4.0  # a vertex has twelve hinges: so much they must give way where all rub at once (stable from 3 on)
-MOST_EVENED = (0.5, 2.0)  # by so much the stiffness of an edge is changed for its direction
-LOST = 1e-18  # [m2] square of the length of an edge that has no direction
-FLAT = 1e-12  # [m2] a triangle of less has no normal
+STIFFER = 4.0  # stiffness of a slider's spring over its hinge: it slips from 1 / STIFFER of the residual curvature
+TOGETHER = 4.0  # factor of the compliance: a vertex has twelve hinges, which may all slip at once (stable from 3)
+MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
+LOST = 1e-18  # [m2] squared length below which an edge has no direction
+FLAT = 1e-12  # [m2] a smaller triangle has no normal
 
 
 class Elastic(NamedTuple):
-    """Constraints of one mesh and material, in a shuffled order; edges are solved in waves of it (`in_waves`).
+    """Constraints of one mesh and material in shuffled order; edges are solved in colour batches of it
+    (`colour_batches`).
 
-    edge: (e, 2); rim: (e,) edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected for the
-    sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,) compliance
-    (A0 + A1) / B [1/(N m)].
+    edge: (e, 2); rim: (e,) True for edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected
+    for the sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,)
+    compliance (A0 + A1) / B [1/(N m)].
     """
 
     edge: NDArray[np.int32]
@@ -64,21 +74,21 @@ class Elastic(NamedTuple):
     bend: Array
 
 
-class Rub(NamedTuple):
-    """Friction of the hinges, in their order; of no length where there is none. near: (h, 4) the other hinges of
-    both triangles, h where there is none. soft: (h,) compliance of the slider's spring against the turn over h^2
-    [1/(kg m2)]; share: (h,) spring moment h^2 squared to spring curvature^2 times area; most: (h,) of that, in the
-    hinge and about it, what the slider bears."""
+class BendingFriction(NamedTuple):
+    """Friction of the hinges, in their order; all arrays are empty without friction. near: (h, 4) the other hinges
+    of both triangles, h where there is none. soft: (h,) compliance of the slider's spring against the turn, over
+    h^2 [1/(kg m2)]; share: (h,) factor from the squared spring moment (times h^2) to squared spring curvature
+    times area; limit: (h,) the largest sum of it over the hinge and its neighbours that the slider bears."""
 
     near: NDArray[np.int32]
     soft: Array
     share: Array
-    most: Array
+    limit: Array
 
 
 def membrane_modulus(material: Material, reference_drop: float) -> float:
-    """Young modulus of the membrane [N/m] that a strip of `reference_drop` [m], hung by its end, elongates
-    under its own weight by `stretch_fraction`: Y = areal_mass g L / (2 s)."""
+    """Young modulus of the membrane [N/m] with which a strip of length L = `reference_drop` [m], hung by its end,
+    elongates by `stretch_fraction` s under its own weight: Y = areal_mass g L / (2 s)."""
     return material.areal_mass * GRAVITY * reference_drop / (2.0 * material.stretch_fraction)
 
 
@@ -111,18 +121,19 @@ def build_elastic(
     )  # fmt: skip
 
 
-def build_rub(mesh: ClothMesh, material: Material, step: float, residual_curvature: float) -> Rub:
-    """Friction for a substep of `step` [s] that leaves `residual_curvature` [1/m], HB / B, in cloth that is let
-    go."""
+def build_bending_friction(
+    mesh: ClothMesh, material: Material, step: float, residual_curvature: float
+) -> BendingFriction:
+    """Friction for a substep of `step` [s] with which released cloth keeps `residual_curvature` [1/m], HB / B."""
     if residual_curvature == 0.0:
-        return Rub(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+        return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
     a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
     length2 = ((mesh.rest[b] - mesh.rest[a]) ** 2).sum(axis=1)
     _, areas = _stencils(mesh)
     areas = areas[order]
     soft = areas / (STIFFER * flexural_rigidity(material) * length2 * step**2)
-    return Rub(
+    return BendingFriction(
         _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
         (residual_curvature / STIFFER) ** 2 * areas,
     )  # fmt: skip
@@ -141,7 +152,7 @@ def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
 
 
 def turns(hinge: NDArray[np.int32], x: Array) -> Array:
-    """(h,) 2 sin(angle / 2) of each hinge, with its sign, as `measure_turns` has it."""
+    """(h,) 2 sin(angle / 2) of each hinge, signed as in `measure_turns`."""
     a, b, c, d = (x[hinge[:, k]] for k in range(4))
     p, q = np.cross(b - a, c - a), np.cross(d - a, b - a)
     cos = (p * q).sum(axis=1) / np.maximum(np.linalg.norm(p, axis=1) * np.linalg.norm(q, axis=1), FLAT**2)
@@ -197,19 +208,19 @@ def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
 
 
 def shuffled(n: int) -> NDArray[np.int64]:
-    """A fixed order without direction: a sweep along the mesh's own order would pull the cloth one way."""
+    """A fixed random order: a sweep along the order of the mesh would pull the cloth in one direction."""
     return np.random.default_rng(7).permutation(n)
 
 
-def in_waves(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """An order of the edges (e, 2) in waves, and where each wave begins and the last one ends. The edges of a
-    wave have no vertex in common, and can be solved at once; those that have one keep their order, so that a sweep
-    comes to the same."""
-    wave, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: the wave after the last one of each vertex
+def colour_batches(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sort the edges (e, 2) into batches without a common vertex (a greedy graph colouring). -> order (e,), and
+    where each batch begins and the last one ends. The edges of a batch can be solved at once. Edges with a common
+    vertex keep their order, so a sweep gives the same result as one edge after another."""
+    colour, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: first colour that is free at each vertex
     for i, j in edge.tolist():
-        wave.append(max(free[i], free[j]))
-        free[i] = free[j] = wave[-1] + 1
-    return np.argsort(wave, kind="stable"), np.append(0, np.cumsum(np.bincount(wave)))
+        colour.append(max(free[i], free[j]))
+        free[i] = free[j] = colour[-1] + 1
+    return np.argsort(colour, kind="stable"), np.append(0, np.cumsum(np.bincount(colour)))
 
 
 def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
@@ -249,25 +260,26 @@ def _store_four(x, i, p, share, d):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_edges(wave, edge, inverse_square, wi, wj, x):
-    """One sweep over the packed edges, four of a wave (`in_waves`) at once, and what is left of it one by one.
-    wave: where each begins, and the last one ends; inverse_square: of the lengths at rest [1/m2]; wi, wj: share of
-    each end, w / (w_i + w_j + compliance / h^2).
+def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
+    """One sweep over the packed edges: four edges of a batch (`colour_batches`) at once, the rest of the batch one
+    by one. batch_start: where each batch begins and the last one ends; inverse_square: of the rest lengths [1/m2];
+    wi, wj: share of each end, w / (w_i + w_j + compliance / h^2).
 
-    1 - 1 / sqrt(r), r the square of the length over that at rest, is 2 (r - 1) / (3 r + 1) but for 2e-4 of it
-    at a strain of 3 %, 2e-3 at 10 % (its Pade approximant at r = 1). The root would take as long as all the rest,
-    and this is finite where an edge has lost its length."""
-    k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), all_four(1.0), all_four(2.0)
-    for row in range(single, np.uint64(len(wave))):
-        end = np.uint64(wave[row])
+    The correction 1 - 1 / sqrt(r), r the squared length over the squared rest length, is replaced by its Pade
+    approximant at r = 1, 2 (r - 1) / (3 r + 1). The relative error is 2e-4 at a strain of 3 % and 2e-3 at 10 %.
+    The square root would take as long as all the rest, and the approximant stays finite for an edge of no length.
+    """
+    k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(1.0), splat_f64x4(2.0)
+    for row in range(single, np.uint64(len(batch_start))):
+        end = np.uint64(batch_start[row])
         while k + four <= end:
             i, j = ends(edge, k)
             p, q = _load_four(x, i), _load_four(x, j)
             d = _apart(p, q)
-            r = load_four(inverse_square, k) * dots(d, d)
-            s = over(2.0 * r - two, 3.0 * r + one)
-            _store_four(x, i, p, s * load_four(wi, k), d)
-            _store_four(x, j, q, -(s * load_four(wj, k)), d)
+            r = load_f64x4(inverse_square, k) * dots(d, d)
+            s = vdiv(2.0 * r - two, 3.0 * r + one)
+            _store_four(x, i, p, s * load_f64x4(wi, k), d)
+            _store_four(x, j, q, -(s * load_f64x4(wj, k)), d)
             k += four
         while k < end:
             i, j = edge[k, 0], edge[k, 1]
@@ -285,7 +297,7 @@ def solve_hinges(n, hinge, weight, part, x):
     """One sweep over the first n packed hinges; part: w K / (sum w K^2 + compliance / h^2) of each vertex."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
-        # all is read before anything is written: four different vertices
+        # read all before writing: the four vertices differ
         pa, pb, pc, pd = load(x, a), load(x, b), load(x, c), load(x, d)
         ka, kb, kc, kd = spread(load(weight, k))
         sa, sb, sc, sd = spread(load(part, k))
@@ -298,23 +310,25 @@ def solve_hinges(n, hinge, weight, part, x):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
-    """How the hinges which[:n] are turned, by 2 sin(angle / 2), and how that changes as their vertices move.
+    """Turn 2 sin(angle / 2) of the hinges which[:n], and its gradient at their vertices.
 
-    Times its length that is |K x| of the elastic hinge, but has a sign, and its gradient neither pushes the cloth
-    along nor turns it: axis[k] at c and d, a normal of the triangle over its height, and against that at a and b
-    as foot[k], where the heights stand on a-b, shares it out. inverse: 1 / (TOGETHER sum w grad^2 + soft)."""
+    Times its length, the turn is |K x| of the elastic hinge, but with a sign and with a gradient that neither
+    shifts nor rotates the cloth. axis[k]: the gradients at c and d, normals of the triangles over their heights.
+    Their opposite is shared between a and b by foot[k], the feet of the heights on a-b. inverse: 1 / (TOGETHER sum
+    w grad^2 + soft).
+    """
     for k in range(n):
         e = which[k]
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ex, ey, ez = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
         ux, uy, uz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
         vx, vy, vz = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
-        # normals, twice as long as their triangles are large: flat cloth has them on one side
+        # normals, as long as twice the area of their triangles; on the same side for flat cloth
         px, py, pz = ey * uz - ez * uy, ez * ux - ex * uz, ex * uy - ey * ux
         qx, qy, qz = vy * ez - vz * ey, vz * ex - vx * ez, vx * ey - vy * ex
         e2 = ex * ex + ey * ey + ez * ez
         p2, q2 = px * px + py * py + pz * pz, qx * qx + qy * qy + qz * qz
-        if p2 < FLAT * FLAT or q2 < FLAT * FLAT:  # no normal: the hinge does not rub for a moment
+        if p2 < FLAT * FLAT or q2 < FLAT * FLAT:  # no normal: no friction in this phase
             axis[k, 0] = axis[k, 1] = axis[k, 2] = axis[k, 3] = axis[k, 4] = axis[k, 5] = 0.0
             foot[k, 0] = foot[k, 1] = inverse[k] = 0.0
             continue
@@ -335,20 +349,24 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def rub_hinges(n, which, hinge, near, share, most, axis, foot, turn, inverse, slip, held, x, moment):
-    """Friction in bending of the hinges which[:n], as they were measured last: moment (n,) times h^2.
+def bending_friction_moments(
+    n, which, hinge, near, share, limit, axis, foot, turn, inverse, slip, held, x, moment
+):
+    """Moments of the friction in bending of the hinges which[:n], as last measured: moment (n,), times h^2.
 
-    A spring pulls each turn to slip[e], and gives way when springs bear more than `most`. That is summed up over
-    both triangles of the hinge (held: (h + 1,) of late): if each hinge had a limit of its own, cloth would rub
-    more by two thirds in one direction of the mesh than in another. Moments are only found here, all from the
-    same x, and act in `solve_rubbed_hinges`."""
+    A spring pulls each turn to slip[e], and slips when the springs around it bear more than `limit`. The load is
+    summed over both triangles of the hinge (held: (h + 1,) of late). With a limit for each hinge alone, friction
+    would be two thirds larger in one direction of the mesh than in another. This function only computes the
+    moments, all from the same x; `solve_hinges_with_friction` applies them.
+    """
     for k in range(n):
         e = which[k]
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         px, py, pz, qx, qy, qz = axis[k, 0], axis[k, 1], axis[k, 2], axis[k, 3], axis[k, 4], axis[k, 5]
         s, t = foot[k, 0], foot[k, 1]
         bx, by, bz = s * px + t * qx, s * py + t * qy, s * pz + t * qz
-        # at the last measure this is turn[k]: c and d less the feet of their heights are square to the normals
+        # equal to turn[k] at the last measurement: c and d less the feet of their heights are square to the
+        # normals
         now = (
             turn[k]
             + px * (x[c, 0] - x[a, 0]) + py * (x[c, 1] - x[a, 1]) + pz * (x[c, 2] - x[a, 2])
@@ -358,18 +376,18 @@ def rub_hinges(n, which, hinge, near, share, most, axis, foot, turn, inverse, sl
         g = (slip[e] - now) * inverse[k]
         held[e] = share[e] * g * g
         around = held[e] + 0.5 * (held[near[e, 0]] + held[near[e, 1]] + held[near[e, 2]] + held[near[e, 3]])
-        if around > most[e]:
-            keep = np.sqrt(most[e] / around)
+        if around > limit[e]:
+            keep = np.sqrt(limit[e] / around)
             g *= keep
             slip[e] = now + keep * (slip[e] - now)
         moment[k] = g
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_rubbed_hinges(n, hinge, weight, part, axis, foot, moment, grow, w, x):
-    """`solve_hinges` with friction: `grow` times its moment bends each hinge just before that is solved. So they
-    balance where cloth stays bent; in sweeps of their own each would find what the other has moved, and the
-    damping of bending take it for speed."""
+def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
+    """`solve_hinges` with friction: `grow` times its friction moment bends each hinge just before it is solved.
+    Moments and elasticity thus balance where cloth stays bent. In separate sweeps each would react to the motion
+    of the other, and the damping of bending would take that for speed."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
@@ -389,20 +407,20 @@ def solve_rubbed_hinges(n, hinge, weight, part, axis, foot, moment, grow, w, x):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def damp_edges(wave, edge, rate, w, x, v):
-    """Take the share `rate` of the speed at which each edge's ends part or meet: momentum is kept. Four edges at
-    once, as in `solve_edges`."""
-    k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), all_four(0.0)
-    for row in range(single, np.uint64(len(wave))):
-        end = np.uint64(wave[row])
+def damp_edges(batch_start, edge, rate, w, x, v):
+    """Remove the share `rate` of the speed at which the ends of each edge part or approach; momentum is kept. Four
+    edges at once, as in `solve_edges`."""
+    k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(0.0)
+    for row in range(single, np.uint64(len(batch_start))):
+        end = np.uint64(batch_start[row])
         while k + four <= end:
             i, j = ends(edge, k)
             d = _apart(_load_four(x, i), _load_four(x, j))
-            p, q, wi, wj = _load_four(v, i), _load_four(v, j), pick_four(w, i), pick_four(w, j)
+            p, q, wi, wj = _load_four(v, i), _load_four(v, j), gather_f64x4(w, i), gather_f64x4(w, j)
             total, d2 = wi + wj, dots(d, d)
-            s = over(load_four(rate, k) * dots(_apart(p, q), d), d2 * total)
-            # without a branch: it would be guessed wrongly too often
-            s = where_above(total, nothing, where_above(all_four(LOST), d2, nothing, s), nothing)
+            s = vdiv(load_f64x4(rate, k) * dots(_apart(p, q), d), d2 * total)
+            # without a branch, which would be mispredicted too often
+            s = where_above(total, nothing, where_above(splat_f64x4(LOST), d2, nothing, s), nothing)
             _store_four(v, i, p, s * wi, d)
             _store_four(v, j, q, -(s * wj), d)
             k += four

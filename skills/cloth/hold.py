@@ -1,12 +1,12 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Cloth between the pads: material points that follow the tools, and are lost when they are pulled too hard."""
+"""Cloth between the pads: material points that follow the tools and slip out when they are pulled too hard."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
+CLOSING = 0.12  # [s] over which a closing pinch draws the cloth to the middle of the pads
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -14,9 +14,9 @@ def hold(
     points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
     rotation1, a, pose
 ):  # fmt: skip
-    """Draw the pinched points to where the tools have them, at the share a of the way from their first poses to
-    their second: position (2, 3), rotation (2, 3, 3). since: [s] from the frame's beginning. pose:
-    (4, 3) scratch."""
+    """Move the pinched points towards their places in the tools. a: share of the way from the first poses to the
+    second; position (2, 3), rotation (2, 3, 3). since: time from the beginning of the frame [s]. pose: (4, 3)
+    scratch."""
     for hand in range(2):
         if points[hand] == 0:
             continue
@@ -30,9 +30,10 @@ def hold(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
-    """One hand's `count` points. Several layers are held as a stack that is free to turn about the line: they keep
-    their distances, and the angle is the one at which the cloth has them (a hinge bears no moment)."""
-    # the middle height of the stack, and the moments of where its layers are about the line
+    """Hold the `count` points of one hand. Several layers are held as a stack with fixed distances that can turn
+    freely about the held line, as a hinge bears no moment. The stack's angle is the one at which the cloth
+    lies."""
+    # mean height of the stack, and the moments of its layers about the line
     mean = 0.0
     end, n = 0, 0
     while n < count and end < len(owner):
@@ -74,8 +75,8 @@ def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, heigh
 
 
 @njit(nogil=True)
-def let_go(holds):
-    """A pinch that is pulled harder than its pads can bear loses the cloth."""
+def release_overloaded(holds):
+    """Drop the cloth of each pinch whose force exceeds its limit."""
     for hand in range(2):
         f2 = 0.0
         for m in range(3):

@@ -1,5 +1,6 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""From velocities to positions and back, for the vertices awake[:count] (XPBD, Macklin et al. 2016)."""
+"""Time integration of the vertices awake[:count]: predict positions, then take velocities from displacements
+(XPBD, Macklin et al. 2016)."""
 
 from __future__ import annotations
 
@@ -11,8 +12,8 @@ from skills.cloth.simd.vec3 import dot, load, store, vector
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
-    """Where the vertices would be after a substep of h [s] if nothing but gravity and the air acted on them. xp:
-    where they were."""
+    """Predict positions x after a substep of h [s] under gravity and air drag alone, and keep the old ones in
+    xp."""
     keep = 1.0 / (1.0 + drag * h)
     gain = vector(h * gravity[0], h * gravity[1], h * gravity[2])
     for c in range(count):
@@ -27,8 +28,8 @@ def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def lead(count, awake, g, x, xp, u):
-    """u = x + g (x - xp), in which a constraint with damping is one without."""
+def extrapolate(count, awake, g, x, xp, u):
+    """u = x + g (x - xp). In terms of u a damped constraint is an undamped one."""
     for c in range(count):
         i = awake[c]
         place = load(x, i)
@@ -36,8 +37,8 @@ def lead(count, awake, g, x, xp, u):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def follow(count, awake, g, x, xp, u):
-    """The x of which u is what `lead` makes of it."""
+def undo_extrapolation(count, awake, g, x, xp, u):
+    """The inverse of `extrapolate`: x from u and xp."""
     scale = 1.0 / (1.0 + g)
     for c in range(count):
         i = awake[c]
@@ -45,16 +46,16 @@ def follow(count, awake, g, x, xp, u):
 
 
 @njit(nogil=True)
-def put_back(first, end, awake, x, xp):
-    """Those from `first` to `end` where they were."""
+def restore_positions(first, end, awake, x, xp):
+    """Reset the vertices awake[first:end] to their positions at the beginning of the substep."""
     for c in range(first, end):
         i = awake[c]
         store(x, i, load(xp, i))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def take_speed(count, awake, h, x, xp, v):
-    """Velocities from displacements."""
+def update_velocities(count, awake, h, x, xp, v):
+    """v = (x - xp) / h."""
     inv_h = 1.0 / h
     for c in range(count):
         i = awake[c]

@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """The compiled loop over frames and substeps (small-step XPBD, Macklin et al. 2019).
 
-One thread, no global interpreter lock, a fixed order of every sum: the same input gives the same bits. The
-state lives in arrays that the caller owns; the loop can be left and entered again between substeps (when
-a list of pairs is too small) without any difference.
+One thread, without the global interpreter lock, and every sum in a fixed order: the same input gives the same
+bits. The caller owns the arrays of the state. The loop can return between substeps (when a list of pairs is too
+small) and be entered again without any difference.
 
-What is called in every substep is handed the arrays that it works on: a tuple of arrays is handed over piece by
-piece, hundreds of numbers a call, and nine such calls a substep took a sixth of a towel's time. Each array that is
-taken out of a tuple, each slice and each view counts its references in an atomic step, and once more in the end:
-none in what runs often. Indices are unsigned there: signed ones are first asked whether they count from the end.
+Functions called in every substep take the arrays that they work on. A tuple of arrays would be passed piece by
+piece, hundreds of numbers a call: nine such calls a substep took a sixth of a towel's time. Each array taken out
+of a tuple, each slice and each view updates a reference count in an atomic step, twice: code that runs often has
+none. Indices are unsigned there, since signed ones are first tested for counting from the end.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from skills.cloth.contact.edge_edge import narrow_edge_edge
 from skills.cloth.contact.table import find_low, press_on_table
 from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
 from skills.cloth.elasticity import (
+    bending_friction_moments,
     damp_edges,
     measure_turns,
-    rub_hinges,
     solve_edges,
     solve_hinges,
-    solve_rubbed_hinges,
+    solve_hinges_with_friction,
 )
-from skills.cloth.hold import hold, let_go
-from skills.cloth.integrate import follow, integrate, lead, put_back, take_speed
-from skills.cloth.intersections.resolve import GLANCE, untangle
+from skills.cloth.hold import hold, release_overloaded
+from skills.cloth.integrate import extrapolate, integrate, restore_positions, undo_extrapolation, update_velocities
+from skills.cloth.intersections.resolve import GLANCE, resolve_intersections
 from skills.cloth.simd.f64x8 import EIGHT, blocks
 from skills.cloth.sleep import pack, update_sleep
 from skills.cloth.state import (
@@ -72,20 +72,20 @@ from skills.cloth.state import (
     VT,
 )
 
-DONE, PAIRS_FULL = 0, 1  # why the loop came back
+DONE, PAIRS_FULL = 0, 1  # why the loop returned
 COMPILED = (
-    "broad_phase/pairs.py", "broad_phase/patch_bounds.py", "broad_phase/patch_search.py", "contact/capsules.py",
-    "contact/contact_order.py", "contact/contacts.py", "contact/corners.py", "contact/edge_edge.py",
-    "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py", "contact/vertex_triangle.py",
-    "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py", "intersections/resolve.py",
-    "kernel.py", "patches.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
+    "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
+    "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
+    "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
+    "contact/vertex_triangle.py", "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py",
+    "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
     "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
-"""The files that are compiled into the loop."""
+"""Files that are compiled into the loop."""
 
 
 def _fingerprint() -> str:
-    """Of the sources that are compiled into the loop: numba's cache sees changes of one file only."""
+    """Hash of the sources compiled into the loop: numba's cache only notices changes of one file."""
     digest = hashlib.sha256()
     for name in COMPILED:
         digest.update((Path(__file__).parent / name).read_bytes())
@@ -93,60 +93,70 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """The loop; `sources` is closed over, so that a cached one belongs to exactly these."""
+    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources."""
 
     @njit(cache=True, nogil=True)
-    def run_frames(body, rules, state, pairs, holds, tangles, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames):
+    def run_frames(
+        body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
+    ):
         """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
 
         tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0,
         cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
         """
         count = state.counts
-        # an attribute of a tuple counts as one more reference to the array, atomically: all of them once
+        # reading an attribute of a tuple increments a reference count atomically: read each once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
-        edge, wave, inverse_square = state.edge, state.wave, state.inverse_square
+        edge, batch_start, inverse_square = state.edge, state.batch_start, state.inverse_square
         wi, wj, rate = state.wi, state.wj, state.rate
         hinge, weight, part, free = state.hinge, state.weight, state.part, state.free
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
-        rub_inverse, slip, held, moment = state.rub_inverse, state.slip, state.held, state.moment
-        low, floor, table_rub, press = state.low, state.floor, state.rub, state.press
-        act_i, act_b, act_s, act_n = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n
-        act_d, act_w = pairs.act_d, pairs.act_w
-        act_m, room = pairs.act_m, len(pairs.act_d)
-        # The loop is always entered at a narrow phase: none of this is kept. Groups of contacts (contact.py)
-        # seldom need more room than they have at first
+        friction_inverse, slip, held, moment = state.friction_inverse, state.slip, state.held, state.moment
+        low, floor, table_friction, press = state.low, state.floor, state.table_friction, state.press
+        contact_vertices, contact_weights, contact_mobilities, contact_normals = (
+            pairs.contact_vertices,
+            pairs.contact_weights,
+            pairs.contact_mobilities,
+            pairs.contact_normals,
+        )
+        contact_distances, contact_masses = pairs.contact_distances, pairs.contact_masses
+        contact_impulses, room = pairs.contact_impulses, len(pairs.contact_distances)
+        # Nothing of this is kept between calls: the loop is always entered at a narrow phase. Groups of contacts
+        # (contact_order.py) seldom need more room than they have at first
         groups, taken, work = 0, np.empty(len(x), np.int32), blocks((room + 1) // 2, 1).reshape((-1, 4))
         order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
         contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
         first = np.empty(room + 1, np.uint32)
-        member, contact_weight, contact_share, block = room_for_groups(room // EIGHT + 1)
+        member, group_weights, group_mobilities, block = room_for_groups(room // EIGHT + 1)
         points, age, hand, vertex = holds.points, holds.age, holds.hand, holds.vertex
         bary, offset, height, impulse = holds.bary, holds.offset, holds.height, holds.impulse
-        soft, near, share, most = body.rub.soft, body.rub.near, body.rub.share, body.rub.most
+        soft, near, share, limit = (
+            body.bending_friction.soft, body.bending_friction.near, body.bending_friction.share,
+            body.bending_friction.limit
+        )  # fmt: skip
         _ = sources
-        h, pose = rules.h, np.empty((4, 3))
-        thick = rules.thickness
-        frame = h * rules.substeps
-        gravity = (rules.gx, rules.gy, rules.gz)
+        h, pose = parameters.h, np.empty((4, 3))
+        thick = parameters.thickness
+        frame = h * parameters.substeps
+        gravity = (parameters.gx, parameters.gy, parameters.gz)
         for f in range(count[FRAME], frames):
             if count[BEGUN] == 0:
-                update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
+                update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f)
                 impulse[:] = 0.0
                 count[BEGUN] = 1
             if count[PACKED] == 0:
                 pack(body, state)
             busy = np.empty((0, 2), np.int32)
             if len(cap_r):
-                busy = near_capsules(rules, state, cap_p0, cap_p1, cap_r, f)
+                busy = near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f)
             p0, p1, r0, r1 = tool_p[f], tool_p[f + 1], tool_r[f], tool_r[f + 1]
             holding = points[0] + points[1] > 0
             if count[AWAKE] > 0:
-                for s in range(count[SUBSTEP], rules.substeps):
+                for s in range(count[SUBSTEP], parameters.substeps):
                     if s == count[NEXT]:
-                        if needs_search(body, rules, state):
+                        if needs_search(body, parameters, state):
                             count[SEARCHED] = 0
-                            if not search(body, rules, state, pairs):
+                            if not search(body, parameters, state, pairs):
                                 count[FRAME], count[SUBSTEP] = f, s
                                 return PAIRS_FULL
                         pace = count[PACE]
@@ -160,100 +170,111 @@ def _compile(sources: str) -> Callable[..., int]:
                             v, wa, pairs
                         )  # fmt: skip
                         count[ACTIVE] = n
-                        take_turns(n, act_i, taken, contact_turn, level, first)
-                        groups = group_contacts(n, act_i, taken, order, filled)
+                        take_turns(n, contact_vertices, taken, contact_turn, level, first)
+                        groups = group_contacts(n, contact_vertices, taken, order, filled)
                         if groups > len(block):
-                            member, contact_weight, contact_share, block = room_for_groups(2 * groups)
+                            member, group_weights, group_mobilities, block = room_for_groups(2 * groups)
                         lay_out(
-                            groups, order, act_i, act_b, act_s, act_n, act_d, act_w, act_m, member,
-                            contact_weight, contact_share, block
+                            groups, order, contact_vertices, contact_weights, contact_mobilities, contact_normals,
+                            contact_distances, contact_masses, contact_impulses, member, group_weights,
+                            group_mobilities, block
                         )  # fmt: skip
                         way = max(farthest, edges_farthest) / (pace * thick)
-                        count[NEXT], count[PACE] = next_narrow_phase(s, rules.substeps, rules.phase, pace, way)
-                    if s % rules.phase == 0:
-                        damp_edges(wave, edge, rate, wa, x, v)
+                        count[NEXT], count[PACE] = next_narrow_phase(
+                            s, parameters.substeps, parameters.phase, pace, way
+                        )
+                    if s % parameters.phase == 0:
+                        damp_edges(batch_start, edge, rate, wa, x, v)
                     integrate(
-                        count[MOVABLE], awake, h, rules.drag, rules.max_speed, gravity, x, xp, v
+                        count[MOVABLE], awake, h, parameters.drag, parameters.max_speed, gravity, x, xp, v
                     )  # fmt: skip
-                    solve_edges(wave, edge, inverse_square, wi, wj, x)
-                    lead(count[MOVABLE], awake, rules.bend_gamma, x, xp, u)
-                    if len(most):
-                        if s % rules.phase == 0:
+                    solve_edges(batch_start, edge, inverse_square, wi, wj, x)
+                    extrapolate(count[MOVABLE], awake, parameters.bend_gamma, x, xp, u)
+                    if len(limit):
+                        if s % parameters.phase == 0:
                             measure_turns(
                                 count[HINGES], which, hinge, soft, body.w, x, axis,
-                                foot, turn, rub_inverse
+                                foot, turn, friction_inverse
                             )  # fmt: skip
-                        rub_hinges(
-                            count[HINGES], which, hinge, near, share, most, axis,
-                            foot, turn, rub_inverse, slip, held, x,
+                        bending_friction_moments(
+                            count[HINGES], which, hinge, near, share, limit, axis,
+                            foot, turn, friction_inverse, slip, held, x,
                             moment
                         )  # fmt: skip
-                        solve_rubbed_hinges(
+                        solve_hinges_with_friction(
                             count[HINGES], hinge, weight, part, axis, foot,
-                            moment, 1.0 + rules.bend_gamma, free, u
+                            moment, 1.0 + parameters.bend_gamma, free, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
                             count[HINGES], hinge, weight, part, u
                         )  # fmt: skip
-                    follow(count[AWAKE], awake, rules.bend_gamma, x, xp, u)
-                    put_back(count[AWAKE], count[MOVABLE], awake, x, xp)
-                    a = (s + 1.0) / rules.substeps
+                    undo_extrapolation(count[AWAKE], awake, parameters.bend_gamma, x, xp, u)
+                    restore_positions(count[AWAKE], count[MOVABLE], awake, x, xp)
+                    a = (s + 1.0) / parameters.substeps
                     if holding:
                         hold(
                             points, age, hand, vertex, bary, offset,
-                            height, impulse, rules.hold_compliance / h**2, x, wa,
+                            height, impulse, parameters.hold_compliance / h**2, x, wa,
                             a * frame, p0, r0, p1, r1, a, pose
                         )  # fmt: skip
                     release_overlaps(
-                        count[ACTIVE], contact_turn, act_i, act_b, act_s, act_n, act_d, act_w, x, xp, h
+                        count[ACTIVE], contact_turn, contact_vertices, contact_weights, contact_mobilities,
+                        contact_normals, contact_distances, contact_masses, x, xp, h
                     )  # fmt: skip
-                    apply_impulses(count[ACTIVE], contact_turn, act_i, act_s, act_m, x)
-                    measure_sides(groups, member, contact_weight, block, xp)
+                    apply_impulses(
+                        count[ACTIVE], contact_turn, contact_vertices, contact_mobilities, contact_impulses, x
+                    )
+                    measure_sides(groups, member, group_weights, block, xp)
                     sunk = 0
-                    if rules.table:
+                    if parameters.table:
                         sunk = find_low(
-                            count[AWAKE], awake, thick, rules.mu_static, rules.mu_dynamic, h, x, xp,
-                            v, press, low, floor, table_rub
+                            count[AWAKE], awake, thick, parameters.mu_static, parameters.mu_dynamic, h, x, xp,
+                            v, press, low, floor, table_friction
                         )  # fmt: skip
                     sweep, moved = 0, True
                     while sweep < LEAST_SWEEPS or (moved and sweep < MOST_SWEEPS):
                         press_on_table(
-                            sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
+                            sunk, low, 0.5 * thick, floor, table_friction, x, xp, press
                         )  # fmt: skip
                         moved = solve_contacts(
-                            groups, order, filled, member, contact_weight, contact_share, block, x,
-                            rules.mu_layers,
-                            (s + sweep) % 2 == 1,  # there and back, in the next substep back and there
+                            groups, order, filled, member, group_weights, group_mobilities, block, x,
+                            parameters.mu_layers,
+                            (s + sweep) % 2 == 1,  # forwards and backwards; the next substep begins backwards
                             TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1
-                    average_impulses(groups, order, block, act_m)
+                    average_impulses(groups, order, block, contact_impulses)
                     if len(busy):
                         push_by_capsules(
-                            busy, a, s / rules.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1], cap_r,
-                            0.5 * thick, h, edge, x, xp, wa
+                            busy, a, s / parameters.substeps, cap_p0[f], cap_p1[f], cap_p0[f + 1], cap_p1[f + 1],
+                            cap_r, 0.5 * thick, h, edge, x, xp, wa
                         )  # fmt: skip
                     press_on_table(
-                        sunk, low, 0.5 * thick, floor, table_rub, x, xp, press
+                        sunk, low, 0.5 * thick, floor, table_friction, x, xp, press
                     )  # fmt: skip
-                    take_speed(count[AWAKE], awake, h, x, xp, v)
+                    update_velocities(count[AWAKE], awake, h, x, xp, v)
                     count[NOW] += 1
                     if s + 1 == count[NEXT]:
                         remember_impulses(
-                            count[ACTIVE_VT], count[ACTIVE], pairs.act_c, act_m, pairs.vt_j, pairs.ee_j
+                            count[ACTIVE_VT],
+                            count[ACTIVE],
+                            pairs.contact_pairs,
+                            contact_impulses,
+                            pairs.vt_j,
+                            pairs.ee_j,
                         )
-                if tangles.found[0] > 0 or count[NOW] // rules.substeps % GLANCE == 0:
+                if intersections.found[0] > 0 or count[NOW] // parameters.substeps % GLANCE == 0:
                     soon = count[NOW] + count[PACE]
-                    untangle(body, pairs, tangles, count[VT], count[EE], soon, x, wa, thick)
+                    resolve_intersections(body, pairs, intersections, count[VT], count[EE], soon, x, wa, thick)
             else:
-                count[PACE] = rules.phase
+                count[PACE] = parameters.phase
             count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
             for side in range(2):
                 age[side] += frame
                 for m in range(3):
-                    holds.force[side, m] = impulse[side, m] / (h * h * rules.substeps)
-            let_go(holds)
+                    holds.force[side, m] = impulse[side, m] / (h * h * parameters.substeps)
+            release_overloaded(holds)
         count[FRAME] = 0
         return DONE
 
@@ -261,5 +282,5 @@ def _compile(sources: str) -> Callable[..., int]:
 
 
 SOURCES = _fingerprint()
-"""What the loop is compiled from."""
+"""Hash of the sources of the compiled loop."""
 run_frames = _compile(SOURCES)

@@ -23,15 +23,15 @@ __all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
 Index = NDArray[np.int32]
 
 CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place
-SLIGHT_TURN = np.deg2rad(0.5)  # enough between two long sides: a drawn outline, not a seen one
-GRID_TURN = np.deg2rad(11.0)  # the hexagonal grid against material x, so that no row is parallel to a hem
+SLIGHT_TURN = np.deg2rad(0.5)  # enough for a corner between two long sides, as in a drawn outline
+GRID_TURN = np.deg2rad(11.0)  # of the hexagonal grid against material x, so that no row is parallel to a hem
 JITTER = 0.12  # of the edge length
-SEED = 20110520  # the jitter's own: a mesh is a function of its arguments
+SEED = 20110520  # of the jitter: a mesh is a function of its arguments
 
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """What the triangles are like: smallest angle [rad], shortest and longest edge [m], and the counts."""
+    """Quality of the triangles: smallest angle [rad], shortest and longest edge [m], and the counts."""
 
     min_angle: float
     shortest_edge: float
@@ -42,11 +42,11 @@ class MeshQuality:
 
 @dataclass(frozen=True, eq=False)
 class ClothMesh:
-    """A garment's mesh in material coordinates: where each vertex lies when the garment is flat.
+    """A garment's mesh in material coordinates: the position of each vertex in the flat garment.
 
-    rest: (n, 2) [m]. layer: (n,), 0 on the table, 1 above it; vertices of the welded border count as 0.
-    triangles: (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1.
-    triangle_layer: (m,). seam: (k, 2) border edges along which the layers are welded (empty for one layer).
+    rest: (n, 2) [m]. layer: (n,), 0 on the table, 1 above it; vertices of the welded border count as 0. triangles:
+    (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1. triangle_layer: (m,). seam: (k, 2) border
+    edges along which the layers are welded (empty for one layer).
     """
 
     rest: Array
@@ -80,7 +80,7 @@ class ClothMesh:
 
     @cached_property
     def edge_area(self) -> Array:
-        """(e,) [m2]: the triangles at each edge, whole."""
+        """(e,) [m2]: sum of the areas of the triangles at each edge."""
         key = {tuple(e): i for i, e in enumerate(self.edges.tolist())}
         out = np.zeros(len(self.edges))
         for k, (i, j) in enumerate(np.sort(_half_edges(self.triangles), axis=1).tolist()):
@@ -89,7 +89,7 @@ class ClothMesh:
 
     @cached_property
     def hinges(self) -> Index:
-        """(h, 4): the shared edge's two vertices, then the two that face it. Both triangles are of one
+        """(h, 4): the two vertices of the shared edge, then the two opposite ones. Both triangles are of one
         layer: a welded border is sharp at rest and does not bend like a sheet."""
         return frozen(self._hinge_rows[:, :4].copy())
 
@@ -114,7 +114,7 @@ class ClothMesh:
 
     @cached_property
     def on_rim(self) -> NDArray[np.bool_]:
-        """(e,) which edges no layer goes on beyond: hems and seams, that is all but those of hinges."""
+        """(e,) edges at which a layer ends: hems and seams, all edges without a hinge."""
         n = np.int64(len(self.rest))
         return frozen(~np.isin(self.edges @ [n, 1], np.sort(self.hinges[:, :2], axis=1) @ [n, 1]))
 
@@ -150,9 +150,9 @@ class ClothMesh:
 def mesh_from_contour(contour: Array, edge_length: float, layers: int = 1, rotate: float = 0.0) -> ClothMesh:
     """Mesh the inside of `contour` (k, 2) [m] with edges of about `edge_length` [m].
 
-    layers: 1, or 2 for two like sheets welded along the whole outline. rotate: turns the interior grid
-    [rad], for another mesh of the same garment. Raises ConfigurationError for a contour that is not a
-    simple polygon of finite points, is too small for the edge length, or for absurd arguments.
+    layers: 1, or 2 for two equal sheets welded along the whole outline. rotate: turns the interior grid [rad], for
+    another mesh of the same garment. Raises ConfigurationError for a contour that is not a simple polygon of
+    finite points, for one too small for the edge length, and for other arguments out of range.
     """
     outline = _check(contour, edge_length, layers)
     border = _resample(outline, edge_length)
@@ -192,7 +192,7 @@ def _half_edges(tri: Index) -> Index:
 
 
 def _check(contour: Array, edge_length: float, layers: int) -> Array:
-    """The contour, counter-clockwise, open, simplified; or a typed error with the values."""
+    """The contour, counter-clockwise, open, simplified. Raises ConfigurationError with the values."""
     c = np.asarray(contour, dtype=float)
     if not (np.isfinite(edge_length) and 1e-3 <= edge_length <= 0.5):
         raise ConfigurationError("edge_length is out of range", "0.001 to 0.5 m", edge_length=edge_length)
@@ -221,7 +221,7 @@ def _check(contour: Array, edge_length: float, layers: int) -> Array:
 
 
 def _resample(outline: Array, edge_length: float) -> Array:
-    """The outline at about one point an edge length; corners keep their place."""
+    """The outline with about one point an edge length; corners keep their place."""
     back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
     sides = np.minimum(np.linalg.norm(back, axis=1), np.linalg.norm(ahead, axis=1))
@@ -229,7 +229,7 @@ def _resample(outline: Array, edge_length: float) -> Array:
     if len(corners) < 3:
         corners = np.unique(np.linspace(0, len(outline), 4, endpoint=False).astype(int))
     kept = [int(corners[0])]
-    for i in corners[1:]:  # of corners closer than half an edge the first stays
+    for i in corners[1:]:  # of corners closer than half an edge, keep the first
         if np.linalg.norm(outline[i] - outline[kept[-1]]) >= 0.5 * edge_length:
             kept.append(int(i))
     if len(kept) > 3 and np.linalg.norm(outline[kept[-1]] - outline[kept[0]]) < 0.5 * edge_length:
@@ -246,7 +246,7 @@ def _resample(outline: Array, edge_length: float) -> Array:
 
 
 def _interior(polygon: shapely.Polygon, edge_length: float, rotate: float) -> Array:
-    """Points of a turned, jittered hexagonal grid, well inside."""
+    """Points of a rotated, jittered hexagonal grid, well inside."""
     x0, y0, x1, y1 = polygon.bounds
     centre, reach = np.array([x0 + x1, y0 + y1]) / 2.0, np.hypot(x1 - x0, y1 - y0) / 2.0 + edge_length
     k = int(np.ceil(reach / (edge_length * 0.85))) + 1
@@ -276,7 +276,7 @@ def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
 
 
 def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, edge_length: float) -> Array:
-    """Interior points half way to the mean of their neighbours; those that come too near the border go."""
+    """Interior points moved half way to the mean of their neighbours, without those too near the border."""
     total, count = np.zeros_like(points), np.zeros(len(points))
     half = _half_edges(tri)
     for a, b in ((0, 1), (1, 0)):
@@ -292,7 +292,7 @@ def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, e
 
 
 def _missing_border(tri: Index, n_border: int) -> Index:
-    """Border segments i -> i + 1 that are no triangle's edge."""
+    """Border segments i -> i + 1 that are not an edge of a triangle."""
     have = {tuple(e) for e in np.sort(_half_edges(tri), axis=1).tolist()}
     return np.array(
         [i for i in range(n_border) if tuple(sorted((i, (i + 1) % n_border))) not in have], dtype=np.int32
@@ -300,8 +300,8 @@ def _missing_border(tri: Index, n_border: int) -> Index:
 
 
 def _split_chords(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon) -> tuple[Array, Index]:
-    """New vertices in the middle of inner edges from border to border: two layers that are welded along the
-    border would be one sheet there."""
+    """New vertices in the middle of inner edges from border to border: there two layers that are welded along the
+    border would be one sheet."""
     for _ in range(4):
         e, count = np.unique(np.sort(_half_edges(tri), axis=1), axis=0, return_counts=True)
         chords = e[(count == 2) & (e < n_border).all(axis=1)]

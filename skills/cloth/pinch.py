@@ -1,9 +1,9 @@
-"""What two closing pads take hold of: a line of material across the pads, about which the cloth can hang.
+"""The cloth that two closing pads grasp: a line of material across the pads, about which the cloth can hang.
 
-The pads close along the tool's y over `stroke`, so that cloth anywhere in the stroke is drawn to the middle;
-they hold at the middle, along the tool's x over `width`. They take every layer that lies above the fingertips
-(the tool centre point) and below the pads' upper end, `depth` up: a hand that is set down less far takes
-fewer layers. Nothing is grasped by name.
+The pads close along the tool's y over `stroke`, and draw cloth from anywhere in the stroke to the middle. They
+hold it there, along the tool's x over `width`. They take every layer that lies above the fingertips (the tool
+centre point) and below the pads' upper end, `depth` above: a hand that is set down less far takes fewer layers. No
+layer is selected by name.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skills.cloth.mesh import ClothMesh
 __all__ = ["PadGeometry", "PinchReport", "PinchedPoints", "find_pinched"]
 
 
-PRESSED = 0.8  # of the distance between layers is left between the pads
+PRESSED = 0.8  # share of the distance between layers that remains between the pads
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class PadGeometry:
 
 @dataclass(frozen=True)
 class PinchReport:
-    """What a pinch has: held_points (0: it closed on nothing), layers (the most at one place of the width),
-    and consumed: the greatest length of cloth that was drawn to the pads' middle [m]."""
+    """held_points: 0 if the pads closed on nothing; layers: the most at one place of the width; consumed: the
+    greatest length of cloth drawn to the pads' middle [m]."""
 
     held_points: int
     layers: int
@@ -50,8 +50,8 @@ class PinchReport:
 
 @dataclass(frozen=True, eq=False)
 class PinchedPoints:
-    """vertex, bary: (m, 3) where on the mesh; offset: (m, 3) where in the tool frame when the pads met it [m];
-    layers: the most held at one place of the width."""
+    """vertex, bary: (m, 3) points of the mesh; offset: (m, 3) their positions in the tool frame when the pads met
+    them [m]; layers: the most held at one place of the width."""
 
     vertex: NDArray[np.int32]
     bary: Array
@@ -60,8 +60,8 @@ class PinchedPoints:
 
     @property
     def height(self) -> Array:
-        """(m,) tool z at which the points are held [m]: the pads press the layers onto each other, so that the
-        stack can turn over about the line."""
+        """(m,) tool z at which the points are held [m]. The pads press the layers onto each other, so that the
+        stack can turn about the line."""
         middle = float(self.offset[:, 2].mean()) if len(self.offset) else 0.0
         return middle + PRESSED * (self.offset[:, 2] - middle)
 
@@ -95,7 +95,7 @@ def find_pinched(
 def _along_stroke(
     mesh: ClothMesh, q: Array, near: NDArray[np.intp], x: float, reach: float, depth: float, below: float
 ) -> list[tuple[int, Array, Array]]:
-    """For the plane tool x = `x`: of each layer the point nearest to the middle, (triangle, bary, offset)."""
+    """In the plane tool x = `x`, the point of each layer nearest to the middle: (triangle, bary, offset)."""
     candidates = []
     for t in near:
         p = q[mesh.triangles[t]]

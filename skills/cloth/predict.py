@@ -1,4 +1,4 @@
-"""What a fold would do to a garment: the simulation that every trajectory is judged by."""
+"""Prediction of a fold: the simulation by which every trajectory is judged."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
 
 @dataclass(frozen=True, eq=False)
 class FoldPrediction:
-    """vertices: (n, 3) after the fold has settled, table frame. max_pinch_force: largest force on each hand
-    over a frame [N]. pinches: what each hand took. dropped: hands that lost it before the end. residual_motion:
-    largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) evenly over the motion."""
+    """vertices: (n, 3) after the fold has settled, table frame. max_pinch_force: largest force on each hand over a
+    frame [N]. pinches: the pinch of each hand. dropped: hands that lost their cloth before the end.
+    residual_motion: largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) evenly over the
+    motion."""
 
     vertices: Array
     max_pinch_force: Mapping[GraspId, float]
@@ -47,8 +48,8 @@ def predict_fold(
 ) -> FoldPrediction:
     """Fold a garment that lies at rest at `positions` (n, 3) along the tools' paths.
 
-    Each gripper closes where its path starts and opens where it ends; the cloth then has release_s + settle_s
-    [s] to come to rest. A pure function, without the global interpreter lock for nearly all of its time.
+    Each gripper closes at the start of its path and opens at the end; the cloth then has release_s + settle_s [s]
+    to come to rest. A pure function that runs without the global interpreter lock for nearly all of its time.
     """
     simulation = ClothSimulation(mesh, material, positions, settings, pads=pads, at_rest=True)
     frame = simulation.settings.frame
@@ -65,7 +66,7 @@ def predict_fold(
     force = dict.fromkeys(paths, 0.0)
     done = 0
     while done < frames:
-        # some frames a call: the peak force is looked at often enough, and the call's own cost stays small
+        # some frames a call: often enough for the peak force, and the overhead of a call stays small
         step = min([6, frames - done, *(k - done for k in shots if k > done)])
         simulation.advance_along(p[done : done + step + 1], r[done : done + step + 1])
         done += step

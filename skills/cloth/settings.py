@@ -1,4 +1,4 @@
-"""How the cloth is solved, with how many substeps, and what is refused."""
+"""Solver settings, their validation, and the choice of substeps."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from skills.vocabulary import Material
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
 STRETCH_TOLERANCE = 1e-3  # of the length
-ESTIMATE_SHARE = 0.3  # of the tolerance: what the estimate of the error may take of it
+ESTIMATE_SHARE = 0.3  # of the tolerance: the largest estimate of the error that is accepted
 MOST_RESIDUAL = 1000.0  # [1/m]
-LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the least
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the lower bound
 
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How the cloth is solved, and what of a fabric a lab does not measure.
+    """Solver settings, and the properties of a fabric that a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. substeps None: as few as the stretch can be solved with, to within
+    frame_rate [1/s] x substeps: steps a second. substeps None: the fewest with which the stretch is accurate to
     stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would
-    be needed. Given substeps are taken, and refused only if a stretch_tolerance is given which they do not meet.
-    gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at
-    which the material's stretch_fraction was measured (0.6 where the garment's own is not given). stretch_damping,
-    bend_damping: Rayleigh times [s], force of damping = time x stiffness x rate (that of bending is less on meshes
-    so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex. sleep_distance,
-    sleep_frames: a vertex that stays so near for so long, and does not gather speed, or for thrice as long, is at
-    rest and costs nothing until something moves near it (0 frames: nothing ever sleeps; the distance is at most a
-    twelfth of an edge).
+    be needed. Given substeps are used as they are, and refused only if a stretch_tolerance is given that they do
+    not meet. gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging
+    length at which the material's stretch_fraction was measured (0.6 where the garment's own is not given).
+
+    stretch_damping, bend_damping: Rayleigh times [s], damping force = time x stiffness x rate (bending damping is
+    reduced on meshes so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex.
+    sleep_distance [m], sleep_frames: a vertex that stays within this distance for this many frames without
+    gathering speed, or for thrice as many, is at rest and costs nothing until something moves near it (0 frames:
+    no vertex ever sleeps; the distance is at most a twelfth of an edge).
+
     anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
-    the cloth's. residual_curvature [1/m]: friction in bending, as the curvature that it can keep in cloth that is
-    let go: hysteresis HB over rigidity B of the KES-F test, where the loop is 2 HB high (six denims: 23 to 54,
-    Journal of Textiles 2016, 4614168); 0 to 1000, and 0 is cloth that forgets how it was bent.
+    the cloth's. residual_curvature [1/m]: friction in bending, as the largest curvature that released cloth keeps:
+    hysteresis HB over rigidity B of the KES-F test, whose loop is 2 HB high (six denims: 23 to 54, Journal of
+    Textiles 2016, 4614168); 0 to 1000; with 0, cloth keeps no bend.
     """
 
     frame_rate: int = 60
@@ -62,7 +64,7 @@ class SolverSettings:
 
 
 def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -> None:
-    """Raises ConfigurationError for what cannot be simulated."""
+    """Raises ConfigurationError for a material, settings or mesh that cannot be simulated."""
     bounds = {
         "areal_mass": (0.01, 5.0),
         "stretch_fraction": (1e-4, 0.5),
@@ -102,7 +104,7 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
 
 
 def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
-    """Substeps of a frame and the error that they leave in the stretch (see SolverSettings)."""
+    """Substeps of a frame, and the error that they leave in the stretch (see SolverSettings)."""
 
     def error(n: int) -> float:
         step = settings.frame / n

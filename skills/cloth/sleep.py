@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""What is at rest sleeps and costs nothing: who wakes, who falls asleep, and the lists of what is awake.
+"""Vertices at rest sleep and cost nothing: which wake, which fall asleep, and the lists of awake ones.
 
-Falling asleep must not move those who stay awake. In a substep all that moves falls by g h^2 first, and the sweeps
-lift it again; a sleeper that stayed where it is would hold up its neighbours meanwhile, by as much as half their
-weight, and each time some fell asleep the creases beside them would start to swing. So what sleeps within some
-rings of what is awake, the fringe, takes part in the elastic sweeps, and is put back after them.
+Falling asleep must not move the vertices that stay awake. In a substep everything that moves first falls by g h^2,
+and the sweeps lift it again. A sleeper that stayed in place would meanwhile hold up its neighbours by as much as
+half their weight, and the creases beside newly asleep vertices would start to swing. Sleeping vertices within some
+rings of awake ones, the fringe, therefore take part in the elastic sweeps and are put back afterwards.
 """
 
 from __future__ import annotations
@@ -13,19 +13,20 @@ import numpy as np
 from numba import njit
 
 from skills.cloth.contact.capsules import squared_distance
-from skills.cloth.simd.f64x4 import pick_four
+from skills.cloth.simd.f64x4 import gather_f64x4
 from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
-STILL = 2.5e-4  # [m] a frame: who moved less is not foreseen to move
-SWINGS = 3  # times the frames of rest: what has not left its place for so long does not topple, it swings
+STILL = 2.5e-4  # [m] a frame: vertices that moved less are not predicted to move
+SWINGS = 3  # x sleep_frames: a vertex that stayed in place for so long does not topple, it swings
 FRINGE = 2  # rings
-NEAR_CAPSULE = 0.02  # [m] cloth so near a capsule is awake
+NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 
 
 @njit(nogil=True)
-def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
-    """Vertices that moved stay awake and wake two rings about them and what they touch; quiet ones sleep."""
+def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
+    """Vertices that moved stay awake and wake two rings around them and the vertices they touch; quiet ones
+    sleep."""
     count = state.counts
     stirred, near = state.stirred, state.near
     stirred[:] = False
@@ -38,21 +39,21 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
         state.quiet,
         state.kept,
         state.still,
-        rules.sleep_distance,
-        rules.sleep_frames,
+        parameters.sleep_distance,
+        parameters.sleep_frames,
         stirred,
     )
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
     near[:] = stirred
     _grow(body.ring_start, body.ring, near, 2)
-    _stir_by_contact(count[ACTIVE], pairs.act_i, stirred, near)
+    _stir_by_contact(count[ACTIVE], pairs.contact_vertices, stirred, near)
     hand, vertex = holds.hand, holds.vertex
     for k in range(len(hand)):
         if hand[k] >= 0:
             for m in range(3):
                 near[vertex[k, m]] = True
     changed, woke = _settle(
-        rules.sleep_frames,
+        parameters.sleep_frames,
         near,
         state.x,
         state.xp,
@@ -75,9 +76,9 @@ def update_sleep(body, rules, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
 
 @njit(nogil=True)
 def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
-    """Mark awake vertices that left their reference point, which follows them; the others get quieter. What
-    gathers speed is not quiet, however slow it still is: it steps further in this frame than in the mean. But what
-    has not gone anywhere for long only swings."""
+    """Mark awake vertices that left their reference point, which then follows them; the others get quieter. A
+    vertex that gathers speed (its step in this frame is longer than the mean step) is not quiet, however slow. A
+    vertex that has not gone anywhere for long only swings, and counts as quiet."""
     for c in range(n_awake):
         i = index[c]
         away, step = 0.0, 0.0
@@ -112,22 +113,22 @@ def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
 
 
 @njit(nogil=True)
-def _stir_by_contact(n, act_i, stirred, near):
+def _stir_by_contact(n, contact_vertices, stirred, near):
     for c in range(n):
-        i, j, k, m = act_i[c, 0], act_i[c, 1], act_i[c, 2], act_i[c, 3]
+        i, j, k, m = contact_vertices[c, 0], contact_vertices[c, 1], contact_vertices[c, 2], contact_vertices[c, 3]
         if stirred[i] or stirred[j] or stirred[k] or stirred[m]:
             near[i] = near[j] = near[k] = near[m] = True
 
 
 @njit(nogil=True)
 def _grow(start, ring, near, rings):
-    """Mark the neighbours of what is marked, `rings` times."""
+    """Mark the neighbours of the marked vertices, `rings` times."""
     one, marked = np.uint64(1), np.empty(len(near) + 1, np.uint32)
     begin, end = np.uint64(0), np.uint64(0)
     for i in range(np.uint64(len(near))):
         marked[end] = i
         end += np.uint64(near[i])
-    for _ in range(rings):  # about those that were marked last: the others have no neighbours left
+    for _ in range(rings):  # only around those marked last: the others have no unmarked neighbours
         last = end
         for c in range(begin, last):
             own = np.uint64(marked[c])
@@ -141,8 +142,8 @@ def _grow(start, ring, near, rings):
 
 @njit(nogil=True)
 def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
-    """Wake what is near to something that moves, put to sleep what was quiet for long; -> whether anything
-    changed, and whether something woke."""
+    """Wake vertices near a moving one and put vertices to sleep that were quiet for long. -> whether anything
+    changed, whether any vertex woke."""
     changed = woke = False
     for i in range(len(x)):
         if near[i]:
@@ -165,9 +166,8 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awa
 
 @njit(nogil=True)
 def pack(body, state):
-    """Lists of what is awake, and of its fringe behind: vertices, and constraints with such an end, with their
-    shares ready. The shares are those of the free masses: what a vertex feels must not change when its neighbour
-    falls asleep."""
+    """List the awake vertices, then their fringe, and the constraints with a vertex in either, with their shares.
+    The shares are those of the free masses: a vertex must not feel a change when its neighbour falls asleep."""
     count, free, near, w = state.counts, state.free, state.near, body.w
     awake, awake_list = state.awake, state.awake_list
     near[:] = awake
@@ -185,32 +185,31 @@ def pack(body, state):
             n += 1
     count[MOVABLE] = n
     count[EDGES] = _pack_edges(
-        body.spring, body.wave, body.edge_inverse, body.inverse_square, body.damping, free, state.edge, state.wave,
-        state.inverse_square, state.wi, state.wj, state.rate
+        body.spring, body.batch_start, body.edge_inverse, body.inverse_square, body.damping, free, state.edge,
+        state.batch_start, state.inverse_square, state.wi, state.wj, state.rate
     )  # fmt: skip
     count[HINGES] = _pack_hinges(
         body.hinge.view(np.uint32), body.hinge_inverse, body.weight, free, state.which, state.hinge, state.weight,
         state.part
     )  # fmt: skip
     count[WATCHED] = _watch(
-        body.patches.corner, body.patches.corner_start, state.awake, state.moving, state.watched
+        body.clusters.corner, body.clusters.corner_start, state.awake, state.moving, state.watched
     )
     count[PACKED] = 1
 
 
 @njit(nogil=True)
 def _pack_edges(
-    edge, wave, inverse, inverse_square, damping, free, to_edge, to_wave, to_inverse_square, to_wi, to_wj, to_rate
+    edge, batch_start, inverse, inverse_square, damping, free, to_edge, to_batch_start, to_inverse_square, to_wi,
+    to_wj, to_rate
 ):  # fmt: skip
-    """Edges with a free end, and the waves of these; -> their number."""
+    """Edges with a free end, in their colour batches. -> their number."""
     single, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
-    for row in range(single, np.uint64(len(wave))):
-        for e in range(
-            np.uint64(wave[row - single]), np.uint64(wave[row])
-        ):  # without a guess about which they are
+    for row in range(single, np.uint64(len(batch_start))):
+        for e in range(np.uint64(batch_start[row - single]), np.uint64(batch_start[row])):  # branch-free
             which[n] = e
             n += np.uint64(free[edge[e, 0]] + free[edge[e, 1]] > 0.0)
-        to_wave[row] = n
+        to_batch_start[row] = n
     for k in range(n):
         one = np.uint64(which[k])
         i, j = edge[one, 0], edge[one, 1]
@@ -222,7 +221,7 @@ def _pack_edges(
 
 @njit(nogil=True)
 def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_part):
-    """Hinges with a free vertex; -> their number. which: which they are."""
+    """Hinges with a free vertex; which: their indices. -> their number."""
     n = np.uint64(0)
     for e in range(np.uint64(len(hinge))):
         some = free[hinge[e, 0]] + free[hinge[e, 1]] + free[hinge[e, 2]] + free[hinge[e, 3]]
@@ -233,13 +232,13 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
         i, own = members(hinge, one), load(weight, one)
         to_hinge[k, 0], to_hinge[k, 1], to_hinge[k, 2], to_hinge[k, 3] = i
         store(to_weight, k, own)
-        store(to_part, k, inverse[one] * (pick_four(free, i) * own))
+        store(to_part, k, inverse[one] * (gather_f64x4(free, i) * own))
     return n
 
 
 @njit(nogil=True)
 def _watch(corner, start, awake, moving, watched):
-    """Patches with a corner that is awake or was foreseen to move; -> their number."""
+    """Clusters with a corner that is awake or predicted to move. -> their number."""
     n = 0
     for k in range(len(moving)):
         some = moving[k]

@@ -1,4 +1,4 @@
-"""A piece of cloth on a table, advanced in time: the object that the predictor and the simulated cell share."""
+"""A piece of cloth on a table, advanced in time; shared by the predictor and the simulated cell."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
 from skills.cloth.contact.ridges import flat_cosine
 from skills.cloth.elasticity import (
+    build_bending_friction,
     build_elastic,
-    build_rub,
     flexural_rigidity,
     membrane_modulus,
     turns,
 )
-from skills.cloth.intersections.resolve import Tangles, no_tangles
+from skills.cloth.intersections.resolve import Intersections, no_intersections
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
@@ -36,7 +36,7 @@ from skills.cloth.state import (
     Body,
     Holds,
     Pairs,
-    Rules,
+    SolverParameters,
     State,
     new_holds,
     new_pairs,
@@ -48,8 +48,8 @@ from skills.vocabulary import Material
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
 
 MOST_PAIRS = 120
-"""For each vertex, that may touch: folded stacks have some 10. With more the cloth has lost its shape, and the
-lists would grow until the memory is full."""
+"""Most candidate pairs for each vertex: folded stacks have about 10. With more the cloth has lost its shape, and
+the lists would grow until the memory is full."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class ToolMotion:
 
 @dataclass(frozen=True, eq=False)
 class CapsuleMotion:
-    """Fingers and wrists that push the cloth: ends of k capsules at the start and the end of the call.
+    """Fingers and wrists that push the cloth: k capsules with their ends at the start and the end of the call.
 
     p0_start, p1_start, p0_end, p1_end: (k, 3) [m], table frame; radius: (k,) [m].
     """
@@ -82,21 +82,23 @@ class CapsuleMotion:
 
 RELEASE_SPEED = 0.1  # [m/s]
 SLEEP_SHARE = 1.0 / 12.0
-"""Of the mean edge: so far a vertex at rest may have moved, however fine the mesh."""
+"""Of the mean edge: upper bound of the distance that a vertex at rest may have moved."""
 IN_PLANE = 0.2
-"""Quadratic hinges resist gradients of strain in the plane too, and damping multiplies that. Beyond some 0.4 of
-the stiffness of the edges, sweeps over the two in turn drive each other (measured on edges of 4 to 15 mm)."""
+"""Largest bending damping as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
+gradients of strain, and damping multiplies that. Beyond some 0.4, the alternating sweeps drive each other
+(measured on edges of 4 to 15 mm)."""
 
 
 class ClothSimulation:
-    """One garment. Raises ConfigurationError for an absurd material, InternalError when positions are lost.
+    """One garment. Raises ConfigurationError for a material that cannot be simulated, InternalError when positions
+    are lost.
 
-    positions: (n, 3) to start from, without speed (default: laid flat); at_rest: they are known to be an
-    equilibrium, so that all of it is asleep until something moves, and friction in bending, if there is any, does
-    not pull there; else the cloth was flat before it came there. fixed: (n,) vertices that never move (a hung
-    cloth's upper hem). substeps: a frame's, as given or chosen; stretch_error: by how much the cloth would hang
-    longer than its material says, as a fraction of its length (an estimate). Not safe to be used by two threads
-    at once; two simulations in two threads are.
+    positions: (n, 3) initial positions, without velocity (default: laid flat). at_rest: the positions are an
+    equilibrium, so that all of the cloth sleeps until something moves, and friction in bending, if any, takes
+    their bends as they are; otherwise the cloth was flat before. fixed: (n,) vertices that never move (the upper
+    hem of hung cloth). substeps: of a frame, as given or chosen; stretch_error: estimated relative excess of the
+    cloth's hanging length over the material's. One simulation must not be used by two threads at once; two
+    simulations may be.
     """
 
     def __init__(
@@ -117,16 +119,18 @@ class ClothSimulation:
         self.time = 0.0
         check_cloth(material, self.settings, mesh)
         self.substeps, self.stretch_error = choose_substeps(mesh, material, self.settings)
-        self._rules = _rules(mesh, material, self.settings, self.substeps, self.pads, table)
-        self._body = _body(mesh, material, self.settings, self._rules, fixed)
+        self._solver_parameters = _solver_parameters(
+            mesh, material, self.settings, self.substeps, self.pads, table
+        )
+        self._body = _body(mesh, material, self.settings, self._solver_parameters, fixed)
         n = len(mesh.rest)
-        rubbing = len(self._body.rub.most)
+        friction_hinges = len(self._body.bending_friction.limit)
         self._state = new_state(
-            n, len(mesh.edges), len(self._body.wave), len(mesh.hinges), rubbing, self._body.patches
+            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges, self._body.clusters
         )
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
-        self._tangles = no_tangles(n)
+        self._intersections = no_intersections(n)
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
         self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
@@ -154,10 +158,10 @@ class ClothSimulation:
         return self._body.w.copy()
 
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
-        """Put the cloth somewhere (n, 3), at rest or with `velocities` (n, 3); what was held is released.
+        """Put the cloth at positions (n, 3), at rest or with `velocities` (n, 3), and release held points.
 
-        Friction in bending remembers: it takes the cloth to have been bent from how it was to how it is put. One
-        that is only turned or shifted feels nothing of it.
+        With friction in bending, the change of shape counts as bending. A pure rotation or translation has no
+        effect on it.
         """
         x = np.asarray(positions, dtype=float)
         if x.shape != self._state.ref.shape or not np.isfinite(x).all():
@@ -173,8 +177,8 @@ class ClothSimulation:
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
-        s.counts[AWAKE], s.counts[PACE] = len(free), self._rules.phase
-        for part in self._tangles:
+        s.counts[AWAKE], s.counts[PACE] = len(free), self._solver_parameters.phase
+        for part in self._intersections:
             part[...] = 0
         self._holds.hand[:] = -1
         self._holds.points[:] = 0
@@ -183,8 +187,8 @@ class ClothSimulation:
     def _sleep(self) -> None:
         s = self._state
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
-        s.quiet[:] = self._rules.sleep_frames
-        s.base[:], s.course[:] = s.x[self._body.patches.corner, :3].T, 0.0
+        s.quiet[:] = self._solver_parameters.sleep_frames
+        s.base[:], s.course[:] = s.x[self._body.clusters.corner, :3].T, 0.0
         s.ridge_searched[:] = -1  # nothing is searched only because it has not been yet
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
         s.counts[AWAKE] = 0
@@ -194,7 +198,7 @@ class ClothSimulation:
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
         """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
 
-        What is between them is held from now on and follows the tool that `advance` is given.
+        The cloth between them is held from now on and follows the tool given to `advance`.
         """
         self.release(hand)
         p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
@@ -213,9 +217,9 @@ class ClothSimulation:
         return found.report
 
     def release(self, hand: int) -> None:
-        """Open the pads of `hand`. What they held leaves at no more than RELEASE_SPEED.
+        """Open the pads of `hand`. The held points leave at no more than RELEASE_SPEED.
 
-        Between pads that pull against contacts, nodal velocities stand high while nothing moves: let go with
+        Between pads that pull against contacts, nodal velocities are high although nothing moves; released with
         them, a corner would be flung away.
         """
         held = np.unique(self._holds.vertex[self._holds.hand == hand])
@@ -226,7 +230,7 @@ class ClothSimulation:
         self._holds.force[hand] = 0.0
 
     def set_grip_force(self, hand: int, force: float) -> None:
-        """Squeeze with another force [N]; the pinch lets go beyond 2 * pad friction * force."""
+        """Change the grip force [N]; the pinch slips beyond 2 * pad friction * force."""
         self._holds.limit[hand] = 2.0 * self.pads.friction * force
 
     def held(self, hand: int) -> bool:
@@ -240,7 +244,7 @@ class ClothSimulation:
     def advance(
         self, frames: int = 1, tools: Sequence[ToolMotion] = (), capsules: CapsuleMotion | None = None
     ) -> None:
-        """Go on by `frames`; tools and capsules move evenly from start to end over all of them."""
+        """Advance by `frames`; tools and capsules move evenly from start to end over all of them."""
         p = np.repeat(self._tool_p[None], frames + 1, axis=0)
         r = np.repeat(self._tool_r[None], frames + 1, axis=0)
         at = np.linspace(0.0, 1.0, frames + 1)
@@ -252,7 +256,7 @@ class ClothSimulation:
     def advance_along(
         self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
     ) -> None:
-        """Go on along sampled motions, one sample a frame bound: position (frames + 1, 2, 3) and rotation
+        """Advance along sampled motions, one sample at each frame bound: position (frames + 1, 2, 3) and rotation
         (frames + 1, 2, 3, 3) of both hands; capsules: ends (frames + 1, k, 3) twice and radius (k,)."""
         frames = len(position) - 1
         p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
@@ -262,7 +266,13 @@ class ClothSimulation:
         try:
             while (
                 kernel.run_frames(
-                    self._body, self._rules, self._state, self._pairs, self._holds, self._tangles, *motion
+                    self._body,
+                    self._solver_parameters,
+                    self._state,
+                    self._pairs,
+                    self._holds,
+                    self._intersections,
+                    *motion,
                 )
                 == kernel.PAIRS_FULL
             ):
@@ -270,7 +280,7 @@ class ClothSimulation:
                     lost = True
                     break
                 self._grow_pairs()
-        except ZeroDivisionError:  # edges or relative speeds that are no longer numbers
+        except ZeroDivisionError:  # edge lengths or relative speeds are NaN
             lost = True
         self._tool_p[:], self._tool_r[:] = p[-1], r[-1]
         self.time += frames * self.settings.frame
@@ -286,18 +296,18 @@ class ClothSimulation:
             )
 
     def checkpoint(self) -> dict[str, Array]:
-        """Everything that decides what comes next, as named arrays; `restore` takes it back bit for bit."""
+        """The complete state as named arrays; `restore` continues from it bit for bit."""
         out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
         out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
         out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
-        out |= {f"tangles.{k}": v.copy() for k, v in self._tangles._asdict().items()}
+        out |= {f"intersections.{k}": v.copy() for k, v in self._intersections._asdict().items()}
         out |= {"tool_p": self._tool_p.copy(), "tool_r": self._tool_r.copy(), "time": np.array(self.time)}
         out["kernel"] = np.array(kernel.SOURCES)
         return out
 
     def restore(self, saved: Mapping[str, Array]) -> None:
-        """Back to a checkpoint of a simulation with the same mesh, material and settings. Raises
-        ConfigurationError for one that another compiled loop wrote: its arrays may mean something else."""
+        """Return to a checkpoint of a simulation with the same mesh, material and settings. Raises
+        ConfigurationError for a checkpoint of another compiled loop, whose arrays may have another meaning."""
         if "kernel" not in saved or str(saved["kernel"]) != kernel.SOURCES:
             raise ConfigurationError(
                 "the state of the cloth was written by another foldcell",
@@ -316,9 +326,9 @@ class ClothSimulation:
         self._state = State(**part("state"))
         self._pairs = Pairs(**part("pairs"))
         self._holds = Holds(**part("holds"))
-        self._tangles = Tangles(**part("tangles"))
+        self._intersections = Intersections(**part("intersections"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
-        self._state.counts[FITTED] = 0  # the patches are not part of it
+        self._state.counts[FITTED] = 0  # the clusters are not part of the checkpoint
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
@@ -330,49 +340,53 @@ class ClothSimulation:
 
 
 def _body(
-    mesh: ClothMesh, material: Material, settings: SolverSettings, rules: Rules, fixed: NDArray[np.bool_] | None
+    mesh: ClothMesh,
+    material: Material,
+    settings: SolverSettings,
+    parameters: SolverParameters,
+    fixed: NDArray[np.bool_] | None,
 ) -> Body:
-    h, w = rules.h, 1.0 / (material.areal_mass * mesh.vertex_area)
+    h, w = parameters.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     if fixed is not None:
-        w[fixed] = 0.0  # before the sweep's own compliance is found: it lifts nothing there
+        w[fixed] = 0.0  # before the sweep's own compliance is computed, which is 0 there
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
-    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * rules.phase * h * w[e.edge].sum(axis=1))
-    grow = 1.0 + rules.bend_gamma
+    rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * parameters.phase * h * w[e.edge].sum(axis=1))
+    grow = 1.0 + parameters.bend_gamma
     topology = topology_of(mesh)
-    order = topology.by_wave
+    order = topology.batch_order
     return Body(
         w,
         e.edge,
         topology.edge_tri,
         e.rim,
         e.edge[order].view(np.uint32),
-        topology.wave,
+        topology.batch_start,
         1.0 / e.length[order] ** 2,
         1.0 / (w[e.edge].sum(axis=1) + e.compliance / h**2)[order],
         rate[order],
         e.hinge,
         e.weight,
         grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),
-        build_rub(mesh, material, h, settings.residual_curvature),
+        build_bending_friction(mesh, material, h, settings.residual_curvature),
         mesh.triangles.copy(),
         topology.tri_edge,
         topology.ring_start,
         topology.ring,
         topology.ring_edge,
-        topology.patches,
+        topology.clusters,
     )
 
 
-def _rules(
+def _solver_parameters(
     mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
-) -> Rules:
+) -> SolverParameters:
     h = settings.frame / substeps
     edge = float(mesh.edge_length.mean())
-    softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # along one of the two directions
+    softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # of the two directions
     modulus = softer * membrane_modulus(material, settings.reference_drop)
     most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity
-    return Rules(
+    return SolverParameters(
         h=h,
         substeps=substeps,
         phase=phase_length(h, substeps),
@@ -395,7 +409,7 @@ def _rules(
 
 
 def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:
-    """(len(at), 3, 3): evenly from one rotation to the other."""
+    """(len(at), 3, 3): spherical interpolation between two rotations."""
     if np.array_equal(rotation0, rotation1):
         return np.repeat(np.asarray(rotation0, dtype=float)[None], len(at), axis=0)
     return Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([rotation0, rotation1])))(at).as_matrix()

@@ -1,4 +1,4 @@
-"""What the compiled loop works on: arrays that the caller owns."""
+"""The arrays that the compiled loop works on; the caller owns them."""
 
 from __future__ import annotations
 
@@ -8,55 +8,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.cloth.elasticity import Rub
-from skills.cloth.patches import Patches
+from skills.cloth.clusters import Clusters
+from skills.cloth.elasticity import BendingFriction
 from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
 
 HANDS = 2
 MAX_HELD = 128
-LINE = LINE_BYTES // 4  # singles in a line of the cache
+LINE = LINE_BYTES // 4  # singles in a cache line
 
 # places in State.counts
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
-# what is up to date, where the loop stands, how many of the contacts are of a vertex and a triangle; for how many
-# substeps those of the next narrow phase are to serve, and whether it is known who sleeps in this frame
+# flags of what is up to date, the position of the loop, and the number of vertex-triangle contacts; PACE: substeps
+# for which the contacts of the next narrow phase serve; BEGUN: sleep was updated in this frame
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
 PACE, BEGUN = 17, 18
 
 
 class Body(NamedTuple):
-    """What does not change: masses, constraints, triangles, neighbours (ring: CSR; ring_edge:
-    the edges to them). edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3).
-    rim: (e,) edges of hems and seams. spring: (e, 2) the edges in waves (elasticity.py), wave: where each of these
-    begins, and the last one ends; and in the order of spring inverse_square: (e,) of the lengths at rest [1/m2],
+    """The constant part: masses, constraints, triangles, neighbours (ring: CSR; ring_edge: the edges to them).
+
+    edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3). rim: (e,) True for edges
+    of hems and seams. spring: (e, 2) the edges in colour batches (elasticity.py); batch_start: where each batch
+    begins and the last one ends. In the order of spring: inverse_square: (e,) of the rest lengths [1/m2],
     edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) as edge_inverse, with
-    the squares of the weights K."""
+    the squares of the weights K.
+    """
 
     w: Array
     edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     rim: NDArray[np.bool_]
     spring: NDArray[np.uint32]
-    wave: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
     inverse_square: Array
     edge_inverse: Array
     damping: Array
     hinge: NDArray[np.int32]
     weight: Array
     hinge_inverse: Array
-    rub: Rub
+    bending_friction: BendingFriction
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
-    patches: Patches
+    clusters: Clusters
 
 
-class Rules(NamedTuple):
-    """Numbers of the run. h: substep [s]; phase: substeps from one narrow phase to the next; flat: cosine of
-    a ridge (ridges.py)."""
+class SolverParameters(NamedTuple):
+    """Numbers that stay the same during a run. h: substep [s]; phase: substeps from one narrow phase to the next;
+    flat: cosine of a ridge (ridges.py)."""
 
     h: float
     substeps: int
@@ -79,24 +81,34 @@ class Rules(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves, and what remembers. x, xp, v: (n, 4; see simd/vec3.py) positions, those when the substep began
-    (shifted along with x where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex
-    asleep; free: the same, but not 0 in the fringe of what is awake (sleep.py). awake_list: what is awake, and its
-    fringe behind.
-    press: (n, 4) what the table bore of each vertex in the last substep: displacements along x and y and upwards;
-    low: vertices that it may bear, with floor: how low each may be, and rub: its friction.
-    What `pack` chose (sleep.py), the first so many of each: edge, in waves, of which wave tells where each begins
-    and the last one ends (some may be empty), inverse_square, rate, and wi, wj, the shares of the ends; hinge,
-    weight, and part, the shares of its vertices.
-    base, course: (3, corners) each patch foresees its corners at base + course * (time since the substep
-    born), to within slack; moving: whether a course is not zero; expired: it is to be searched (all: a patch);
-    ridge_searched: (rows,) bits of its edges that were ridges when it last was (ridges.py).
-    ref, last: (n, 3) where each was when it was last found to move, and a frame ago; quiet: (n,) frames since
-    anything near it moved; kept: since it itself left its place.
-    turned: (n,) fell asleep or woke since the last search; still: hardly moved in the last frame; watched: patches
-    with a corner that is awake or was foreseen to move; top_row: (n,) scratch, -1. Of hinges that rub, else of no
-    length: slip: (h,) the turn to which friction pulls; held: (h + 1,) what its spring holds of late; which:
-    numbers of the packed hinges; axis, foot, turn, rub_inverse, moment: of these, as last measured."""
+    """The part that changes.
+
+    x, xp, v: (n, 4; see simd/vec3.py) positions, positions at the beginning of the substep (shifted along with x
+    where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the
+    same, but not 0 in the fringe of the awake vertices (sleep.py). awake_list: the awake vertices, then their
+    fringe.
+
+    press: (n, 4) displacements by which the table held each vertex in the last substep, along x, y and upwards;
+    low: vertices that the table may hold, with their lowest height `floor` and friction coefficient
+    `table_friction`.
+
+    Chosen by `pack` (sleep.py), valid up to the counts: edge, in colour batches; batch_start: where each batch
+    begins and the last one ends (batches may be empty); inverse_square, rate; wi, wj: shares of the ends; hinge,
+    weight; part: shares of its vertices.
+
+    base, course: (3, corners) each cluster predicts its corners at base + course * (time since the substep
+    `born`), to within slack; moving: (m,) the course is not zero; expired: (m,) the cluster has to be searched;
+    ridge_searched: (rows,) bits of its edges that were ridges in its last search (ridges.py). watched: clusters
+    with a corner that is awake or predicted to move.
+
+    ref, last: (n, 3) positions when the vertex was last found to move, and one frame ago; quiet: (n,) frames since
+    anything near it moved; kept: (n,) frames since it left its own place; turned: (n,) fell asleep or woke since
+    the last search; still: (n,) hardly moved in the last frame; top_row: (n,) scratch, -1.
+
+    Of hinges with friction, else empty: slip: (h,) the turn to which friction pulls; held: (h + 1,) recent load of
+    its spring; which: indices of the packed hinges; axis, foot, turn, friction_inverse, moment: their last
+    measurement (`measure_turns`).
+    """
 
     x: Array
     xp: Array
@@ -126,10 +138,10 @@ class State(NamedTuple):
     awake_list: NDArray[np.int32]
     low: NDArray[np.int32]
     floor: Array
-    rub: Array
+    table_friction: Array
     counts: NDArray[np.int64]
     edge: NDArray[np.uint32]
-    wave: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
     inverse_square: Array
     wi: Array
     wj: Array
@@ -143,22 +155,26 @@ class State(NamedTuple):
     axis: Array
     foot: Array
     turn: Array
-    rub_inverse: Array
+    friction_inverse: Array
     moment: Array
 
 
 class Pairs(NamedTuple):
     """Candidate pairs with their memory, and the contacts of the present narrow phase.
 
-    vt_due, ee_due: substep from which a pair is to be looked at; vt_j, ee_j: (k, 4; see simd/vec3.py) what it
-    bears [kg m]; act_i: (m, 4) vertices of a contact, act_b: their weights, act_s: these times wa; act_m: (m, 4)
-    what it bears of late; act_n: (m, 4) its normal; act_d: its distance, act_w: one over its
-    inverse mass; act_c: its pair. Scratch: near_c, pairs of a vertex and a
-    triangle that can touch, and places in the lists of pairs that became free; near_row: (m, LINE) what is known
-    of them (vertex_triangle.py); rank, how far inside of its triangle the vertex is; ring, the next of the same
-    vertex; second, where the one of the highest rank is, the one that comes after it; better; bearing, those that
-    bore something; some, those of these or of the pairs that are to be looked at; new_vt, new_ee, key, row, kept,
-    kept_normal."""
+    vt, ee: (k, 2) pairs of a vertex and a triangle, of two edges; vt_due, ee_due: substep from which a pair is to
+    be examined; vt_j, ee_j: (k, 4; see simd/vec3.py) its impulse [kg m]. Of each contact: contact_vertices: (m,
+    4); contact_weights: (m, 4) their weights; contact_mobilities: (m, 4) weights times inverse masses wa;
+    contact_normals: (m, 4); contact_impulses: (m, 4) recent mean impulse; contact_distances: (m,) distance to
+    keep; contact_masses: (m,) effective mass, the inverse of its inverse mass; contact_pairs: (m,) index of its
+    pair.
+
+    Scratch: near_c: pairs of a vertex and a triangle that can touch, and free places in the lists of pairs;
+    near_row: (m, LINE) their geometry (vertex_triangle.py); rank: how far inside its triangle the vertex is; ring:
+    the next row of the same vertex; second: of the top row of a vertex, the row of the second highest rank;
+    better; bearing: rows with an impulse; some: those rows or pairs that are to be examined; new_vt, new_ee, key,
+    row, kept, kept_normal.
+    """
 
     vt: NDArray[np.int32]
     side: NDArray[np.int8]
@@ -175,14 +191,14 @@ class Pairs(NamedTuple):
     row: NDArray[np.int32]
     kept: Array
     kept_normal: Array
-    act_i: NDArray[np.uint32]
-    act_b: Array
-    act_s: Array
-    act_n: Array
-    act_d: Array
-    act_w: Array
-    act_m: Array
-    act_c: NDArray[np.int32]
+    contact_vertices: NDArray[np.uint32]
+    contact_weights: Array
+    contact_mobilities: Array
+    contact_normals: Array
+    contact_distances: Array
+    contact_masses: Array
+    contact_impulses: Array
+    contact_pairs: NDArray[np.int32]
     rank: NDArray[np.uint64]
     ring: NDArray[np.uint32]
     second: NDArray[np.uint32]
@@ -194,11 +210,12 @@ class Pairs(NamedTuple):
 
 
 class Holds(NamedTuple):
-    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame when the pads
-    met it; height: (m,) tool z at which it is held; hand: (m,), -1 unused.
+    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame when the pads met it;
+    height: (m,) tool z at which it is held; hand: (m,), -1 for unused rows.
 
-    age: (2,) [s] since each hand closed. impulse: (2, 3) summed over a frame; force: (2, 3) [N] mean of the
-    last frame on the hand. limit: (2,) [N], beyond which the pinch lets go. points: (2,) held.
+    age: (2,) [s] since each hand closed. impulse: (2, 3) sum over a frame; force: (2, 3) [N] mean force on the
+    hand over the last frame. limit: (2,) [N] above which the pinch loses the cloth. points: (2,) number of held
+    points.
     """
 
     vertex: NDArray[np.int32]
@@ -213,9 +230,9 @@ class Holds(NamedTuple):
     points: NDArray[np.int64]
 
 
-def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patches: Patches) -> State:
-    """Of n vertices, all awake: nothing is known yet of where they are. bounds: of the waves of edges."""
-    m, corners = len(patches.tri), len(patches.corner)
+def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters) -> State:
+    """State of n vertices, all awake, with unknown positions. bounds: length of batch_start."""
+    m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:
         return aligned_zeros(shape)
@@ -233,7 +250,7 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patche
         born=aligned_zeros(m, np.int32),
         moving=aligned_zeros(m, np.bool_),
         expired=np.ones(m, np.bool_),
-        ridge_searched=np.zeros_like(patches.rim),
+        ridge_searched=np.zeros_like(clusters.rim),
         watched=aligned_zeros(m, np.int32),
         turned=aligned_zeros(n, np.bool_),
         wa=f(n),
@@ -249,10 +266,10 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patche
         awake_list=aligned_zeros(n, np.int32),
         low=aligned_zeros(n, np.int32),
         floor=f(n),
-        rub=f(n),
+        table_friction=f(n),
         counts=aligned_zeros(19, np.int64),
         edge=aligned_zeros((edges, 2), np.uint32),
-        wave=aligned_zeros(bounds, np.int64),
+        batch_start=aligned_zeros(bounds, np.int64),
         inverse_square=f(edges),
         wi=f(edges),
         wj=f(edges),
@@ -261,18 +278,18 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, rubbing: int, patche
         weight=f(hinges, 4),
         part=f(hinges, 4),
         which=aligned_zeros(hinges, np.int32),
-        slip=f(rubbing),
-        held=f(rubbing + 1),
-        axis=f(rubbing, 6),
-        foot=f(rubbing, 2),
-        turn=f(rubbing),
-        rub_inverse=f(rubbing),
-        moment=f(rubbing),
+        slip=f(friction_hinges),
+        held=f(friction_hinges + 1),
+        axis=f(friction_hinges, 6),
+        foot=f(friction_hinges, 2),
+        turn=f(friction_hinges),
+        friction_inverse=f(friction_hinges),
+        moment=f(friction_hinges),
     )
 
 
 def new_pairs(vt: int, ee: int) -> Pairs:
-    """Lists with room for so many pairs of a vertex and a triangle, and of edges."""
+    """Empty lists with room for `vt` pairs of a vertex and a triangle and `ee` pairs of edges."""
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return Pairs(
         vt=aligned_zeros((vt, 2), np.int32),
@@ -290,14 +307,14 @@ def new_pairs(vt: int, ee: int) -> Pairs:
         row=aligned_zeros(table, np.int32),
         kept=rows(m),
         kept_normal=rows(m),
-        act_i=aligned_zeros((m, 4), np.uint32),
-        act_b=aligned_zeros((m, 4)),
-        act_s=aligned_zeros((m, 4)),
-        act_n=rows(m),
-        act_d=aligned_zeros(m),
-        act_w=aligned_zeros(m),
-        act_m=rows(m),
-        act_c=aligned_zeros(m, np.int32),
+        contact_vertices=aligned_zeros((m, 4), np.uint32),
+        contact_weights=aligned_zeros((m, 4)),
+        contact_mobilities=aligned_zeros((m, 4)),
+        contact_normals=rows(m),
+        contact_distances=aligned_zeros(m),
+        contact_masses=aligned_zeros(m),
+        contact_impulses=rows(m),
+        contact_pairs=aligned_zeros(m, np.int32),
         rank=aligned_zeros(m, np.uint64),
         ring=aligned_zeros(m, np.uint32),
         second=aligned_zeros(m, np.uint32),

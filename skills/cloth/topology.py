@@ -1,6 +1,6 @@
-"""Who is whose neighbour in a mesh, and its patches: what the solver needs and hangs on the mesh alone.
+"""Neighbourhoods and clusters of a mesh: the part of the solver's data that depends on the mesh alone.
 
-An optimiser simulates one mesh hundreds of times; all of this is made once for each mesh.
+An optimiser simulates one mesh hundreds of times, so all of this is built once for each mesh.
 """
 
 from __future__ import annotations
@@ -11,36 +11,36 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.cloth.elasticity import in_waves, shuffled
+from skills.cloth.clusters import Clusters, build_clusters
+from skills.cloth.elasticity import colour_batches, shuffled
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.patches import Patches, build_patches
 from skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
 
-MESHES = 16  # of which it is kept
+MESHES = 16  # size of the cache
 
 
 class Topology(NamedTuple):
-    """Edges count in a shuffled order, in which pairs refer to them. tri_edge: (t, 3) edges of the triangles;
+    """Edges are numbered in the shuffled order that pairs refer to. tri_edge: (t, 3) edges of the triangles;
     edge_tri: (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and
-    the edges to them, from ring_start[i] to ring_start[i + 1]. by_wave, wave: in which waves the edges are solved,
-    and where these begin (`in_waves`)."""
+    the edges to them, from ring_start[i] to ring_start[i + 1]. batch_order, batch_start: the edges in colour
+    batches, and where each batch begins (`colour_batches`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
-    by_wave: NDArray[np.int64]
-    wave: NDArray[np.int64]
-    patches: Patches
+    batch_order: NDArray[np.int64]
+    batch_start: NDArray[np.int64]
+    clusters: Clusters
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """The mesh's own, with patches that nobody else has: a simulation writes into them."""
+    """The topology of a mesh, with its own copy of the clusters, into which a simulation writes."""
     known = _build(mesh)
-    return known._replace(patches=Patches._make(map(aligned, known.patches)))
+    return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 
 
 @lru_cache(maxsize=MESHES)
@@ -69,4 +69,4 @@ def _build(mesh: ClothMesh) -> Topology:
     start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
     ring_edge = between(both[:, 0], both[:, 1])
-    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *in_waves(edge), build_patches(mesh, edge))
+    return Topology(tri_edge, edge_tri, start, ring, ring_edge, *colour_batches(edge), build_clusters(mesh, edge))

@@ -1,4 +1,4 @@
-"""What the cell knows of a garment before it sees it: template, fabric, fold plan, where it may lie."""
+"""Prior knowledge of a garment: template, fabric, fold plan, and the poses in which it may lie."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Edge = tuple[str, str]
 class Anchor:
     """A point of the garment: key points and their weights, which sum to one.
 
-    It names a place on the flat garment, so it stays well defined when folds bring key points together.
+    It is a place on the flat garment, so it stays well defined when folds bring key points together.
     """
 
     weights: tuple[tuple[str, float], ...]
@@ -30,11 +30,10 @@ class Anchor:
 
 @dataclass(frozen=True)
 class PlanGrasp:
-    """One grasp of a step. at: the point of the garment's edge that it is stated from.
+    """One grasp of a step. at: the point of the garment's edge that it refers to.
 
-    inset: how far inside, (across the fold line towards it, along it towards the middle) [m].
-    grasp_id: None where it follows from how the garment lies. turn: of the held line against the fold line
-    [rad].
+    inset: distance inside, (across the fold line towards it, along it towards the middle) [m]. grasp_id: None if
+    it follows from how the garment lies. turn: of the held line against the fold line [rad].
     """
 
     at: Anchor
@@ -45,7 +44,7 @@ class PlanGrasp:
 
 @dataclass(frozen=True)
 class PlanVariant:
-    """One way to make a fold: the key points that lie on the side that moves, and the grasps."""
+    """One way to make a fold: the key points on the moving side, and the grasps."""
 
     name: str
     moves: tuple[str, ...]
@@ -54,12 +53,11 @@ class PlanVariant:
 
 @dataclass(frozen=True)
 class PlanStep:
-    """One fold. line: two anchors, as if drawn on the table under the flat garment.
+    """One fold. line: two anchors on the flat garment.
 
-    variants: in order of preference; they differ in what moves (the fold's direction) and in the grasps.
-    tension: how far past its mirror image in the line a grasp is released, and how far each of two hands is
-    drawn outwards along the line until then [m]. It takes up the slack that sagging between the hands and the
-    unpressed crease leave.
+    variants: in order of preference; they differ in the moving side (the fold's direction) and in the grasps.
+    tension: how far past its mirror image a grasp is released, and how far each of two hands moves outwards along
+    the line until then [m]. It takes up the slack from sagging between the hands and from the unpressed crease.
     """
 
     name: str
@@ -70,7 +68,7 @@ class PlanStep:
 
 @dataclass(frozen=True)
 class PoseRange:
-    """Where a garment's centre may lie [m] and how it may be turned [rad], table frame: (low, high) each."""
+    """Ranges of the garment's centre [m] and angle [rad], table frame: (low, high) each."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -95,11 +93,11 @@ class PoseRange:
 class Garment:
     """A garment as its file describes it, on one surface.
 
-    keypoints: names in counter-clockwise order; template: (k, 2) [m] where they lie at nominal size, centred
-    on 0 and turned as it is laid, so that pose (x, y, 0) is a translation. layers: of cloth when flat.
-    edge_pairs: edges (two key points each) that coincide, in this direction, when the last fold is done.
-    size_range: factors of the nominal size that the plan is meant for. max_tool_speed [m/s]: what the
-    cloth bears. final_layers: the most that lie on one another in the end.
+    keypoints: names in counter-clockwise order; template: (k, 2) [m] their positions at nominal size, centred on 0
+    and rotated as the garment is laid, so that pose (x, y, 0) is a translation. layers: of the flat garment.
+    edge_pairs: edges (two key points each) that coincide, in this direction, after the last fold. size_range:
+    factors of the nominal size that the plan is valid for. max_tool_speed [m/s]: limit for the cloth.
+    final_layers: the most layers on one another in the end.
     """
 
     name: str
@@ -119,7 +117,7 @@ class Garment:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Nominal extent along x and y as it is laid [m]."""
+        """Nominal extent along x and y as laid [m]."""
         dx, dy = np.ptp(self.template, axis=0)
         return float(dx), float(dy)
 
@@ -129,12 +127,12 @@ class Garment:
         return float(np.clip(min(self.size_m) / 20.0, 0.014, 0.026))
 
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
-        """(k, 2) where the key points lie, table frame, when the garment is laid at a pose."""
+        """(k, 2) positions of the key points at a pose, table frame."""
         c, s = np.cos(angle), np.sin(angle)
         return scale * self.template @ np.array([[c, s], [-s, c]]) + (x, y)
 
     def flat_state(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> GarmentState:
-        """What a perfect perception would say of it there."""
+        """The state that a perfect perception would report at a pose."""
         points = self.place(x, y, angle, scale)
         named = {name: frozen(p) for name, p in zip(self.keypoints, points, strict=True)}
         return GarmentState(self.category, frozen(points), named, confidence=1.0)

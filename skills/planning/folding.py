@@ -1,7 +1,7 @@
 """Folding as geometry: the exact isometry of a flat sheet under a sequence of fold lines.
 
-Each line mirrors what lies on its moving side, all layers of it, and puts that on top, upside down. Points
-are named by their material coordinates, so the same functions map key points, meshes and outlines.
+Each line mirrors all layers on its moving side and puts them on top, upside down. Points are given in material
+coordinates, so the same functions map key points, meshes and outlines.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ __all__ = [
 ]
 
 TOUCH = 1e-6
-"""How far outside an edge a point still counts as on the sheet [m]: reflections round."""
+"""Distance outside an edge at which a point still counts as on the sheet [m], for rounding of reflections."""
 
 
 class SheetMesh(Protocol):
-    """What folding needs of a cloth mesh."""
+    """The part of a cloth mesh that folding uses."""
 
     @property
     def rest(self) -> Array: ...
@@ -45,14 +45,14 @@ class SheetMesh(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FoldedPoints:
-    """positions: (n, 2) after the folds. layers: (n,) int, how many layers of cloth lie beneath each point."""
+    """positions: (n, 2) after the folds. layers: (n,) int, number of layers of cloth beneath each point."""
 
     positions: Array
     layers: NDArray[np.int64]
 
 
 def fold_xy(lines: Sequence[FoldLine], xy: Array) -> Array:
-    """(..., 2) material -> (..., 2) folded, one line after the other."""
+    """(..., 2) material -> (..., 2) folded along the lines in order."""
     p = np.array(xy, dtype=float)
     for line in lines:
         p = np.where((line.signed_distance(p) > 0)[..., None], line.reflect(p), p)
@@ -66,11 +66,11 @@ def fold_points(
     sheet: NDArray | None = None,
     sheets: int = 1,
 ) -> FoldedPoints:
-    """Where material points (n, 2) lie after the folds and how many layers lie beneath each.
+    """Positions of material points (n, 2) after the folds, and the number of layers beneath each.
 
-    outline: (k, 2) polygon of the flat garment (default: the convex hull of the points); what lies beneath is
-    counted there, so a sleeve folded beside the body is not lifted. sheets: layers of the flat garment;
-    sheet: (n,) which of them each point belongs to, 0 at the table.
+    outline: (k, 2) polygon of the flat garment (default: the convex hull of the points); layers are counted within
+    it, so a sleeve folded beside the body is not lifted. sheets: layers of the flat garment; sheet: (n,) the layer
+    of each point, 0 at the table.
     """
     xy = np.asarray(xy, dtype=float)
     sheet = np.zeros(len(xy), dtype=int) if sheet is None else np.asarray(sheet, dtype=int)
@@ -90,7 +90,7 @@ def fold_points(
 
 
 def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int = 1) -> int:
-    """How many layers of cloth lie at the place xy (2,) after the folds; outline (k, 2): of the flat garment."""
+    """Number of layers of cloth at xy (2,) after the folds; outline (k, 2): of the flat garment."""
     pieces = _pieces(lines, _polygon(outline))
     return sheets * sum(bool(shapely.intersects_xy(region, *xy)) for region in pieces.values())
 
@@ -98,9 +98,9 @@ def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int 
 def layers_under(
     lines: Sequence[FoldLine], outline: Array, footprint: Array, sheets: int = 1, share: float = 0.25
 ) -> int:
-    """How many layers lie under at least a `share` of a footprint (4, 2), the pads' before they close.
+    """Number of layers under at least a `share` of a footprint (4, 2), that of the open pads.
 
-    Near an edge that is known to some millimetres only, a single point would tell less.
+    Near an edge, which is known to some millimetres only, a single point would be less reliable.
     """
     pads = shapely.Polygon(footprint)
     pieces = _pieces(lines, _polygon(outline))
@@ -117,7 +117,7 @@ def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
 def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Material) -> Array:
     """(n, 3) the ideal folded shape of a mesh: the isometry of its rest coordinates.
 
-    Vertices lie on the middle of their layer, as in the simulation: z = (k + 1/2) x thickness, k counted from 0.
+    Vertices lie in the middle of their layer, as in the simulation: z = (k + 1/2) x thickness, k counted from 0.
     """
     sheets = int(mesh.layer.max()) + 1
     folded = fold_points(lines, mesh.rest, outline_of(mesh), mesh.layer, sheets)
@@ -136,7 +136,7 @@ def _polygon(outline: Array) -> shapely.Geometry:
 
 
 def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (n, 2), and which folds moved each point (n, folds)."""
+    """Positions (n, 2), and the folds that moved each point (n, folds)."""
     p, moved = xy.copy(), np.zeros((len(xy), len(lines)), dtype=bool)
     for i, line in enumerate(lines):
         moved[:, i] = line.signed_distance(p) > 0
@@ -145,7 +145,7 @@ def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool
 
 
 def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[bool, ...], shapely.Geometry]:
-    """What each history of moves became: folds that moved it -> where it lies now, grown by TOUCH."""
+    """Each history of moves -> the region that has it, where it lies now, grown by TOUCH."""
     pieces: dict[tuple[bool, ...], shapely.Geometry] = {(): outline}
     reach = 4.0 * (1.0 + float(np.abs(outline.bounds).max()))
     for line in lines:
@@ -162,10 +162,10 @@ def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[
 
 
 def _cut(region: shapely.Geometry, half: shapely.Geometry) -> tuple[shapely.Geometry, shapely.Geometry]:
-    """What of a region lies outside a half-plane and what inside.
+    """The parts of a region outside and inside a half-plane.
 
-    A fold line through corners of the garment leaves edges and points beside the areas, with which the next cut
-    may be beyond the library: it is then made of the areas alone.
+    A fold line through corners of the garment leaves edges and points beside the areas, on which the library may
+    fail at the next cut. The cut is then made of the areas alone.
     """
     try:
         return region.difference(half), region.intersection(half)
@@ -182,7 +182,8 @@ def _half_plane(line: FoldLine, reach: float) -> shapely.Polygon:
 
 
 def _order(moved: tuple[bool, ...]) -> int:
-    """Place in the stack of a piece by the folds that moved it: a fold puts what it moves on top, reversed."""
+    """Place of a piece in the stack, from the folds that moved it: a fold puts the moving pieces on top in
+    reversed order."""
     order, top = 0, 0
     for i, m in enumerate(moved):
         order = 2 * top + 1 - order if m else order

@@ -1,4 +1,4 @@
-"""From what lies on the table and the garment's plan to fold steps: lines, grasps, targets."""
+"""From the garment's state and plan to fold steps: lines, grasps, targets."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ from skills.vocabulary import (
 __all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
 
 RELEASE_CLEARANCE = 0.005
-"""How far above the stack the tips let go [m]: a pinch driven into the stack pushes it away."""
+"""Height of the tips above the stack at release [m]: a pinch driven into the stack pushes it away."""
 
 LEAST_FLAP = 0.02
-"""What a fold moves, and what it leaves, is wider than this [m]: two pads have to find room on it."""
+"""Least width of the moving and of the remaining part of a fold [m]: two pads have to fit on each."""
 
 IN_LINE = 0.5
-"""Two grasps count as one behind the other when they differ in y by less than this share of their distance."""
+"""Two grasps are in line along x when they differ in y by less than this share of their distance."""
 
 
 def plan_folds(
     state: GarmentState, garment: Garment, variants: Mapping[str, str] | None = None, done: int = 0
 ) -> Outcome[tuple[FoldStep, ...]]:
-    """The fold steps for a garment as it lies flat, from step `done` on.
+    """The fold steps of a flat garment from step `done` on.
 
-    variants: step name -> name of the variant to use where it is not the first (when an arm cannot reach).
-    The state is always that of the flat garment before its first fold: later steps are stated by what the
-    earlier ones made of it. After a drift, move the plan with `translate_plan`.
+    variants: step name -> variant to use in place of the first one (when an arm cannot reach). The state is always
+    that of the flat garment before its first fold; later steps follow from the earlier folds. After a drift, move
+    the plan with `translate_plan`.
 
-    Fails with CATEGORY_MISMATCH when another category lies there, LOW_CONFIDENCE when key points are
-    missing or do not span the fold line, or the line does not divide what the earlier folds leave. An unknown
-    variant is a ValueError.
+    Fails with CATEGORY_MISMATCH when the garment is of another category; with LOW_CONFIDENCE when key points are
+    missing or do not span the fold line, or the line does not divide the garment as the earlier folds leave it.
+    Raises ValueError for an unknown variant.
     """
     failure = _mismatch(state, garment)
     if failure is not None:
@@ -69,10 +69,11 @@ def plan_folds(
 def translate_plan(
     steps: Sequence[FoldStep], offset: Array, rotation: float = 0.0, about: Array | None = None
 ) -> tuple[FoldStep, ...]:
-    """The same steps for a garment that has drifted: turned by `rotation` [rad] about `about` (2,), then moved
-    by `offset` (2,) [m].
+    """The same steps for a garment that has drifted: rotated by `rotation` [rad] about `about` (2,), then moved by
+    `offset` (2,) [m].
 
-    Lines of earlier steps move along, so the steps' target belongs to rest coordinates moved alike.
+    Lines of earlier steps move along, so the target of the steps belongs to rest coordinates moved in the same
+    way.
     """
     centre = np.zeros(2) if about is None else np.asarray(about, dtype=float)
 
@@ -131,7 +132,7 @@ def _degenerate(step: PlanStep) -> Failure:
 def _missed(
     step: PlanStep, line: FoldLine, earlier: Sequence[FoldLine], keypoints: Mapping[str, Array], garment: Garment
 ) -> Failure | None:
-    """Whether a line leaves too little of the garment, as the earlier folds left it, on one of its sides."""
+    """A failure if a line leaves too little of the folded garment on one of its sides."""
     away = line.signed_distance(silhouette(earlier, np.array([keypoints[name] for name in garment.keypoints])))
     least = float(min(away.max(), -away.min()))
     if least >= LEAST_FLAP:
@@ -157,7 +158,7 @@ def _variant(step: PlanStep, name: str | None) -> PlanVariant:
 
 
 def _fold_line(step: PlanStep, variant: PlanVariant, keypoints: Mapping[str, Array]) -> FoldLine | None:
-    """Directed so that the key points that move lie to its left; None if they do not lie on one side."""
+    """Directed so that the moving key points lie to its left; None if they do not lie on one side."""
     a, b = (anchor.on(keypoints) for anchor in step.line)
     length = float(np.linalg.norm(b - a))
     if length < 0.02:
@@ -190,14 +191,14 @@ def _fold_step(
         height = layers * garment.material.thickness
         grasps[i] = Grasp(frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
-        # tension may take the hand just past the edge: it is the mirror image that lands on cloth
+        # at the mirror image, not at the landing: tension may take the hand just past the edge of the cloth
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[i] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
 
 
 def _footprint(point: Array, heading: float) -> Array:
-    """(4, 2) what the pads close over: their width along the held line, their stroke across it."""
+    """(4, 2) area of the open pads: their width along the held line, their stroke across it."""
     pads = PadGeometry()
     along = 0.5 * pads.width * np.array([np.cos(heading), np.sin(heading)])
     across = 0.5 * pads.stroke * np.array([-np.sin(heading), np.cos(heading)])
@@ -205,7 +206,7 @@ def _footprint(point: Array, heading: float) -> Array:
 
 
 def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:
-    """(2,) where a grasp is released: its mirror image, moved on by the step's tension."""
+    """(2,) release point of a grasp: its mirror image, moved on by the step's tension."""
     past, apart = step.tension
     along = float((point - np.mean(points, axis=0)) @ line.direction)
     return line.reflect(point) - past * line.normal + apart * np.sign(round(along, 6)) * line.direction
@@ -228,8 +229,8 @@ def _grasp_point(
 
 
 def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:
-    """Which is the left one and which the right: as the plan says, or else by where they lie; of two in line along
-    x, the left is the far one."""
+    """The left and the right grasp: as the plan says, otherwise by position; of two grasps in line along x, the
+    left is the far one."""
     named = [g.grasp_id for g in grasps]
     if len(named) == 1:
         return [named[0] or (GraspId.LEFT if points[0][1] >= 0 else GraspId.RIGHT)]
@@ -244,5 +245,5 @@ def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[Gra
 
 
 def _fold_angle(angle: float) -> float:
-    """A held line has no direction: its angle in (-60, 120] degrees, away from either axis."""
+    """The angle of an undirected held line, in (-60, 120] degrees, so that the cut is away from either axis."""
     return float(np.pi * 2 / 3 - (np.pi * 2 / 3 - angle) % np.pi)

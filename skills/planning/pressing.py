@@ -1,9 +1,9 @@
-"""Where and how hands press on a fold so that it lies flatter: dabs along its crease.
+"""Pressing a crease so that the fold lies flatter: dabs along the crease.
 
-A fabric's own friction keeps a bend that was made (its hysteresis, 2HB of KES-F): a crease that was pressed flat
-opens less. Hands dab and do not stroke: what slides on a stack takes its upper layers along. One finger comes down
-beside the line and the other one further in, at once: a bulge that is pressed in its middle only moves inwards.
-Creases of earlier folds, and whatever lies at an edge, are left alone: fingers on them turn corners up.
+A fabric's internal friction keeps bends (its hysteresis, 2HB of KES-F), so a crease that was pressed flat opens
+less. Hands dab and do not stroke, as a hand that slides on a stack drags its upper layers along. One finger comes
+down beside the line and the other further in, at the same time: a bulge pressed in its middle only moves inwards.
+Creases of earlier folds and edges are not pressed: fingers on them turn corners up.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
 __all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach"]
 
 OPENING = 0.030
-"""Of the pads while they press [m]."""
+"""Opening of the pads while they press [m]."""
 FINGERS = 0.019
-"""From the middle of the hand, so open, to the middle of a finger [m]."""
+"""Distance from the middle of the open hand to the middle of a finger [m]."""
 MOST = 12
-"""Dabs of one go."""
+"""Most dabs in one press."""
 BAND = 0.060
-"""What stands high so near to the line belongs to the crease [m]."""
+"""Width beside the line in which raised cloth belongs to the crease [m]."""
 INSET = 0.010
-"""From the line to the outer finger [m]."""
+"""Distance from the line to the outer finger [m]."""
 ROOM = 0.135
-"""Cloth reaches so far from the line, clear of the edge across from it [m]: a smaller stack is shoved as a whole
-by what presses on its crease."""
+"""Least extent of the cloth from the line to the opposite edge [m]: a press on its crease shoves a smaller stack
+as a whole."""
 PITCH = 0.045
-"""Between dabs along the crease [m]."""
+"""Distance between dabs along the crease [m]."""
 GRID = 0.005
-"""Of what is looked at along it [m]."""
+"""Resolution along the crease [m]."""
 CLEARANCE = 0.020
-"""Over the highest cloth between two dabs [m],"""
+"""Height above the highest cloth between two dabs [m]."""
 START = 0.080
-"""and where the first begins: on the way there a hand sweeps nothing."""
+"""Height above the highest cloth before the first dab [m]: on its way there a hand sweeps nothing."""
 ONE_HAND = 0.36
-"""Further along the table's width, dabs are shared by both hands [m]."""
+"""Extent along y above which the dabs are shared by both hands [m]."""
 SPEED, JERK = 0.3, 24.0
-"""Of the hands, at most [m/s], [m/s3]: with harder legs the arms slow the whole way down, not only them."""
+"""Most speed [m/s] and jerk [m/s3] of the hands: with more, the arms would slow down for the whole path."""
 DWELL_S, TICK_S = 0.25, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Dab:
-    """point: (2,) under the middle of the hand, table frame. bottom: where its tips end, with the layers flat [m].
-    high: by how much the cloth stood above that [m]."""
+    """point: (2,) under the middle of the hand, table frame. bottom: final height of its tips, with the layers
+    flat [m]. high: height of the cloth above that [m]."""
 
     point: Array
     bottom: float
@@ -63,10 +63,10 @@ def crease_dabs(
     inside: Callable[[Array], bool],
     most: int = MOST,
 ) -> tuple[Dab, ...]:
-    """Dabs along the crease of `line`, of the fold just made, where it stands high; fingers lie across it.
+    """Dabs where the crease of `line`, of the last fold, stands high; the fingers lie across it.
 
-    places: (k, 2) that stand above the flat stack by above (k,) [m]. flat: its height at a place (2,) [m].
-    inside: whether a place (2,) lies on the garment, clear of the edges that the crease runs into.
+    places: (k, 2) raised above the flat stack by above (k,) [m]. flat: height of the flat stack at a place (2,)
+    [m]. inside: whether a place (2,) lies on the garment, clear of the edges at the ends of the crease.
     """
     beside = -line.signed_distance(places)
     crease = (beside >= 0.0) & (beside < BAND)
@@ -84,15 +84,15 @@ def crease_dabs(
 
 
 def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
-    """Those that one hand can make along with the highest."""
+    """The dabs that one hand can make together with the highest one."""
     highest = max(dabs, key=lambda dab: dab.high)
     return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
 
 
 def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[GraspId, ToolPath]:
-    """The tools' paths over the dabs, of one hand or of two on one clock, from far above the first one.
+    """Tool paths over the dabs, of one hand or of two with common times, beginning high above the first dab.
 
-    highest: how high the garment stands [m]. Two hands go the same way, each over its half. Empty without dabs.
+    highest: height of the garment [m]. Two hands go in the same direction, each over its half. Empty without dabs.
     """
     if not dabs:
         return {}
@@ -114,7 +114,7 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
 
 
 def _spread(along: Array, most: int) -> Array:
-    """Evenly along a crease, where any of along (k,) [m] is near: PITCH apart, or as far as `most` allow."""
+    """Evenly spaced positions along a crease, near any of along (k,) [m]: PITCH apart, or as `most` allows."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
@@ -126,12 +126,12 @@ def _spread(along: Array, most: int) -> Array:
 
 
 def _finger(line: FoldLine, along: float, inset: float) -> Array:
-    """(2,) so far along the line from its point, and so far inside it [m]."""
+    """(2,) the point `along` the line from its point and `inset` inside it [m]."""
     return line.point + along * line.direction - inset * line.normal
 
 
 def _stops(dabs: Sequence[Dab], highest: float) -> Array:
-    """(1 + 4 k, 3) where a hand comes to rest: far above, then over, on, on and over each of k dabs."""
+    """(1 + 4 k, 3) stops of a hand: high above, then over, on, on and over each of k dabs."""
     points = [[*dabs[0].point, highest + START]]
     for dab in dabs:
         over, on = [*dab.point, highest + CLEARANCE], [*dab.point, dab.bottom]
@@ -140,13 +140,14 @@ def _stops(dabs: Sequence[Dab], highest: float) -> Array:
 
 
 def _times(stops: Array) -> list[float]:
-    """Of the legs between stops [s]. With least jerk, the peaks are 15/8 of the mean speed and 60 l / t^3."""
+    """Durations of the legs between stops [s]. For minimum jerk the peaks are 15/8 of the mean speed and 60 l /
+    t^3."""
     length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
     return [max(DWELL_S, 1.875 * float(way) / SPEED, (60.0 * float(way) / JERK) ** (1 / 3)) for way in length]
 
 
 def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
-    """From stop to stop in the times of `clock` [s], each leg with least jerk (Flash & Hogan 1985)."""
+    """From stop to stop in the times of `clock` [s], each leg with minimum jerk (Flash & Hogan 1985)."""
     t, position = [0.0], [stops[0]]
     for here, there, duration in zip(stops[:-1], stops[1:], clock, strict=True):
         q = np.linspace(0.0, 1.0, max(2, round(duration / TICK_S)) + 1)[1:]

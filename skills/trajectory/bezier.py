@@ -26,7 +26,7 @@ def evaluate(control: Array, u: Array) -> Array:
 
 
 def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
-    """De Casteljau: the control points of the two pieces that meet at u; (n + 1, d) each."""
+    """De Casteljau subdivision at u: the control points (n + 1, d) of both pieces."""
     first, last, points = [control[0]], [control[-1]], np.asarray(control, dtype=float)
     while len(points) > 1:
         points = (1.0 - u) * points[:-1] + u * points[1:]
@@ -38,7 +38,7 @@ def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
 def length(control: Array, tolerance: float = 1e-6) -> float:
     """Arc length [m] by recursive subdivision until chord and control polygon of every piece agree.
 
-    tolerance: of the whole, relative to the control polygon's length; it is shared out over the pieces.
+    tolerance: of the whole length, relative to the length of the control polygon; each subdivision halves it.
     """
     total = float(np.linalg.norm(np.diff(control, axis=0), axis=1).sum())
     if total == 0.0:
@@ -68,12 +68,12 @@ def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
 
 
 def initial_controls(start: Array, end: Array, h: float = 1.0 / 3.0, order: int = 3) -> Array:
-    """The paper's first guess: control points evenly spread, the inner ones raised by h |P0 - Pn|."""
+    """The paper's first guess: evenly spaced control points, the inner ones raised by h |P0 - Pn|."""
     return two_parameter_controls(start, end, h, 0.0, order)
 
 
 def two_parameter_controls(start: Array, end: Array, height: float, skew: float, order: int = 3) -> Array:
-    """A fold by height and skew, both in units of |P0 - Pn|: inner points raised, and shifted to the end."""
+    """A fold by height and skew, both in units of |P0 - Pn|: inner points raised, and shifted towards the end."""
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     chord = end - start
     distance = float(np.linalg.norm(chord))

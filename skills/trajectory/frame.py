@@ -1,6 +1,7 @@
-"""The fold's own frame: origin at the grasp, first axis level to the target, third up, distance as unit.
+"""The fold's frame: origin at the grasp, first axis horizontal towards the target, third axis up, the fold's
+distance as unit.
 
-In it the arc of a small towel and that of a large one are the same numbers.
+In it the arcs of a small and a large towel have the same coordinates.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ __all__ = ["FoldFrame", "frames_of", "grasp_ends"]
 
 @dataclass(frozen=True, eq=False)
 class FoldFrame:
-    """start, end: (3,) of the arc, table frame [m]. The axes are level-forward, level-left, up."""
+    """start, end: (3,) of the arc, table frame [m]. Axes: horizontal forward, horizontal left, up."""
 
     start: Array
     end: Array
@@ -27,24 +28,24 @@ class FoldFrame:
 
     @property
     def axes(self) -> Array:
-        """(3, 3), one unit axis a row."""
+        """(3, 3), one unit axis in each row."""
         forward = (self.end - self.start) * (1.0, 1.0, 0.0)
         forward = forward / np.linalg.norm(forward)
         up = np.array([0.0, 0.0, 1.0])
         return np.stack([forward, np.cross(up, forward), up])
 
     def normalise(self, control: Array) -> Array:
-        """Control points (n + 1, 3) -> the inner ones (n - 1, 3) in this frame, without unit."""
+        """Control points (n + 1, 3) -> inner points (n - 1, 3) in this frame, dimensionless."""
         return (control[1:-1] - self.start) @ self.axes.T / self.distance
 
     def denormalise(self, inner: Array) -> Array:
-        """The inverse: inner points (n - 1, 3) -> control points (n + 1, 3) that begin and end exactly here."""
+        """The inverse: inner points (n - 1, 3) -> control points (n + 1, 3) from start to end."""
         points = self.start + self.distance * np.asarray(inner) @ self.axes
         return np.vstack([self.start, points, self.end])
 
 
 def grasp_ends(step: FoldStep, grasp_id: GraspId, thickness: float) -> tuple[Array, Array]:
-    """Where a grasp's arc begins and ends (3,), (3,): the tips under the lowest layer taken, and the release."""
+    """Start (3,) and end (3,) of a grasp's arc: the tips under the lowest layer taken, and the release."""
     grasp = step.grasps[grasp_id]
     below = grasp.height - grasp.layers * thickness
     return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[grasp_id])

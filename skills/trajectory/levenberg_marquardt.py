@@ -1,7 +1,7 @@
-"""Least squares when derivatives cost too much: the secant version of Levenberg-Marquardt.
+"""Least squares with expensive derivatives: the secant version of Levenberg-Marquardt.
 
-K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed., IMM,
-Technical University of Denmark, 2004, section 3.5 (algorithm 3.34), with the damping of section 3.2.
+K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed., IMM, Technical
+University of Denmark, 2004, section 3.5 (algorithm 3.34), with the damping of section 3.2.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ ResidualMany = Callable[[Sequence[Array]], Sequence[Array]]
 
 @dataclass(frozen=True)
 class SecantOptions:
-    """delta: step of the differences, in the variables' unit. tau: first damping, relative to diag(B'B).
+    """delta: difference step, in the unit of the variables. tau: initial damping, relative to diag(B'B).
 
-    Termination: gradient (max norm), step (relative to |x|), improvement (of the cost, relative to it; two
-    steps in a row), evaluations.
+    Termination: gradient (max norm), step (relative to |x|), improvement (of the cost, relative to it; two steps
+    in a row), evaluations.
     """
 
     delta: float = 1e-1
@@ -37,7 +37,8 @@ class SecantOptions:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """x (n,), residual (m,), cost |residual|^2 / 2, evaluations of the residual, and why it ended."""
+    """x (n,), residual (m,), cost |residual|^2 / 2, number of residual evaluations, and the reason of
+    termination."""
 
     x: Array
     residual: Array
@@ -55,9 +56,9 @@ def secant_levenberg_marquardt(
 ) -> LeastSquares:
     """Minimise |residual(x)|^2 / 2 from x0 (n,), residual: (n,) -> (m,), scalar allowed.
 
-    The Jacobian is taken once by forward differences (`many` may evaluate these side by side) and then kept up
-    by Broyden's rank-one updates, with an extra difference along a coordinate that the steps neglect.
-    f0: the residual at x0 when it is known. The best point seen is returned, whatever the step control thought.
+    The Jacobian is computed once by forward differences (`many` may evaluate these in parallel) and then updated
+    by Broyden's rank-one formula, with an extra difference along a coordinate that the steps neglect. f0: the
+    residual at x0 if known. Returns the best point seen, even if the step control rejected it.
     """
     run = _Run(residual, many, options)
     x = np.array(x0, dtype=float)

@@ -1,4 +1,5 @@
-"""Arcs that were optimised before: normalised, with their provenance, looked up and scaled to the fold at hand."""
+"""Library of optimised arcs: stored normalised and with their provenance, looked up and scaled to the present
+fold."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ __all__ = [
 SCHEMA = "foldcell.library/1"
 
 SIZE_RATIO = 1.30
-"""Look-up limit: how much larger or smaller either side of the garment may be than the entry's."""
+"""Look-up limit: largest ratio, either way, of each side of the garment to the entry's."""
 
 MATERIAL_RATIOS = {
     "friction_static": 1.35,
@@ -40,10 +41,10 @@ MATERIAL_RATIOS = {
     "areal_mass": 1.6,
     "friction_layers": 1.5,
 }
-"""Look-up limits of the fabric, as ratios either way: what optimised arcs were seen to bear, and a little less."""
+"""Look-up limits of the fabric, as ratios either way: slightly less than optimised arcs were seen to tolerate."""
 
 SANE = 3.0
-"""Inner control points lie within this many fold distances of the grasp; anything else is not an arc."""
+"""Inner control points lie within this many fold distances of the grasp; otherwise the entry is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class LibraryEntry:
     """One optimised fold. inner: (n - 1, 3) inner control points in the fold's frame.
 
     size_m: extent of the flat garment along x and y as laid [m]; dissimilarity and dissimilarity_initial: D of
-    this arc and of the paper's first guess [m], on a mesh with this edge length [m]; version: of the program.
+    this arc and of the paper's first guess [m], on a mesh with edges of edge_length [m]; version: of the program.
     """
 
     category: str
@@ -72,22 +73,22 @@ class LibraryEntry:
 
 @dataclass(frozen=True)
 class Library:
-    """Entries in order of preference among equals: the first of equally near ones is used."""
+    """Entries in order of preference: of equally near ones the first is used."""
 
     entries: tuple[LibraryEntry, ...] = ()
 
     def with_entry(self, entry: LibraryEntry) -> Library:
-        """This library with one more entry, which replaces the one it supersedes and goes first."""
+        """This library with one more entry, placed first, in place of the one it supersedes."""
         return Library((entry, *(e for e in self.entries if _identity(e) != _identity(entry))))
 
     def merged(self, other: Library) -> Library:
-        """Both; this one's entries go first."""
+        """Both libraries; this one's entries come first."""
         return Library((*self.entries, *other.entries))
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """An entry that was not read, and why. index: its place in the file, -1 for the file itself."""
+    """An entry that was refused, and the reason. index: its place in the file, -1 for the file itself."""
 
     index: int
     reason: str
@@ -108,7 +109,7 @@ def entry_from(
     max_tool_speed: float,
     version: str,
 ) -> LibraryEntry:
-    """What is kept of an optimised fold."""
+    """The library entry of an optimised fold."""
     frames = frames_of(step, material.thickness)
     inner = {s: frozen(frames[s].normalise(c)) for s, c in trajectory.control_points.items()}
     return LibraryEntry(
@@ -126,9 +127,9 @@ def lookup(
     variant: str | None = None,
     arms: int | None = None,
 ) -> LibraryEntry | None:
-    """The entry for this category and step that is nearest in size and fabric, None if none is within limits.
+    """The entry for this category and step that is nearest in size and fabric, None if none is within the limits.
 
-    arms: how many the step takes; entries of a plan with more or fewer are passed over.
+    arms: number of arms of the step; entries with another number are skipped.
     """
     nearest: tuple[float, LibraryEntry] | None = None
     for entry in library.entries:
@@ -145,11 +146,11 @@ def lookup(
 def trajectory_from(
     entry: LibraryEntry, step: FoldStep, thickness: float, max_tool_speed: float | None = None
 ) -> GraspTrajectory | None:
-    """The entry's arcs for the step at hand: its grasps and targets, scaled by the distance of the fold.
+    """The entry's arcs for the present step: its grasps and targets, scaled by the distance of the fold.
 
-    thickness of one layer [m]. D, of these and of the first guess, is the entry's own: what this fold will come to
-    has to be simulated. A single grasp's arc serves the other one in mirror image; None when the entry has
-    not as many grasps as the step.
+    thickness of one layer [m]. D of the arcs and of the first guess are the entry's; D of the present fold has to
+    be simulated. A single grasp's arc is mirrored for the other grasp. None if the entry and the step differ in
+    their number of grasps.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)
@@ -168,13 +169,13 @@ def trajectory_from(
 
 
 def to_json(library: Library) -> str:
-    """The library as text; each entry carries the hash of its content."""
+    """The library as JSON; each entry has the hash of its content."""
     rows = [{"sha256": _digest(body), **body} for body in map(_body, library.entries)]
     return json.dumps({"schema": SCHEMA, "entries": rows}, indent=1) + "\n"
 
 
 def from_json(text: str) -> tuple[Library, tuple[Refusal, ...]]:
-    """The entries that can be trusted, and what was refused: a corrupt or foreign entry is never used."""
+    """The valid entries and the refusals: a corrupt or foreign entry is never used."""
     try:
         data = json.loads(text)
     except ValueError as error:
@@ -201,7 +202,7 @@ def _identity(entry: LibraryEntry) -> tuple[object, ...]:
 
 
 def _distance(entry: LibraryEntry, material: Material, size_m: tuple[float, float]) -> float | None:
-    """Sum of squares of log ratios over their limits; None when one of them is beyond its limit."""
+    """Sum of squares of log ratios over their limits; None if one is beyond its limit."""
     ratios = [(a / b, SIZE_RATIO) for a, b in zip(entry.size_m, size_m, strict=True)]
     ratios += [(getattr(entry.material, f) / getattr(material, f), r) for f, r in MATERIAL_RATIOS.items()]
     away = [abs(np.log(ratio)) / np.log(limit) for ratio, limit in ratios]
@@ -238,7 +239,7 @@ def _entry(row: object) -> LibraryEntry:
 
 
 def _check(entry: LibraryEntry) -> None:
-    """Content that hashes rightly can still be nonsense."""
+    """Refuse implausible content, which a correct hash does not exclude."""
     points = list(entry.inner.values())
     if not points or any(p.ndim != 2 or p.shape[1] != 3 or len(p) < 1 for p in points):
         raise _Refused("its control points are not (n, 3)")

@@ -1,4 +1,4 @@
-"""The same fold on a finer mesh: what a search found on one mesh may owe something to that mesh."""
+"""The same fold problem on a finer mesh, to detect results that depend on the mesh."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ __all__ = ["carried", "refined"]
 
 
 def refined(problem: FoldProblem, share: float) -> FoldProblem:
-    """`problem` on a mesh with edges `share` as long, the garment lying as it does there."""
+    """`problem` on a mesh with edges `share` times as long and the garment in the same shape."""
     mesh = problem.mesh
-    edge = float(np.sqrt(4.0 / np.sqrt(3.0) * np.median(mesh.area)))  # of the equilateral triangle of that area
+    edge = float(
+        np.sqrt(4.0 / np.sqrt(3.0) * np.median(mesh.area))
+    )  # of an equilateral triangle of the median area
     outline = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles[mesh.triangle_layer == 0]]))
     contour = shapely.get_coordinates(outline.exterior)[:-1]
     if not outline.exterior.is_ccw:
@@ -28,9 +30,9 @@ def refined(problem: FoldProblem, share: float) -> FoldProblem:
 
 
 def carried(mesh: TrajectoryMesh, positions: Array, rest: Array, layer: NDArray) -> Array:
-    """(m, 3) where points of the garment lie: rest (m, 2) and layer (m,), on a mesh at `positions` (n, 3).
+    """(m, 3) positions of material points, rest (m, 2) and layer (m,), on a mesh at `positions` (n, 3).
 
-    A point outside the mesh, as a resampled border has some, is carried by the nearest triangle.
+    A point outside the mesh, as on a resampled border, is extrapolated from the nearest triangle.
     """
     out = np.empty((len(rest), 3))
     for sheet in np.unique(layer):

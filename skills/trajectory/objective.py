@@ -24,8 +24,8 @@ def dissimilarity(
 ) -> float:
     """D [m]: mean distance between corresponding barycentres, weighted by area, over all sheets of the mesh.
 
-    target, simulated: (n, 3); triangles: (m, 3). area: (m,) of the triangles; default those of the target,
-    as in the paper. Give the rest areas when triangles lie across a fold line: folding them shrinks them.
+    target, simulated: (n, 3); triangles: (m, 3). area: (m,) of the triangles; default: those of the target, as in
+    the paper. Pass the rest areas when triangles lie across a fold line, as folding shrinks them.
     """
     weights = triangle_areas(target, triangles) if area is None else area
     apart = (target[triangles] - simulated[triangles]).mean(axis=1)
@@ -33,7 +33,7 @@ def dissimilarity(
 
 
 def cost(lengths: Array, d: float, alpha: float = ALPHA) -> float:
-    """C(x) = l + alpha D [m]; of several arms the lengths add up."""
+    """C(x) = l + alpha D [m]; the lengths of several arcs add up."""
     return float(np.sum(lengths) + alpha * d)
 
 

@@ -1,4 +1,4 @@
-"""The best arc for a fold: what the paper minimises, by its method and by better ones."""
+"""Optimisation of a fold's arcs for the paper's objective, by its method and by better ones."""
 
 from __future__ import annotations
 
@@ -42,55 +42,56 @@ SKEWS = (0.0, 0.15, -0.15)
 """The grid of the two-parameter method, in units of the fold's distance; the paper's initial arc comes first."""
 
 PROBES = ((1 / 3, 0.6, 2 / 3, 0.6), (0.0, 0.3, 1.0, 0.3))
-"""Arcs that tell whether the arc matters at all: way along and height of the first inner point and of the second.
-A high one, and one that rises and comes down steeply: the cloth is laid down from the crease to the edge, which no
-height or skew does. Where there is much to gain one of them gains some of it; where a folded stack opens again by
-itself, as under a second fold, all arcs end alike."""
+"""Arcs that test whether the arc matters at all: way along and height of the first and the second inner point. One
+is high; the other rises and comes down steeply, laying the cloth down from the crease to the edge, which neither
+height nor skew does. Where there is much to gain, one of them gains some of it. Where a folded stack opens again
+by itself, as under a second fold, all arcs end alike."""
 FORMS = (
     ((0.483, 0.5, 0.817, 0.5), (-0.15, 0.5, 1.15, 0.3)),
     ((-0.07, 0.52, 0.98, 0.43), (0.183, 0.7, 0.517, 0.7), (0.15, 0.3, 0.85, 0.5)),
 )
-"""Arcs that are tried where it does, the second lot where none is good yet: each was the best, or next to it, for
-some garment's first fold."""
+"""Further arcs for folds in which the arc matters; the second group is used where none is good yet. Each was the
+best, or next to it, for some garment's first fold."""
 
 POLISH_DELTA = 0.05
 """Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
 
 ROUNDING = 1e-9
-"""Arcs whose control points differ by less are the same [m]."""
+"""Arcs whose control points differ by less count as equal [m]."""
 
 LEAST_POLISH = 3
-"""Simulations for each variable below which a polish is not begun: a third of them is the first differences."""
+"""Least simulations for each variable for which a polish begins: a third of them are the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
-"""The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Try both."""
+"""The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Both are
+tried."""
 
 LOWEST, HIGHEST = 0.3, 1.2
 BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
 """Bounds of the inner control points' height and of their way along the fold, in units of its distance. A low arc
-is short, and as good as any in a simulation whose friction is right; in the cell it drags the garment. The first
-half of the points stay before OVERLAP, the others after 1 - OVERLAP: arcs go forward."""
+is short and, in a simulation with the correct friction, as good as any; in the cell it drags the garment. The
+first half of the points stay before OVERLAP, the others after 1 - OVERLAP, so that arcs go forward."""
 
 FINALISTS = 3
-"""Arcs that are confirmed at most; with a small budget fewer. A fourth was never chosen for five garments."""
+"""Most arcs that are confirmed; fewer with a small budget. A fourth was never chosen for five garments."""
 
 GOOD = 0.002
-"""Where the plain arc misses by no more than this nothing can be gained that could be told from luck [m]."""
+"""D of the plain arc up to which no gain could be distinguished from noise [m]."""
 
 GAIN = 0.15
-"""Share of D that a probe gains on the first arcs where there is anything to gain: 0.2 to 0.8 in first folds that
-have a better arc, at most 0.12 where no arc does better on a finer mesh."""
+"""Least share of D that a probe gains on the first arcs where a better arc exists: 0.2 to 0.8 in first folds that
+have one, at most 0.12 where no arc does better on a finer mesh."""
 
 ALIKE = 0.0001
-"""Of good arcs the plain one is kept where the best gains less than this in D [m]."""
+"""The plain arc is kept where the best of several good arcs gains less in D [m]."""
 
 LUCK_SHARE = 0.1
-"""Where no arc gains anything the plain one is kept unless the first guess is better by more than this share of
-D: a medium towel's half, 1.8 mm against 2.1, and its quarter after it, end better in the simulated cell so."""
+"""Where no arc gains anything, the plain one is kept unless the first guess is better by more than this share of
+D. A medium towel's half, 1.8 mm against 2.1, and the quarter after it end better in the simulated cell so."""
 
 PLAIN_H = 0.45
-"""Height of both inner points of the plain arc, in units of the fold's distance: a middle
-choice: in 8 to 10 drawn worlds a setting, heights from 0.33 to 0.5 could not be told apart."""
+"""Height of both inner points of the plain arc, in units of the fold's distance. A middle choice: in 8 to 10 drawn
+worlds a setting, heights from 0.33 to 0.5 made no measurable difference."""
 
 
 def optimise_fold(
@@ -112,24 +113,24 @@ def optimise_fold(
     watch: Watch | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Outcome[GraspTrajectory]:
-    """The arcs, one for each grasp of the step, that fold the mesh from `positions` (n, 3) best.
+    """The best arcs, one for each grasp of the step, to fold the mesh from `positions` (n, 3).
 
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
-    points, secant Levenberg-Marquardt), 'default' (arcs spread over height, skew and steepness, a polish of
-    variables that the arcs share, and of the best few the one that bears most). budget: simulations (default 1,
-    25, 120, 25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default
-    `ClothPredictor()`. max_height: of an arc over the table, lift_height: of the straight lift before it [m].
+    points, secant Levenberg-Marquardt), 'default' (arcs of several heights, skews and steepnesses, a polish of
+    variables that the arcs share, and the most robust of the best few). budget: simulations (default 1, 25, 120,
+    25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default `ClothPredictor()`.
+    max_height: of an arc over the table, lift_height: of the straight lift before it [m].
 
-    start: arcs to begin from besides (warm start). promised: the D [m] that they are said to come to, of arcs from
-    the library: they are simulated first, besides the budget, and where they keep the promise they are the result,
-    with source 'library' and method 'library' in the notes. A look-up is an optimisation without iterations.
-    promised_initial: D of the first guess where they come from: arcs that fall a little behind their promise are
-    then compared with the first guess here, and are the result where they gain as much on it.
+    start: additional initial arcs (warm start). promised: the D [m] of arcs from the library. These are simulated
+    first, outside the budget; if they keep the promise they are the result, with source 'library' and method
+    'library' in the notes, so a look-up is an optimisation without iterations. promised_initial: D of the first
+    guess where they were optimised. Arcs that fall slightly behind their promise are then compared with the first
+    guess here, and are the result if they gain as much on it.
 
     Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_m,
     dissimilarity_initial_m (not of a look-up), simulations, failed_simulations, method. Fails with
-    OPTIMISER_FAILED when no simulation came to an end, PREDICTION_POOR when the best fold is predicted to be bad.
-    An unknown method is a ValueError.
+    OPTIMISER_FAILED when every simulation failed, PREDICTION_POOR when the best fold is not accepted. Raises
+    ValueError for an unknown method.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
@@ -161,7 +162,8 @@ def optimise_fold(
 
 
 def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *, plain: bool) -> None:
-    """The first guess unless it is known, a warm start and the plain arc: side by side within the budget."""
+    """Simulate the first guess unless it is known, a warm start and the plain arc, in parallel within the
+    budget."""
     arcs = [_initial(problem)] if evaluator.first is None else []
     least = len(arcs)
     arcs += [] if warm is None else [warm]
@@ -173,7 +175,7 @@ def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *,
 
 @dataclass(frozen=True)
 class ClothPredictor:
-    """The cell's own cloth simulation at its default settings, as a value that a process can be sent."""
+    """The cell's cloth simulation at its default settings, as a value that can be sent to a process."""
 
     release_s: float = 0.3
     settle_s: float = 1.0
@@ -188,7 +190,7 @@ class ClothPredictor:
 
 
 def _looked_up(evaluator: Evaluator, kept: Candidate) -> Outcome[GraspTrajectory]:
-    """Arcs from the library that do here what they were optimised for."""
+    """The outcome of library arcs that keep their promise."""
     trajectory = GraspTrajectory(
         kept.controls, kept.duration, "library", kept.cost, kept.dissimilarity, evaluator.count
     )
@@ -229,7 +231,7 @@ def _initial(problem: FoldProblem) -> Controls:
 
 
 def _capped(problem: FoldProblem, height: float) -> float:
-    """A height of both inner points, low enough for the arc's top (3/4 of it) to stay under the ceiling."""
+    """A height of both inner points at which the arc's top (3/4 of it) stays within max_height."""
     distance = max(f.distance for f in problem.frames.values())
     return min(height, problem.max_height / (0.75 * distance))
 
@@ -241,11 +243,11 @@ def _two_parameter(problem: FoldProblem, height: float, skew: float) -> Controls
 
 
 def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Nothing to search: the initial arc has been simulated."""
+    """No search: the initial arc has been simulated."""
 
 
 def _search_grid(problem: FoldProblem, evaluator: Evaluator) -> tuple[float, float]:
-    """Simulate the grid, but for its first point, which is the initial arc. Returns the best height and skew."""
+    """Simulate the grid except its first point, the initial arc. -> the best height and skew."""
     points = [(h, s) for h in HEIGHTS for s in SKEWS][1 : evaluator.left + 1]
     assert evaluator.first is not None
     candidates = evaluator.many([_two_parameter(problem, *p) for p in points])
@@ -259,11 +261,11 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Two probes, arcs of other forms, then a polish in four variables that the arcs share: way along and height
-    of both inner points. Of the best few and the plain arc the most robust one is taken.
+    """Two probes, arcs of other forms, then a polish of four variables shared by the arcs: way along and height of
+    both inner points. The result is the most robust of the best few and the plain arc.
 
-    Where the plain arc is good, and where the probes show that no arc is better, the search ends at once; once an
-    arc is good it is not polished.
+    The search ends at once where the plain arc is good or the probes show that no arc is better. A good arc is not
+    polished.
     """
     plain, first = evaluator.plain, evaluator.first
     if plain is None or first is None or plain.dissimilarity <= GOOD:
@@ -293,7 +295,7 @@ def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _keep_plain(evaluator: Evaluator, least: float) -> None:
-    """The plain arc where the best does not gain `least` [m] over it: it bears more."""
+    """Keep the plain arc, which is more robust, unless the best gains at least `least` [m] over it."""
     plain, best = evaluator.plain, evaluator.best
     if plain is not None and best is not None and not plain.failed:
         evaluator.best = plain if plain.dissimilarity - best.dissimilarity < least else best
@@ -317,10 +319,10 @@ def _polish(
     controls: Callable[[Array], Controls],
     reserve: int = 0,
 ) -> None:
-    """Secant Levenberg-Marquardt from x0, within what is left of the budget.
+    """Secant Levenberg-Marquardt from x0, within the rest of the budget.
 
-    The arcs of x0 are simulated unless they were: the best so far may be others, which these variables cannot
-    state (a warm start whose arcs differ, or that goes sideways).
+    The arcs of x0 are simulated unless they were before. They may differ from the best so far, which these
+    variables cannot always represent (a warm start whose arcs differ, or that goes sideways).
     """
     known = _seen(evaluator, controls(x0))
     budget = evaluator.left - reserve - (known is None)
@@ -332,7 +334,7 @@ def _polish(
 
 
 def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
-    """The candidate that was simulated with these arcs, give or take rounding."""
+    """The candidate that was simulated with these arcs, up to rounding."""
 
     def same(other: Candidate) -> bool:
         return all(np.allclose(q, other.controls[s], rtol=0.0, atol=ROUNDING) for s, q in controls.items())
@@ -341,7 +343,8 @@ def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
 
 
 def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """The paper's: all coordinates of all inner control points, from h = 1/3, for both readings of its delta."""
+    """The paper's method: all coordinates of all inner control points, from h = 1/3, for both readings of its
+    delta."""
     assert evaluator.first is not None
     first = evaluator.first
     grasp_ids = list(first.controls)
@@ -380,4 +383,4 @@ METHODS: dict[str, tuple[Callable[[FoldProblem, Evaluator], object], int]] = {
     "two_parameter": (_search_two_parameter, 25),
     "initial": (_search_initial, 1),
 }
-"""Name -> search and its usual budget of simulations."""
+"""Name -> search and its default budget of simulations."""

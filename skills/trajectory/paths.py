@@ -1,4 +1,4 @@
-"""From Bezier control points to tool paths over time: what is simulated and what the arms shall execute."""
+"""From Bezier control points to timed tool paths, for the simulation and for the arms."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPat
 __all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
 TOOL_ACCELERATION = 0.8
-"""Peak of the tool's acceleration along a fold [m/s2]: jerks pull at the cloth, the paper's cause of drift."""
+"""Peak acceleration of the tool along a fold [m/s2]: jerks pull at the cloth, which the paper names as the cause
+of drift."""
 
 RATE = 100.0
 """Samples of a tool path per second [Hz]."""
 
 LIFT_HEIGHT, LIFT_SPEED = 0.03, 0.04
-"""A grasp is lifted straight up to be confirmed before the arc begins: how high [m], and how fast [m/s]."""
+"""Height [m] and speed [m/s] of the straight lift that confirms a grasp before the arc begins."""
 
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """Distance over time along a path: from rest to rest, smooth ramps, a level top.
+    """Distance over time along a path: from rest to rest, with smooth ramps and constant speed between them.
 
     length [m], top speed [m/s], ramp: duration of each ramp [s]. The speed in a ramp is top (3 r^2 - 2 r^3), r in
     0..1, so acceleration is continuous and peaks at 1.5 top / ramp.
@@ -36,13 +37,13 @@ class SpeedLaw:
 
     @classmethod
     def fastest(cls, length: float, max_speed: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """The quickest law under both caps; a short path never reaches the top speed."""
+        """The fastest law within both limits; a short path never reaches the top speed."""
         top = min(max_speed, float(np.sqrt(acceleration * length / 1.5)))
         return cls(length, top, 1.5 * top / acceleration)
 
     @classmethod
     def lasting(cls, length: float, duration: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """The law of a given duration with its ramps at this acceleration (steeper if the duration needs it)."""
+        """The law of a given duration with ramps at this acceleration (steeper if the duration requires it)."""
         # duration = ramp + length / top and ramp = 1.5 top / acceleration: the smaller root is the gentler speed.
         k = 1.5 / acceleration
         root = duration**2 - 4 * k * length
@@ -67,7 +68,7 @@ class SpeedLaw:
 
 
 def fold_duration(controls: Mapping[GraspId, Array], max_speed: float) -> float:
-    """The least duration [s] of a fold along these arcs: the longer arc sets it."""
+    """The least duration [s] of a fold along these arcs, set by the longer one."""
     longest = max(arc_lengths(c)[1][-1] for c in controls.values())
     return SpeedLaw.fastest(float(longest), max_speed).duration
 
@@ -79,11 +80,11 @@ def tool_paths(
     pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
 ) -> dict[GraspId, ToolPath]:
-    """The timed tool paths of a trajectory, all on one clock, by arc length.
+    """The timed tool paths of a trajectory, parametrised by arc length, with common times.
 
-    The motion takes trajectory.duration [s], longer if `max_speed` [m/s] asks for it. The held line keeps the
+    The motion takes trajectory.duration [s], or longer if `max_speed` [m/s] requires it. The held line keeps the
     heading of its grasp. pitch: of the hand about the held line [rad], one for all, one for each grasp, or a
-    profile (k,) over the path, evenly spaced in arc length. The path begins at the grasp and ends at the release.
+    profile (k,) evenly spaced in arc length. The path begins at the grasp and ends at the release.
     """
     duration = trajectory.duration
     if max_speed is not None:
@@ -99,7 +100,7 @@ def fold_paths(
     pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
 ) -> dict[GraspId, ToolPath]:
-    """As `tool_paths`, from control points (n + 1, 3) and headings [rad]."""
+    """`tool_paths` from control points (n + 1, 3) and headings [rad]."""
     t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * rate)) + 1))
     share = _share_travelled(controls, duration, t)
     paths = {}
@@ -116,16 +117,18 @@ def fold_paths(
 
 
 def _share_travelled(controls: Mapping[GraspId, Array], duration: float, t: Array) -> Array:
-    """(n,) share of its arc that each tool has covered at t: the law of the longest, stretched to the duration."""
+    """(n,) share of its arc that each tool has covered at t: the law of the longest arc, stretched to the
+    duration."""
     longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
     return SpeedLaw.lasting(longest, duration).distance(t) / longest
 
 
 def lifted(path: ToolPath, height: float) -> ToolPath:
-    """The straight lift by `height` [m], then the arc, whose start it has moved up: the offset fades along it.
+    """The straight lift by `height` [m], then the arc. The lift raises the arc's start; the offset fades along the
+    arc.
 
-    What the arms execute, and what is simulated: a lift straight up draws the cloth taut where it lies, so that an
-    arc may end centimetres from where it would end without.
+    The arms execute this path and the simulation uses it: a straight lift pulls the cloth taut where it lies, so
+    an arc without one may end centimetres elsewhere.
     """
     if height <= 0.0:
         return path
@@ -135,7 +138,7 @@ def lifted(path: ToolPath, height: float) -> ToolPath:
 
 
 def after_lift(path: ToolPath, height: float) -> ToolPath:
-    """The straight lift by `height` [m] that leads to where `path` begins, then the path."""
+    """The path, preceded by a straight lift by `height` [m] that ends at its start."""
     if height <= 0.0:
         return path
     law = SpeedLaw.fastest(height, LIFT_SPEED)

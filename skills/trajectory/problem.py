@@ -1,4 +1,4 @@
-"""One fold as a function of its arcs: simulate, compare with the target, cost."""
+"""One fold as a function of its arcs: simulation, comparison with the target, cost."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Controls = dict[GraspId, Array]
 """Control points (n + 1, 3) of each grasp's arc, table frame."""
 
 FAILED = 1.0
-"""The D that a candidate whose simulation failed is charged [m]: worse than any fold, and finite."""
+"""D of a candidate whose simulation failed [m]: finite, and worse than any fold."""
 
 
 class TrajectoryMesh(Protocol):
-    """What this package needs of a cloth mesh (skills.cloth.mesh.ClothMesh has it)."""
+    """The part of a cloth mesh that this package uses (skills.cloth.mesh.ClothMesh has it)."""
 
     @property
     def rest(self) -> Array: ...
@@ -53,11 +53,11 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True)
 class Mishap:
-    """How an executed fold may depart from the planned one.
+    """Deviation of an executed fold from the planned one.
 
-    pitch: lean of each hand about its held line [rad]; roll: lean of both along it [rad]; along, across: how far
-    both tools are off, away from the fold line and along it [m]; friction, bending: factors of what the table's
-    friction and the cloth's bending length are believed to be.
+    pitch: lean of each hand about its held line [rad]; roll: lean of both along it [rad]; along, across: offset of
+    both tools, away from the fold line and along it [m]; friction, bending: factors of the assumed table friction
+    and bending length.
     """
 
     pitch: Mapping[GraspId, float]
@@ -70,7 +70,7 @@ class Mishap:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One simulated set of arcs. dissimilarity: the paper's D [m]; cost: its C; both of `controls`."""
+    """One simulated set of arcs. dissimilarity: the paper's D [m]; cost: the paper's C."""
 
     controls: Controls
     dissimilarity: float
@@ -81,9 +81,9 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class FoldProblem:
-    """What does not change while one fold is optimised. positions: (n, 3) of the mesh before the fold.
+    """The inputs that stay the same while one fold is optimised. positions: (n, 3) of the mesh before the fold.
 
-    max_tool_speed [m/s], max_height: of the arcs above the table [m]. lift_height: of the straight lift before the
+    max_tool_speed [m/s]; max_height: of the arcs above the table [m]; lift_height: of the straight lift before the
     arc [m].
     """
 
@@ -110,13 +110,13 @@ class FoldProblem:
         return {grasp_id: grasp.heading for grasp_id, grasp in self.step.grasps.items()}
 
     def prepare(self) -> None:
-        """Work out what every candidate needs, once: a process that is sent the problem gets it along."""
+        """Compute the cached values now, so that a problem sent to another process includes them."""
         _ = self.target, self.frames, self.headings
 
     def evaluate(self, controls: Controls, mishap: Mishap | None = None) -> Candidate:
-        """Simulate one candidate as the arms execute it: lift, then arc; with something gone wrong if asked.
+        """Simulate one candidate as the arms execute it, lift and arc, optionally with a mishap.
 
-        A simulation that fails is a candidate that failed, not an exception.
+        If the simulation fails, the candidate is marked as failed; no exception is raised.
         """
         duration = fold_duration(controls, self.max_tool_speed)
         lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
@@ -151,11 +151,11 @@ def _altered(material: Material, mishap: Mishap) -> Material:
 
 
 class Evaluator:
-    """Evaluates candidates side by side, counts them, keeps the best. first: the initial arc's, the first unless
-    the optimiser says otherwise.
+    """Evaluates candidates in parallel, counts them and keeps the best. first: the candidate of the initial arc,
+    by default the first one evaluated.
 
-    What it returns depends on the candidates only, never on which simulation ends first: batches are given and
-    taken in order, ties go to the earlier candidate.
+    Results depend on the candidates only, not on which simulation ends first: batches are passed and returned in
+    order, and the earlier candidate wins a tie.
     """
 
     def __init__(
@@ -184,7 +184,7 @@ class Evaluator:
         return self.budget - self.count
 
     def many(self, batch: Sequence[Controls]) -> list[Candidate]:
-        """Simulate a batch. Each is told of as soon as it and those before it are there."""
+        """Simulate a batch. Progress on each candidate is reported once it and all before it are done."""
         candidates = []
         for candidate in self._executor.map(self.problem.evaluate, batch):
             self._take(candidate)
@@ -193,7 +193,7 @@ class Evaluator:
 
     def confirm(self, trials: Sequence[tuple[FoldProblem, Candidate, Mishap | None]]) -> list[float]:
         """D [m] of candidates simulated again, each as planned or with a mishap, on this problem or the same one
-        stated on another mesh."""
+        on another mesh."""
         found = []
         for outcome in self._executor.map(_again, trials):
             found.append(outcome.dissimilarity)

@@ -1,10 +1,10 @@
-"""Which of the best few arcs bears what happens when a fold is executed.
+"""Selection of the arc that is least sensitive to deviations in execution.
 
-The lowest of many simulated costs is partly luck, and an arc may owe it to everything being as believed: a high
-one that swings the cloth over comes to 5 mm on paper and to 40 mm when it swings a little further. So the best few
-are simulated again on a finer mesh, and as a cell might execute them. What counts is the mean of all their D,
-whatever way the arms have to go. The worst of so few is luck: weighed with the mean it chose, for jeans, an arc of
-3.7 mm on meshes never seen before one of 2.4.
+The lowest of many simulated costs is partly luck, and an arc may owe it to exact conditions: a high one that
+swings the cloth over reaches 5 mm as planned and 40 mm when it swings a little further. The best few are therefore
+simulated again on a finer mesh and with mishaps. They are ranked by the mean of all their D, regardless of the
+arcs' length. The worst of so few values is noise: weighted with the mean it chose, for jeans, an arc of 3.7 mm on
+unseen meshes over one of 2.4.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from skills.vocabulary import Array, GraspId
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]
 
 LEAN = float(np.deg2rad(10.0))
-"""As far as the arms lean a hand without need [rad]."""
+"""Typical lean of a hand in execution [rad]."""
 
 
 def _leaning(left: float, right: float) -> dict[GraspId, float]:
@@ -29,31 +29,31 @@ MISHAPS = (
     Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75, bending=0.85),
     Mishap(_leaning(-LEAN, LEAN), roll=0.5 * LEAN, along=-0.003, friction=1.25),
 )
-"""Several things at once: hands that lean, tools 3 mm off, a limper cloth on a more slippery table; and the other
-way."""
+"""Several deviations at once: leaning hands, tools 3 mm off, a limper cloth on a more slippery table; and opposite
+ones."""
 
 FINER = 0.8
-"""Edges of the mesh on which the best few are simulated again, to those of the mesh that they were found on: a
-vest's arc of 2.5 mm there comes to 2.2 at 0.85, and to 4.5 from 0.8 on."""
+"""Edge length of the mesh for the second simulation, relative to that of the first. A vest's arc of 2.5 mm there
+has 2.2 at 0.85, and 4.5 from 0.8 on."""
 
 APART = 0.05
-"""Arcs whose inner control points lie nearer than this everywhere are one candidate [of the fold's distance]."""
+"""Arcs whose inner control points all differ by less count as one candidate [of the fold's distance]."""
 
 MARGIN = 0.0005
-"""Arcs that are this near to each other bear as much [m of D]: less is luck of the draw."""
+"""Arcs within this margin count as equally good [m of D]: smaller differences are noise."""
 
 
 def simulations(finalists: int) -> int:
-    """The most that `most_robust` takes for so many arcs."""
+    """Most simulations that `most_robust` takes for so many arcs."""
     return finalists * (1 + len(MISHAPS)) if finalists > 1 else 0
 
 
 def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
     """The best of `most` arcs: the best seen, the plain one, and the next best seen.
 
-    They are compared by their mean D as planned on both meshes and with each mishap. The plain one is kept where,
-    up to luck, it comes to as much on the whole and as planned. A mishap seldom mends a fold: an arc that is worse
-    as planned than another comes to is not simulated any more. Takes no simulation where there is only one arc.
+    They are compared by their mean D as planned on both meshes and with each mishap. The plain one is kept where
+    it matches the best, up to noise, on the whole and as planned. A mishap seldom improves a fold, so an arc whose
+    planned D exceeds the score of another is not simulated further. Takes no simulation if there is only one arc.
     """
     field = _finalists(evaluator, plain, most)
     if len(field) < 2:
@@ -68,7 +68,7 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
     def may_win(candidate: Candidate, d: float) -> bool:
         return d < min(score.values(), default=np.inf) + allowed[candidate]
 
-    for lot in (field[:2], field[2:]):  # two at once: that many threads are usual
+    for lot in (field[:2], field[2:]):  # two at once, the usual number of threads
         lot = [c for c in lot if may_win(c, c.dissimilarity)]
         again = evaluator.confirm([(finer, c, None) for c in lot])
         planned |= {c: (c.dissimilarity + d) / 2 for c, d in zip(lot, again, strict=True)}
@@ -83,7 +83,7 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
 
 
 def _finalists(evaluator: Evaluator, plain: Candidate, most: int) -> list[Candidate]:
-    """The best seen, then the plain one, then the next best; none twice."""
+    """The best seen, then the plain one, then the next best, without duplicates."""
     by_cost = sorted((c for c in evaluator.seen if not c.failed), key=lambda c: c.cost)
     if not by_cost:
         return evaluator.seen[:1]

@@ -1,43 +1,44 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The lists of pairs that may touch: when patches are searched anew, and what pairs keep from search to search."""
+"""Lists of pairs that may touch: when clusters are searched again, and what pairs keep from one search to the
+next."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from skills.cloth.broad_phase.patch_bounds import fit_patches, fit_ridges
-from skills.cloth.broad_phase.patch_search import search_pairs
+from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
+from skills.cloth.broad_phase.cluster_search import search_pairs
 from skills.cloth.contact.contacts import PARKED
 from skills.cloth.contact.ridges import note_ridges, stay_ridges
 from skills.cloth.simd.vec3 import load, store
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 
-SLACK = 0.001  # [m] that a corner may stray from its straight course before its patch is searched anew
-# of the thickness: the same for a calm one. Edges of layers that lie on each other are no pairs, above some 1.8 mm
-# (edge_distance in contact.py)
+SLACK = 0.001  # [m] that a corner may stray from its course before its cluster is searched again
+# x thickness: the slack of a cluster at rest. Edges of layers that lie on each other are then no pairs, in cloth
+# of more than some 1.8 mm (edge_distance in contacts.py)
 CALM_SLACK = 0.15
-STALE_SHARE = 0.4  # of the slack: a patch that strayed by so much is searched along with those that must be
-HORIZON = 6  # phases for which the search looks ahead
+STALE_SHARE = 0.4  # of the slack: a cluster that strayed by more is searched along with those that must be
+HORIZON = 6  # phases that a search looks ahead
 NONE, ONE = np.uint64(0), np.uint64(1)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
-ROOMY = 8  # places of the table for each of its pairs: few begin where others are
-RENEW = 4  # phases after which a patch is searched along with others
+ROOMY = 8  # places of the table for each pair, so that few collide
+RENEW = 4  # phases after which a cluster is searched along with others
 
 
 @njit(nogil=True)
-def needs_search(body, rules, state):
+def needs_search(body, parameters, state):
     """Whether pairs may be missing from the lists."""
     count = state.counts
     must = _expire(
         count[NOW],
         count[PACE],
-        rules.phase,
-        rules.h,
+        parameters.phase,
+        parameters.h,
         count[WATCHED],
         state.watched,
-        body.patches.corner,
-        body.patches.corner_start,
+        body.clusters.corner,
+        body.clusters.corner_start,
         state.x,
         state.base,
         state.course,
@@ -51,8 +52,8 @@ def needs_search(body, rules, state):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
-    """Whether a patch left the course that was foreseen for it, or its course runs out within the `pace` substeps
-    for which contacts are made now. Those of which this is true, or soon will be, are marked."""
+    """Whether a cluster left its predicted course, or its course runs out within the `pace` substeps for which
+    contacts are made now. Clusters for which this is true, or soon will be, are marked in `expired`."""
     must = False
     for row in range(n):
         k = np.uint64(watched[row])
@@ -72,16 +73,16 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
 
 
 @njit(nogil=True)
-def search(body, rules, state, pairs):
-    """Pairs of stale patches anew; near ones keep their side. False, and no pair changed, when a list is too
-    small."""
-    count, patches = state.counts, body.patches
-    now, ahead = count[NOW], 0.5 * HORIZON * rules.phase * rules.h
+def search(body, parameters, state, pairs):
+    """Search the pairs of stale clusters again; near pairs keep their side. -> False, with no pair changed, when a
+    list is too small."""
+    count, clusters = state.counts, body.clusters
+    now, ahead = count[NOW], 0.5 * HORIZON * parameters.phase * parameters.h
     _foresee(
         now,
-        min(SLACK, CALM_SLACK * rules.thickness),
-        patches.corner,
-        patches.corner_start,
+        min(SLACK, CALM_SLACK * parameters.thickness),
+        clusters.corner,
+        clusters.corner_start,
         state.x,
         state.v,
         state.awake,
@@ -93,32 +94,32 @@ def search(body, rules, state, pairs):
         state.slack,
         state.born,
         state.moving,
-        patches.stale,
+        clusters.stale,
     )
-    fit_patches(
-        patches,
+    fit_clusters(
+        clusters,
         state.base,
         state.course,
         state.slack,
         state.born,
         state.moving,
         now,
-        rules.h,
+        parameters.h,
         ahead,
         count[FITTED] == 0,
-        np.float32(rules.flat),
+        np.float32(parameters.flat),
     )
-    patches.ridge[:] = patches.bent
-    stay_ridges(count[EE], pairs.ee, pairs.near, patches.at_edge, patches.ridge)
-    fit_ridges(patches, state.course, state.slack)
-    n_vt, n_ee = search_pairs(patches, rules.thickness, ahead, pairs.new_vt, pairs.new_ee)
-    if not _have_room(n_vt, count[VT], pairs.vt, patches.stale, patches.of_vertex, patches.of_tri):
+    clusters.ridge[:] = clusters.bent
+    stay_ridges(count[EE], pairs.ee, pairs.near, clusters.at_edge, clusters.ridge)
+    fit_ridges(clusters, state.course, state.slack)
+    n_vt, n_ee = search_pairs(clusters, parameters.thickness, ahead, pairs.new_vt, pairs.new_ee)
+    if not _have_room(n_vt, count[VT], pairs.vt, clusters.stale, clusters.of_vertex, clusters.of_tri):
         return False
-    if not _have_room(n_ee, count[EE], pairs.ee, patches.stale, patches.of_edge, patches.of_edge):
+    if not _have_room(n_ee, count[EE], pairs.ee, clusters.stale, clusters.of_edge, clusters.of_edge):
         return False
-    _renew_vertex_triangle(patches, np.int64(len(body.tri)), pairs, count, n_vt)
-    _renew_edge_edge(patches, np.int64(len(body.edge)), pairs, count, n_ee)
-    note_ridges(patches.stale, patches.edge_start, patches.ridge, state.ridge_searched, state.expired)
+    _renew_vertex_triangle(clusters, np.int64(len(body.tri)), pairs, count, n_vt)
+    _renew_edge_edge(clusters, np.int64(len(body.edge)), pairs, count, n_ee)
+    note_ridges(clusters.stale, clusters.edge_start, clusters.ridge, state.ridge_searched, state.expired)
     state.turned[:] = False
     count[SEARCHED] = count[FITTED] = 1
     count[SEARCHES] += 1
@@ -127,7 +128,7 @@ def search(body, rules, state, pairs):
 
 @njit(nogil=True)
 def _have_room(n_new, n, pair, stale, of_first, of_second):
-    """Whether there is room for n_new pairs when those of stale patches have left the first n."""
+    """Whether n_new pairs fit once those of stale clusters have left the first n."""
     room = len(pair) - n
     if n_new > room:
         for c in range(n):
@@ -139,8 +140,8 @@ def _have_room(n_new, n, pair, stale, of_first, of_second):
 def _foresee(
     now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
 ):  # fmt: skip
-    """New courses for the patches that expired, or have a corner that woke, or move and have one that fell asleep:
-    they are stale."""
+    """New courses for the clusters that expired, have a corner that woke, or move and have a corner that fell
+    asleep. These clusters become stale."""
     for k in range(len(stale)):
         for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
             i = np.uint64(corner[c])
@@ -160,14 +161,20 @@ def _foresee(
 
 
 @njit(nogil=True)
-def _renew_vertex_triangle(patches, width, pairs, count, n_new):
-    """The new pairs in the places of those of stale patches, with the side of those that were there. Pairs that
-    sleep and know no side leave, too."""
-    vt, side, due, new, scratch = pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.new_vt, pairs.act_i
+def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
+    """Replace the pairs of stale clusters by the new ones, which inherit the sides of equal old pairs. Sleeping
+    pairs without a side leave too."""
+    vt, side, due, new, scratch = (
+        pairs.vt.view(np.uint32),
+        pairs.side,
+        pairs.vt_due,
+        pairs.new_vt,
+        pairs.contact_vertices,
+    )
     borne, memory, free, key, row = pairs.vt_j, pairs.kept, pairs.near_c, pairs.key, pairs.row
-    stale, of_vertex, of_tri = patches.stale, patches.of_vertex.view(np.uint32), patches.of_tri.view(np.uint32)
+    stale, of_vertex, of_tri = clusters.stale, clusters.of_vertex.view(np.uint32), clusters.of_tri.view(np.uint32)
     n, kept, places, now = np.uint64(count[VT]), NONE, NONE, count[NOW]
-    for c in range(n):  # without a guess about which pairs these are
+    for c in range(n):  # branch-free
         old = stale[of_vertex[vt[c, 0]]] | stale[of_tri[vt[c, 1]]]
         free[places] = c
         places += np.uint64(old | ((side[c] == 0) & (due[c] == PARKED)))
@@ -180,13 +187,13 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
     for c in range(np.uint64(n_new)):
         at = _find(new[c, 0] * width + new[c, 1], key, shift)
         found, r = key[at] >= 0, np.uint64(row[at])
-        was = np.int8(scratch[r, 2])  # read in any case: a branch would be guessed at
+        was = np.int8(scratch[r, 2])  # always read, to avoid a branch
         o = np.uint64(free[c]) if c < places else n
         n += np.uint64(c >= places)
         vt[o, 0], vt[o, 1], due[o] = new[c, 0], new[c, 1], now
         side[o] = was * np.int8(found)
         store(borne, o, (1.0 if found else 0.0) * load(memory, r))
-    for c in range(int(places) - 1, n_new - 1, -1):  # the last ones into what is still free, from its end on
+    for c in range(int(places) - 1, n_new - 1, -1):  # move the last pairs into the places that are still free
         n -= ONE
         o = np.uint64(free[c])
         if o < n:
@@ -196,11 +203,11 @@ def _renew_vertex_triangle(patches, width, pairs, count, n_new):
 
 
 @njit(nogil=True)
-def _renew_edge_edge(patches, width, pairs, count, n_new):
-    """The same for edges, with the normals of those that were near."""
+def _renew_edge_edge(clusters, width, pairs, count, n_new):
+    """The same for edges, which inherit the normals of near pairs."""
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    scratch, borne, memory, kept_normal = pairs.act_i, pairs.ee_j, pairs.kept, pairs.kept_normal
-    stale, of_edge = patches.stale, patches.of_edge.view(np.uint32)
+    scratch, borne, memory, kept_normal = pairs.contact_vertices, pairs.ee_j, pairs.kept, pairs.kept_normal
+    stale, of_edge = clusters.stale, clusters.of_edge.view(np.uint32)
     free, key, row = pairs.near_c, pairs.key, pairs.row
     n, kept, places, now = np.uint64(count[EE]), NONE, NONE, count[NOW]
     for c in range(n):
@@ -234,8 +241,8 @@ def _renew_edge_edge(patches, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _note(pair, n, width, key, row):
-    """A table (linear probing) of the rows of n pairs, found by first * width + second; -> the shift of its keys.
-    In places without a key row is 0."""
+    """Hash table (linear probing) of the rows of n pairs by first * width + second. -> the shift of its keys. In
+    places without a key, row is 0."""
     bits = 6
     while (1 << bits) < ROOMY * n and (2 << bits) <= len(key):
         bits += 1
@@ -250,8 +257,8 @@ def _note(pair, n, width, key, row):
 
 @njit(nogil=True, forceinline=True)
 def _find(k, key, shift):
-    """Where key k is in the table, or the empty place where it would be (multiplicative hashing, Knuth 6.4)."""
+    """Place of key k in the table, or the empty place for it (multiplicative hashing, Knuth 6.4)."""
     at, mask = (np.uint64(k) * GOLDEN) >> shift, (ONE << (np.uint64(64) - shift)) - ONE
-    while (key[at] >= 0) & (key[at] != k):  # one branch: which of the two it is would be guessed at
+    while (key[at] >= 0) & (key[at] != k):  # & instead of and: one branch
         at = (at + ONE) & mask
     return at

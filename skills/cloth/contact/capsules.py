@@ -13,11 +13,11 @@ CAPSULE_FRICTION = 0.3
 
 
 @njit(nogil=True)
-def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
-    """(m, 2) capsule and packed edge that can meet within frame f."""
+def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
+    """(m, 2) pairs of a capsule and a packed edge that can meet within frame f."""
     found = [(0, 0)]
     found.pop()
-    frame = rules.h * rules.substeps
+    frame = parameters.h * parameters.substeps
     for k in range(len(cap_r)):
         for e in range(state.counts[EDGES]):
             i, j = state.edge[e, 0], state.edge[e, 1]
@@ -30,7 +30,7 @@ def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
                 d2 += ((1 - s) * state.x[i, m] + s * state.x[j, m] - c) ** 2
                 travel = max(travel, abs(cap_p0[f + 1, k, m] - cap_p0[f, k, m]))
                 v2 += max(state.v[i, m] ** 2, state.v[j, m] ** 2)
-            reach = cap_r[k] + rules.thickness + 0.005 + 2.0 * travel + 1.5 * np.sqrt(v2) * frame
+            reach = cap_r[k] + parameters.thickness + 0.005 + 2.0 * travel + 1.5 * np.sqrt(v2) * frame
             if d2 < reach * reach:
                 found.append((k, e))
     out = np.empty((len(found), 2), np.int32)
@@ -41,9 +41,9 @@ def near_capsules(rules, state, cap_p0, cap_p1, cap_r, f):
 
 @njit(nogil=True)
 def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, wa):
-    """Kinematic capsules push edges (and so vertices) that come nearer than `near` [m] to them. busy: (m, 2)
-    capsule and edge. Their ends go from p0, q0 to p1, q1 (k, 3), and are at the share a0 of the way when the
-    substep begins, at a when it ends."""
+    """Kinematic capsules push edges (and so vertices) that come nearer than `near` [m]. busy: (m, 2) capsule and
+    edge. The ends move from p0, q0 to p1, q1 (k, 3); they are at the share a0 of the way when the substep begins
+    and at a when it ends."""
     p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(len(busy)):
         k, e = busy[row, 0], busy[row, 1]
@@ -62,7 +62,8 @@ def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, 
 
 @njit(nogil=True)
 def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
-    """Move the point (1 - s) i + s j of the cloth out of a ball of radius `reach` about c, which came from c0."""
+    """Move the point (1 - s) i + s j of the cloth out of a ball of radius `reach` around c, which moved from
+    c0."""
     b = 1.0 - s
     d = np.empty(3)
     old = np.empty(3)

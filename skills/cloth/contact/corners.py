@@ -20,9 +20,10 @@ _ANY = ir.IntType(4)
 
 @operation
 def common_corner(typingctx, array, i, j):
-    """Whether rows i and j of an array (n, 4 or more) of 32-bit integers have a number in common in places 1 to 3.
+    """Whether rows i and j of an array (n, 4 or more) of 32-bit integers have a number in common in columns 1 to
+    3.
 
-    Nine comparisons one after the other are nine guesses about where to go on.
+    Nine successive comparisons would be nine branches to predict.
     """
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype in (types.int32, types.uint32)
     if not fits or array.layout != "C":

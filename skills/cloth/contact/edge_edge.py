@@ -15,7 +15,8 @@ NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their p
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _closest_on_segments(a, b, r):
-    """Closest points of two segments along a and b that begin r apart (Ericson 2005, 5.1.9): their parameters."""
+    """Parameters of the closest points of two segments along a and b whose starts are r apart (Ericson 2005,
+    5.1.9)."""
     aa, bb = dot(a, a) + 1e-30, dot(b, b) + 1e-30
     f, c, ab = dot(b, r), dot(a, r), dot(a, b)
     den = aa * bb - ab * ab
@@ -30,7 +31,7 @@ def _closest_on_segments(a, b, r):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
-    """Normal and gap of two crossing edges on the side that they are remembered to be on."""
+    """Normal and gap of two crossing edges on their remembered side."""
     lean = dot(n, load(normal, c)) if near[c] else d
     if lean < 0.0:
         n, d = -n, -d
@@ -46,15 +47,27 @@ def _sided(c, n, d, near, normal, release, give_up):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
-    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row n on; ->
-    rows, and how far the fastest of them may go in this time [m].
+    """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
+    from row n on. -> number of rows, and the farthest that one of them may move in this time [m].
 
-    rim: (e,) edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards each other
-    on the table, have no other normal than the shortest way from one to the other."""
+    rim: (e,) True for edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards
+    each other on the table, have no other normal than the shortest line between them.
+    """
     pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
     due, memory = pairs.ee_due, pairs.ee_j
-    act_i, act_b, act_s, act_n, act_m = pairs.act_i, pairs.act_b, pairs.act_s, pairs.act_n, pairs.act_m
-    act_d, act_w, act_c, asked = pairs.act_d, pairs.act_w, pairs.act_c, pairs.some
+    contact_vertices, contact_weights, contact_mobilities, contact_normals, contact_impulses = (
+        pairs.contact_vertices,
+        pairs.contact_weights,
+        pairs.contact_mobilities,
+        pairs.contact_normals,
+        pairs.contact_impulses,
+    )
+    contact_distances, contact_masses, contact_pairs, asked = (
+        pairs.contact_distances,
+        pairs.contact_masses,
+        pairs.contact_pairs,
+        pairs.some,
+    )
     release, give_up, nothing = RELEASE * thick, GIVE_UP * thick, vector(0.0, 0.0, 0.0)
     farthest, span, n = 0.0, pace * h, np.uint64(n)
     for place in range(find_due(count, now, pace, due, asked)):
@@ -101,12 +114,22 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
         if den == 0.0:
             continue
         den = max(den, LEAST_SHARE * max(max(w[i], w[j]), max(w[k], w[m])))
-        act_i[n, 0], act_i[n, 1], act_i[n, 2], act_i[n, 3] = i, j, k, m
-        act_b[n, 0], act_b[n, 1], act_b[n, 2], act_b[n, 3] = 1 - s, s, t - 1, -t
-        act_s[n, 0], act_s[n, 1], act_s[n, 2], act_s[n, 3] = (1 - s) * w[i], s * w[j], (t - 1) * w[k], -t * w[m]
-        store(act_n, n, direction)
-        store(act_m, n, borne)
-        act_d[n], act_w[n], act_c[n] = thick, 1.0 / den, c
+        contact_vertices[n, 0], contact_vertices[n, 1], contact_vertices[n, 2], contact_vertices[n, 3] = i, j, k, m
+        contact_weights[n, 0], contact_weights[n, 1], contact_weights[n, 2], contact_weights[n, 3] = (
+            1 - s,
+            s,
+            t - 1,
+            -t,
+        )
+        contact_mobilities[n, 0], contact_mobilities[n, 1], contact_mobilities[n, 2], contact_mobilities[n, 3] = (
+            (1 - s) * w[i],
+            s * w[j],
+            (t - 1) * w[k],
+            -t * w[m],
+        )
+        store(contact_normals, n, direction)
+        store(contact_impulses, n, borne)
+        contact_distances[n], contact_masses[n], contact_pairs[n] = thick, 1.0 / den, c
         n += np.uint64(1)
         farthest = max(farthest, reach)
     return np.int64(n), farthest

@@ -1,16 +1,16 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Which edges can touch other edges: rims, and ridges, where the cloth is bent.
+"""Edges that can touch other edges: rims, and ridges, where the cloth is bent.
 
-An edge between two triangles in about one plane is no feature of the surface. Contacts of vertices and triangles
-keep the ends of an edge that crosses it a thickness above these triangles, and what is straight between them is
-about as far away. With an angle a between the triangles, and a crossing edge of length l, it can be nearer by
-a l / 4 (a roof's ridge over the middle of its eaves): up to a = 4 (thickness - d) / l the two stay apart by the
-distance d of a contact of edges. So both edges of a pair have to be ridges or rims; where one
-is flat the contact can bear nothing. Of the pairs of a folded shirt a third is left.
+An edge between two nearly coplanar triangles is no feature of the surface. Contacts of vertices and triangles keep
+the ends of a crossing edge a thickness above these triangles, and the straight line between the ends is about as
+far away. With an angle a between the triangles and a crossing edge of length l, it can come nearer by a l / 4 (a
+roof's ridge over the middle of its eaves). Up to a = 4 (thickness - d) / l the two stay apart by the contact
+distance d of edges. So both edges of a pair have to be ridges or rims; with a flat one the contact can bear
+nothing. A third of the pairs of a folded shirt remain.
 
-Bent is what is so in the middle of the time that a search looks ahead. A patch in which other edges have become
-ridges since it was searched goes along with the search after that. An edge that bends faster than the margin
-allows counts from then on, a frame later; vertices and triangles keep it apart meanwhile.
+Edges are classified in the middle of the time that a search looks ahead. A cluster with new ridges since its last
+search goes along with the next one. An edge that bends faster than the margin allows counts from then on, a frame
+late; vertices and triangles keep it apart meanwhile.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # of the angle that may be is that of a ridge: it can grow until the next search
-MOST_ANGLE = 0.5  # [rad] beyond it an edge is a ridge however thick the cloth is for its mesh
-EVERY_EDGE = np.float32(2.0)  # in place of the cosine: all are ridges
+SHARE = 0.5  # of the allowed angle: beyond it an edge is a ridge; the angle can grow until the next search
+MOST_ANGLE = 0.5  # [rad] beyond it an edge is always a ridge, however thick the cloth
+EVERY_EDGE = np.float32(2.0)  # a cosine with which every edge is a ridge
 WIDE = np.uint32(LANES)
 
 
@@ -37,8 +37,8 @@ def flat_cosine(thickness: float, edge: float) -> float:
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def find_ridges(row, edges, beside, geo, flat):
-    """Which edges in a row are ridges: a bit for each. beside: (rows, 2, LANES) the triangles beside the edges, as
-    patch x LANES + place; geo: (patches, 15, LANES), with normals in rows 6 to 8 (patches.py)."""
+    """A bit for each edge of a row that is a ridge. beside: (rows, 2, LANES) the triangles beside the edges, as
+    cluster x LANES + lane; geo: (clusters, 15, LANES), with normals in rows 6 to 8 (clusters.py)."""
     bits = np.int32(0)
     for a in range(LANES):
         s, t = beside[row, 0, a], beside[row, 1, a]
@@ -50,7 +50,7 @@ def find_ridges(row, edges, beside, geo, flat):
 
 @njit(nogil=True)
 def stay_ridges(n, pair, near, at, ridge):
-    """Edges that are near to each other stay ridges, so that their pairs keep what they remember."""
+    """Edges of near pairs stay ridges, so that their pairs keep their memory."""
     for c in range(n):
         if near[c]:
             for m in range(2):
@@ -60,9 +60,9 @@ def stay_ridges(n, pair, near, at, ridge):
 
 @njit(nogil=True)
 def note_ridges(stale, start, ridge, searched, expired):
-    """Puts down the ridges with which stale patches were searched (rows,), and marks the others that have more
-    ridges than that: they are to go along with the next search. What is no ridge now is left out of this search:
-    it counts as new when it bends again."""
+    """Record the ridges with which stale clusters were searched (rows,), and mark the other clusters that have
+    more ridges than recorded: they go along with the next search. An edge that is no longer a ridge is removed
+    from the record, so that it counts as new when it bends again."""
     for k in range(len(stale)):
         expired[k] = False
         for row in range(start[k], start[k + 1]):

@@ -8,18 +8,19 @@ from numba import njit
 
 from skills.cloth.simd.vec3 import load, store, vector
 
-LOW = 0.004  # [m] above its rest on the table: what is higher is not pressed on it before the next substep
-# what is in the table is pushed out, by this share a substep and at most so fast [m/s], and not shifted as layers
-# are: of folded piles more came to rest
+LOW = 0.004  # [m] vertices higher above their rest on the table are not pressed onto it before the next substep
+# vertices inside the table are pushed out by this share a substep, at most so fast [m/s]. They are not shifted as
+# overlapping layers are: more folded piles came to rest so
 SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
-SLIDING = 0.02  # [m/s] at which friction with the table is the dynamic one
+SLIDING = 0.02  # [m/s] from which friction with the table is dynamic
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, rub):
-    """Which of awake[:count] are so low that the contacts of this substep may press them on the table, how low the
-    table lets them be, and how much they rub on it: by the speed that they have, else whatever gives way a little
-    while loads settle would go on sliding. Nothing is borne yet. -> their number."""
+def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
+    """List the vertices of awake[:count] that contacts of this substep may press onto the table, their lowest
+    heights `floor`, and the table's friction coefficient for each. The coefficient depends on the vertex's speed;
+    otherwise a vertex that yields a little while loads settle would keep sliding. Resets `press`. -> their
+    number."""
     nothing = vector(0.0, 0.0, 0.0)
     rest = 0.5 * thickness
     n = 0
@@ -32,16 +33,16 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
         least = old + min(SUNK_SHARE * (rest - old), SUNK_SPEED * h)
         sliding = min(1.0, np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1]) / SLIDING)
         low[n], floor[n] = i, min(rest, least) if old < rest else rest
-        rub[n] = mu_static + sliding * (mu_dynamic - mu_static)
+        friction[n] = mu_static + sliding * (mu_dynamic - mu_static)
         n += 1
     return n
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def press_on_table(count, low, rest, floor, rub, x, xp, press):
-    """The table (a plane at z = 0) with Coulomb friction, on which vertices of one layer are at z = rest. It is
-    asked before the contacts, so that layers rest on what it holds, and after them, with the sum of what it bore:
-    press, the displacements in this substep."""
+def press_on_table(count, low, rest, floor, friction, x, xp, press):
+    """The table (the plane z = 0) with Coulomb friction; vertices of one layer rest at z = `rest`. It is solved
+    before the contacts, so that layers rest on what it holds, and after them, with the sum of its displacements in
+    this substep, `press`."""
     for c in range(count):
         i = low[c]
         borne = press[i, 2]
@@ -49,7 +50,7 @@ def press_on_table(count, low, rest, floor, rub, x, xp, press):
             continue
         up = max(0.0, borne + floor[c] - x[i, 2])
         sx, sy = press[i, 0] - x[i, 0] + xp[i, 0], press[i, 1] - x[i, 1] + xp[i, 1]
-        limit, hold2 = rub[c] * up, sx * sx + sy * sy
+        limit, hold2 = friction[c] * up, sx * sx + sy * sy
         if hold2 > limit * limit:
             share = limit / np.sqrt(hold2)
             sx, sy = share * sx, share * sy

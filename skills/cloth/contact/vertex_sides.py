@@ -1,16 +1,16 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Where vertices are about triangles: on which side, how far, over which point, and what they must not come nearer
-to. LANES pairs at once, in single precision, relative to a corner of the triangle.
+"""Positions of vertices relative to triangles: side, distance, nearest point, and the distance to keep. LANES
+pairs at once, in single precision, relative to a corner of the triangle.
 
-The side of a pair follows the geometry as long as it is apart and is kept while it is near. A vertex that is not
-over the triangle meets the nearest point of its border, from the side that it is remembered on or clearly is on:
-else it could slip through over a corner that points at it. While it is farther from the border than cloth is
-thick, it may slide on over the triangle, but sink no deeper towards its plane. One that has slid out past the
-border goes down around it, as if it were round. Let go at once, what presses on it would throw it past the border
-before the next look, and the edges that are to hold from then on would take its wrong side for their own.
+The side of a pair follows the geometry while the pair is apart and is kept while it is near. A vertex beside the
+triangle meets the nearest point of its border, from its remembered side or from the side it is clearly on:
+otherwise it could slip through over a corner that points at it. While it is farther from the border than the
+thickness, it may slide on over the triangle, but not sink towards its plane. A vertex that has slid past the
+border goes down around it, as around a rounded edge. If it were dropped at once, the load on it would throw it
+past the border before the next examination, and the edge contacts that take over would remember the wrong side.
 
-All is in one flat array, of which each quantity takes a row of LANES: only of constant distances in one array the
-compiler knows that no row is another one, and makes one instruction of sixteen.
+All quantities are rows of LANES in one flat array. Only for constant offsets in one array does the compiler know
+that no two rows overlap, and it then vectorises the loop.
 """
 
 from __future__ import annotations
@@ -26,32 +26,33 @@ __all__ = [
     "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
 ]  # fmt: skip
 
-BORDER = 0.05  # barycentric: so near an edge a vertex is over the border of two triangles
-# A vertex goes down around a border from where it is past it by so much that, a thickness high, it is SLIP [m]
-# farther away than a thickness; by SINK x thickness a look at most.
+BORDER = 0.05  # barycentric: a vertex nearer to an edge is over the border of two triangles
+# A vertex goes down around a border once it is so far past it that, at the height of a thickness, its distance
+# exceeds a thickness by SLIP [m]; it sinks by SINK x thickness an examination at most.
 SLIP, SINK = 0.5 * STRAY, 0.1
-LEAN = 0.5  # a vertex beside a triangle is on a side of it if its way there is so steep (a sine)
+LEAN = 0.5  # sine of the least elevation at which a vertex beside a triangle is on a side of it
 
-# Rows that are read: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less
-# the corner's; the side that is remembered.
+# Input rows: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less the
+# corner's; the remembered side.
 TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
-# Rows that are written, and SIDE: whether the pair is AWAY, or TOUCHES, or is neither; how many looks later one
-# that is away must be looked at again (whole ones: `later` in contact.py), 0 for others; how far it may go until
-# the next look. The contact: its normal, the weights of the second and third corner; the least barycentric
-# coordinate, below -BORDER in any case where the vertex goes down around the border; the distance that can be kept
-# without a push from what it does not touch; how far away it is, over the triangle less than 0 on the wrong side.
+# Output rows, besides SIDE. VERDICT: AWAY, TOUCHES or neither; WAIT: for a pair that is away, the number of
+# examinations until the next one (rounded down, `later` in contacts.py), else 0; REACH: distance that it may move
+# until the next one. The contact: NORMAL; SECOND, THIRD: weights of these corners; WITHIN: the least barycentric
+# coordinate, always below -BORDER where the vertex goes down around the border; LEAST: the distance that can be
+# kept without a push from a triangle that the vertex does not touch; GAP: the distance, negative over the triangle
+# on the wrong side.
 VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
 ROWS = 24
 AWAY, TOUCHES = 1.0, 2.0
 
-ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # tiny: instead of 0
-NO_AREA = np.float32(1e-20)  # [m4] squared, twice that of a triangle that has no normal
+ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # tiny: in place of 0
+NO_AREA = np.float32(1e-20)  # [m4] square of twice the area below which a triangle has no normal
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def judge_sides(work, thick, span):
-    """Of LANES pairs, given and returned in the rows of `work`: (ROWS * LANES,) float32. thick [m]: the distance
-    of a contact; span [s]: until the next look."""
+    """Evaluate LANES pairs, given and returned in the rows of `work`, (ROWS * LANES,) float32. thick [m]: the
+    contact distance; span [s]: until the next examination."""
     release, give_up = np.float32(RELEASE) * thick, np.float32(GIVE_UP) * thick
     for k in range(LANES):
         ax, ay, az = work[k], work[LANES + k], work[2 * LANES + k]
@@ -94,8 +95,8 @@ def judge_sides(work, thick, span):
         # the gap cannot close within the span: the pair is apart, whichever side
         far = (abs(d) > release + reach) | (beside & (away > thick + reach))
         gap = away if beside else abs(d)
-        let_go = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
-        kept = ZERO if let_go else remembered
+        released = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
+        kept = ZERO if released else remembered
         clear = (not beside) | (abs(d) > np.float32(LEAN) * away)
         here = (ONE if d > ZERO else -ONE) if clear else ZERO
         side = here if kept == ZERO else kept

@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Narrow phase of vertices against triangles: which pairs touch, and as which one contact where a vertex is near
+"""Narrow phase of vertices against triangles: which pairs touch, reduced to one contact where a vertex is near
 several triangles of one sheet.
 
-Nearly all of the time goes into fetching what a pair needs, and into guesses about it that turn out wrong. So the
-pairs are judged LANES at once (vertex_sides.py), those that touch are noted in short rows, and only those that are
-left when each vertex meets each sheet once become contacts.
+Nearly all of the time goes into fetching the data of pairs and into mispredicted branches. So LANES pairs are
+evaluated at once (vertex_sides.py), those that touch are stored in short rows, and only the rows that remain when
+each vertex meets each sheet once become contacts.
 """
 
 from __future__ import annotations
@@ -38,23 +38,24 @@ from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.simd.f64x8 import blocks
 from skills.cloth.simd.vec3 import load, store, store_singles, vector
 
-AT_BEND = -2  # instead of a better row
+AT_BEND = -2  # in place of a better row
 ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)
-OVER = np.nextafter(np.float32(BORDER), ZERO)  # of singles those above it are above BORDER
-# cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+OVER = np.nextafter(np.float32(BORDER), ZERO)  # the largest single below BORDER
+# least cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 ALIKE = np.float32(0.9)
-NEARLY = 0.5  # x thickness: but not for one that is nearer by more, as where layers are joined at a hem
+NEARLY = 0.5  # x thickness: a row nearer by more is kept, as where layers are joined at a hem
 NEVER = np.float32(2.0)  # more than any cosine
-# A row, which is one line of the cache: numbers of the triangle, of its corners and of the vertex, and behind them
-# the contact (vertex_sides.py): normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
+# A row, one cache line: indices of the triangle, its corners and the vertex, then the contact (vertex_sides.py):
+# normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
 TRIANGLE, CORNERS, VERTEX = 0, 1, 4
 DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 
 
 @njit(nogil=True)
 def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
-    """Sides of the pairs, and those that can touch within `pace` substeps of h [s] as contacts from row 0 on; ->
-    rows, and how far the fastest of them may go in this time [m]. top: (n,) scratch, -1."""
+    """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
+    from row 0 on. -> number of rows, and the farthest that one of them may move in this time [m]. top: (n,)
+    scratch, -1."""
     near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
     n, bearing, farthest = _find_near(
         count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
@@ -67,8 +68,9 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
     )  # fmt: skip
     _pass_on(bearing, pairs.bearing, pairs.better, pairs.near_c, pairs.vt_j)
     rows = _enter(
-        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.act_i, pairs.act_b,
-        pairs.act_s, pairs.act_n, pairs.act_m, pairs.act_c, pairs.act_d, pairs.act_w
+        n, thick, w, pairs.better, pairs.some, pairs.vt_j, near, ids, pairs.near_c, pairs.contact_vertices,
+        pairs.contact_weights, pairs.contact_mobilities, pairs.contact_normals, pairs.contact_impulses,
+        pairs.contact_pairs, pairs.contact_distances, pairs.contact_masses
     )  # fmt: skip
     return np.int64(rows), farthest
 
@@ -77,8 +79,8 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Sides of the pairs that are due, and the rows of those that can touch; -> rows, how many of them bore
-    something, and how far the fastest may go. asked: scratch, the pairs that are looked at now."""
+    """Sides of the pairs that are due, and rows of those that can touch. -> number of rows, number of rows with an
+    impulse, and the farthest that one may move. asked: scratch, the pairs examined now."""
     work, of, hit = (
         blocks(ROWS, 1).view(np.float32).reshape(ROWS * LANES),
         np.zeros(LANES, np.uint64),
@@ -108,7 +110,7 @@ def _find_near(
             c += ONE
         judge_sides(work, np.float32(thick), np.float32(pace * h))
         hits = np.uint64(0)
-        for k in range(filled):  # without a guess about which of them touch
+        for k in range(filled):  # branch-free
             o = of[k]
             side[o] = np.int8(work[np.uint64(SIDE * LANES) + k])
             due[o] = now + pace * int(work[np.uint64(WAIT * LANES) + k])
@@ -126,8 +128,8 @@ def _find_near(
 def _put_down(
     hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Rows from n on of those that touch, but for what nothing can move: hit[:hits], places in `work` and `of`.
-    borne: the bits of `memory`."""
+    """Append the touching pairs as rows from n on, except those that nothing can move. hit[:hits]: lanes in `work`
+    and `of`. borne: the bits of `memory`."""
     for m in range(hits):
         k = hit[m]
         o = of[k]
@@ -153,14 +155,15 @@ def _put_down(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _inverse_mass(i, p, q, r, b1, b2, w):
-    """Of vertex i against the point of a triangle with the weights b1, b2 of the second and third corner."""
+    """Inverse mass of vertex i against the point of a triangle with weights b1, b2 of the second and third
+    corner."""
     b0 = 1.0 - b1 - b2
     return w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
 
 
 @njit(nogil=True, forceinline=True)
 def find_due(count, now, pace, due, asked):
-    """Which of the pairs are to be looked at now; -> their number."""
+    """The pairs to be examined now, into `asked`. -> their number."""
     n = np.uint64(0)
     for c in range(np.uint64(count)):
         asked[n] = c
@@ -170,9 +173,9 @@ def find_due(count, now, pace, due, asked):
 
 @njit(nogil=True, forceinline=True)
 def _join(n, near, ids, rank, ring, top):
-    """The rows of each vertex in a ring, and which of them is at the `top`. The more inside of a triangle a vertex
-    is, the higher is the `rank` of the row; of equal ones the first triangle is higher."""
-    for c in range(n):  # without a guess about each
+    """Link the rows of each vertex in a ring and find the row of the highest rank, `top`. A row ranks higher the
+    further inside its triangle the vertex is; among equal rows the lower triangle index ranks higher."""
+    for c in range(n):  # branch-free
         i, t = np.uint64(ids[c, VERTEX]), ids[c, TRIANGLE]
         rank[c] = (np.uint64(_ordered(near[c, INSIDE])) << np.uint64(32)) | np.uint64(np.uint32(~t))
         ring[c] = c
@@ -184,22 +187,22 @@ def _join(n, near, ids, rank, ring, top):
 
 @njit(nogil=True, forceinline=True)
 def _ordered(a):
-    """A whole number, in the order of the single precision ones that it stands for (their bits, below 0 all
-    turned)."""
+    """An unsigned integer that sorts like the float (its bits, all inverted for negative numbers)."""
     bits = np.float32(a + ZERO).view(np.int32)  # -0 is 0
     return np.uint32(bits ^ ((bits >> np.int32(31)) | np.int32(-(2**31))))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
-    """Of neighbouring triangles in about one plane a vertex over their border meets the one that it is most inside
-    of, and no border of those beside it: the rows of these get a `better` one, but where it is over both none that
-    is farther away by more than `nearly` [m]. On the border itself they are the same contact, so that none jumps,
-    and which one stays hangs on positions alone. Those beside a triangle that is joined to another one at an angle
-    are AT_BEND.
+    """Of neighbouring, nearly coplanar triangles, a vertex over their border meets only the one that it is most
+    inside of, and no border of those beside it. The rows of the others get a `better` row, except that where the
+    vertex is over both triangles a row does not give way to one that is farther by more than `nearly` [m]. On the
+    border itself they are the same contact, so no contact jumps, and the choice depends on positions alone. Rows
+    beside a triangle that is joined to another one at an angle are AT_BEND.
 
-    Mostly that is the row at the top, or the `second` one, of a layer on the other side: only where it is neither
-    all rows of the vertex are asked. All is without a guess about each. asked, second: scratch."""
+    The better row is mostly the top row or the `second` one, of a layer on the other side; all rows of the vertex
+    are compared only where it is neither. Branch-free. asked, second: scratch.
+    """
     end, left = np.uint64(0), np.uint64(0)
     for c in range(n):
         second[c] = c
@@ -238,7 +241,7 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _stands_for(o, c, nearly, near, ids):
-    """Whether a vertex that is more inside of row o's triangle need not meet that of row c."""
+    """Whether a vertex that is further inside row o's triangle need not meet the triangle of row c."""
     return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
 
 
@@ -254,8 +257,9 @@ def _alike(o, c, near):
 
 @njit(nogil=True, forceinline=True)
 def _least_alike(o, c, nearly, near):
-    """How alike row o has to be to stand for row c: over one of them, a border that the vertex slides towards must
-    not stand in its way, whichever is nearer. Over both, o must not hide c if it is of a layer behind it."""
+    """Cosine above which row o stands for row c. Where the vertex is over one of the triangles, the other's border
+    must not block it, whichever is nearer. Where it is over both, o must not hide c if o is of a layer behind
+    c."""
     over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
     over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
     return ZERO if over_one else over_both
@@ -263,7 +267,7 @@ def _least_alike(o, c, nearly, near):
 
 @njit(nogil=True, forceinline=True)
 def _pass_on(n, bearing, better, near_c, memory):
-    """What rows that have a better one bore, that one bears."""
+    """Add the impulses of rows with a better one to that one."""
     for m in range(n):
         c = np.uint64(bearing[m])
         if better[c] >= 0:
@@ -277,14 +281,15 @@ def _pass_on(n, bearing, better, near_c, memory):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _enter(
-    count, thick, w, better, left, memory, near, ids, near_c, act_i, act_b, act_s, act_n, act_m, act_c, act_d,
-    act_w
+    count, thick, w, better, left, memory, near, ids, near_c, contact_vertices, contact_weights,
+    contact_mobilities, contact_normals, contact_impulses, contact_pairs, contact_distances, contact_masses
 ):  # fmt: skip
-    """Contacts of those that have no better one; -> rows. left: scratch, which these are.
+    """Contacts of the rows without a better one. -> their number. left: scratch, these rows.
 
-    Beside a border a vertex is held up as over it, so that hems rest on hems. But at a bend the plane of one
-    triangle passes nearer to what lies over the other than cloth is thick. There it must push nothing: vertices
-    were thrown up, fell back, and hopped so for ever."""
+    Beside a border a vertex is held up as if over the triangle, so that hems rest on hems. At a bend, however, the
+    plane of one triangle passes nearer than the thickness to a vertex that lies over the other one. The contact
+    must not push there: vertices were thrown up, fell back and hopped for ever.
+    """
     nothing, n = vector(0.0, 0.0, 0.0), np.uint64(0)
     for c in range(count):
         left[n] = c
@@ -295,16 +300,26 @@ def _enter(
         b1, b2 = float(near[one, AT_SECOND]), float(near[one, AT_THIRD])
         den = _inverse_mass(i, p, q, r, b1, b2, w)
         sinks = (near[one, INSIDE] < -OVER) | (better[one] == AT_BEND)
-        act_d[k] = float(near[one, AIM]) if sinks else thick
+        contact_distances[k] = float(near[one, AIM]) if sinks else thick
         den = max(den, LEAST_SHARE * max(max(w[i], w[p]), max(w[q], w[r])))
-        act_i[k, 0], act_i[k, 1], act_i[k, 2], act_i[k, 3] = i, p, q, r
+        contact_vertices[k, 0], contact_vertices[k, 1], contact_vertices[k, 2], contact_vertices[k, 3] = i, p, q, r
         b0 = 1.0 - b1 - b2
-        act_b[k, 0], act_b[k, 1], act_b[k, 2], act_b[k, 3] = 1.0, -b0, -b1, -b2
-        act_s[k, 0], act_s[k, 1], act_s[k, 2], act_s[k, 3] = w[i], -b0 * w[p], -b1 * w[q], -b2 * w[r]
+        contact_weights[k, 0], contact_weights[k, 1], contact_weights[k, 2], contact_weights[k, 3] = (
+            1.0,
+            -b0,
+            -b1,
+            -b2,
+        )
+        contact_mobilities[k, 0], contact_mobilities[k, 1], contact_mobilities[k, 2], contact_mobilities[k, 3] = (
+            w[i],
+            -b0 * w[p],
+            -b1 * w[q],
+            -b2 * w[r],
+        )
         nx, ny, nz = near[one, DIRECTION], near[one, DIRECTION + 1], near[one, DIRECTION + 2]
-        store(act_n, k, vector(float(nx), float(ny), float(nz)))
+        store(contact_normals, k, vector(float(nx), float(ny), float(nz)))
         pair = np.uint64(near_c[one])
-        store(act_m, k, load(memory, pair))
+        store(contact_impulses, k, load(memory, pair))
         store(memory, pair, nothing)
-        act_c[k], act_w[k] = pair, 1.0 / den
+        contact_pairs[k], contact_masses[k] = pair, 1.0 / den
     return n

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""How many edges of a cloth pass through its triangles: zero for cloth that is possible."""
+"""Edges of a cloth that pass through its triangles: none in a physically possible state."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["count_crossings", "crosses", "find_crossings"]
 
 
 def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(k, 3): edge's two vertices and the triangle that it passes through; neighbours (a common vertex) are
+    """(k, 3): the two vertices of an edge and the triangle that it passes through. Pairs with a common vertex are
     left out. positions: (n, 3), triangles: (m, 3)."""
     tri = np.asarray(triangles, dtype=np.int32)
     half = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])

@@ -1,16 +1,17 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Crossings that last are undone, by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
+"""Resolving lasting intersections by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
 Surface Collisions through Intersection Contour Minimization).
 
-Contacts keep every pair on the side on which it is remembered. Where neighbours remember different sides, the
-cloth is locked in a crossing that no contact undoes. Where two sheets cross, they do so along a contour, and each
-edge that passes through a triangle has a way to go, against the triangle, on which the contour gets shorter;
-neighbouring crossings agree on one. The pairs concerned are told that this is their side, and the contacts do the
-rest; edge and triangle are also moved a little on that way themselves, since they need not be a pair. Which part
-of the cloth is inside or outside need not be known.
+Contacts keep every pair on its remembered side. Where neighbours remember different sides, the cloth is locked in
+an intersection that no contact undoes. Two sheets that intersect do so along a contour. For each edge that passes
+through a triangle there is a direction, relative to the triangle, in which the contour gets shorter; neighbouring
+crossings agree on a common direction. The sides of the pairs involved are set accordingly, and the contacts do the
+rest. The edge and the triangle are also moved a little in this direction, since they need not be a pair. No inside
+or outside of the cloth has to be known.
 
-Cloth that does not cross is not touched. A crossing that contacts undo within some frames, as most do at a fast
-pinch, is left to them: they know more. What has fallen asleep crossing stays as it is until it is woken.
+Cloth without intersections is not touched. Crossings that contacts undo within some frames, as most in a fast
+pinch, are left to them, since contacts know more. Cloth that fell asleep in an intersection stays so until it
+wakes.
 """
 
 from __future__ import annotations
@@ -25,20 +26,21 @@ from robots.ports import Array
 from skills.cloth.intersections.crossings import crosses
 from skills.cloth.simd.vec3 import cross, dot, load
 
-STEP = 0.1  # x thickness a look: how far each crossing moves its edge and triangle
-PATIENCE = 3  # looks at which a crossing is left to the contacts
-SLANT = 0.2  # sine of an edge's angle with its triangle, at least, in the gradient
-GLANCE = 4  # frames from one look to the next as long as nothing crosses; else every frame
-REACH = 1.5  # x thickness: so near a triangle a vertex is for its edges to be looked at
-FAINT = 0.05  # a way shorter than this is none: two flat parts that cross have none
-MOST = 512  # crossings that are treated at once; those beyond wait
+STEP = 0.1  # x thickness an examination: how far each crossing moves its edge and triangle
+PATIENCE = 3  # examinations for which a crossing is left to the contacts
+SLANT = 0.2  # lower bound of the sine of an edge's angle with its triangle, in the gradient
+GLANCE = 4  # frames between examinations while nothing crosses; else every frame
+REACH = 1.5  # x thickness: edges of vertices nearer to a triangle are examined
+FAINT = 0.05  # shorter directions are ignored: two flat parts that cross have none
+MOST = 512  # crossings that are resolved at once; others wait
 
 
-class Tangles(NamedTuple):
-    """What the looks have found. found: (1,) crossings at the last one (MOST at most), and cross: (found, 2) edges
-    and the triangles that they pass through. age: (n,) looks in a row at which a vertex was part of one. Scratch:
-    old, (MOST, 2) those that are being undone; way, (MOST, 3) where their edges should go against the triangles,
-    in the table frame, without unit; wish, (n, 3) sums of unit ways at the vertices."""
+class Intersections(NamedTuple):
+    """Results of the examinations. found: (1,) number of crossings at the last one (MOST at most); cross: (found,
+    2) edges and the triangles that they pass through. age: (n,) consecutive examinations at which a vertex was
+    part of a crossing. Scratch: old: (MOST, 2) crossings that are being resolved; way: (MOST, 3) directions in
+    which their edges should move relative to the triangles, table frame, without unit; wish: (n, 3) sums of unit
+    directions at the vertices."""
 
     found: NDArray[np.int64]
     cross: NDArray[np.int32]
@@ -48,8 +50,8 @@ class Tangles(NamedTuple):
     wish: Array
 
 
-def no_tangles(vertices: int) -> Tangles:
-    return Tangles(
+def no_intersections(vertices: int) -> Intersections:
+    return Intersections(
         np.zeros(1, np.int64),
         np.zeros((MOST, 2), np.int32),
         np.zeros(vertices, np.int32),
@@ -60,27 +62,27 @@ def no_tangles(vertices: int) -> Tangles:
 
 
 @njit(nogil=True)
-def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
-    """Find what crosses among pairs that are due by the substep `soon`, and undo what has done so for some looks.
-    x: (n, 4) positions; w: (n,) inverse masses, 0 for what sleeps; thickness [m]."""
+def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, thickness):
+    """Find crossings among the pairs that are due by the substep `soon`, and resolve those that have lasted for
+    some examinations. x: (n, 4) positions; w: (n,) inverse masses, 0 for sleeping vertices; thickness [m]."""
     n = _find(
         soon, n_vt, pairs.vt.view(np.uint32), pairs.vt_due, n_ee, pairs.ee.view(np.uint32), pairs.near,
         body.tri.view(np.uint32), body.edge.view(np.uint32), body.edge_tri, body.ring_start,
-        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, tangles.cross
+        body.ring.view(np.uint32), body.ring_edge.view(np.uint32), x, REACH * thickness, intersections.cross
     )  # fmt: skip
-    if n == 0 and tangles.found[0] == 0:
+    if n == 0 and intersections.found[0] == 0:
         return
-    tangles.found[0] = n
-    _grow_older(n, tangles.cross, body.edge, body.tri, tangles.age)
-    old, way, edge, tri = tangles.old, tangles.way, body.edge, body.tri
+    intersections.found[0] = n
+    _grow_older(n, intersections.cross, body.edge, body.tri, intersections.age)
+    old, way, edge, tri = intersections.old, intersections.way, body.edge, body.tri
     m = 0
     for c in range(n):
-        e, t = tangles.cross[c, 0], tangles.cross[c, 1]
-        if _oldest(edge[e], tri[t], tangles.age) > PATIENCE:
+        e, t = intersections.cross[c, 0], intersections.cross[c, 1]
+        if _oldest(edge[e], tri[t], intersections.age) > PATIENCE:
             old[m, 0], old[m, 1] = e, t
             shorten(x, edge[e], body.edge_tri[e], tri, t, way[m])
             m += 1
-    _agree(m, old, edge, tri, way, tangles.wish)
+    _agree(m, old, edge, tri, way, intersections.wish)
     for c in range(m):
         e, t = old[c, 0], old[c, 1]
         if way[c, 0] ** 2 + way[c, 1] ** 2 + way[c, 2] ** 2 > FAINT**2:
@@ -91,7 +93,7 @@ def untangle(body, pairs, tangles, n_vt, n_ee, soon, x, w, thickness):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _agree(n, cross, edge, tri, way, wish):
-    """Crossings next to each other go one way: the sum over those that share a vertex, on the same side."""
+    """Give neighbouring crossings one direction: the sum over those that share a vertex on the same side."""
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
         for d in range(3):
@@ -119,8 +121,8 @@ def _agree(n, cross, edge, tri, way, wish):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
-    """Crossings of the edges about a vertex with a triangle that it is near to, and of edges that are near to each
-    other with the triangles beside them; -> their number."""
+    """Crossings of the edges of a vertex with a near triangle, and of near edges with the triangles beside each
+    other. -> their number."""
     n, one = 0, np.uint64(1)
     for c in range(np.uint64(n_vt)):
         if vt_due[c] > soon:
@@ -162,7 +164,7 @@ def _add(n, e, t, edge, tri, x, cross):
 
 @njit(nogil=True)
 def _grow_older(n, cross, edge, tri, age):
-    """One frame more for what crosses, nothing for the rest."""
+    """Increment the age of the vertices of crossings and reset the others."""
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
         for m in range(5):
@@ -180,7 +182,7 @@ def _oldest(edge, tri, age):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
-    """Both ends of the edge belong on that side of triangle t to which the edge should go."""
+    """Set the side of both ends of the edge to the side of triangle t towards which the edge should move."""
     normal = np.empty(3)
     _normal(x, tri[t, 0], tri[t, 1], tri[t, 2], normal)
     up = way[0] * normal[0] + way[1] * normal[1] + way[2] * normal[2]
@@ -193,8 +195,8 @@ def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _pull(x, w, edge, tri, step, way):
-    """Move the middles of edge (2,) and triangle (3,) against each other by `step` [m]; velocities stay, and so
-    does the centre of mass."""
+    """Move the middles of the edge (2,) and the triangle (3,) apart by `step` [m]. Velocities and the centre of
+    mass stay."""
     total, size = 0.0, 0.0
     for m in range(2):
         total += 0.25 * w[edge[m]]
@@ -213,7 +215,7 @@ def _pull(x, w, edge, tri, step, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _put_edges(n, pair, near, normal, memory, e, sides, way):
-    """The edge belongs on that side of the triangle's edges, `sides` (3,), to which it should go."""
+    """Set the side of the edge against the triangle's edges, `sides` (3,), towards which it should move."""
     for c in range(n):
         if not near[c]:
             continue
@@ -230,9 +232,10 @@ def _put_edges(n, pair, near, normal, memory, e, sides, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def shorten(x, edge, beside, tri, t, way):
-    """How an edge (2,) has to move against triangle t for the contour to get shorter, into `way` (3,): the sum
-    over the triangles `beside` (2,; -1: none) the edge. R - (E.R)/(E.N) N is the steepest descent of the length
-    by this crossing's own point; as published, the part along the normal, which parts the two, counts twice."""
+    """Direction in which an edge (2,) has to move against triangle t to shorten the contour, into `way` (3,): the
+    sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the steepest descent of the
+    length for this crossing's own point. As published, the part along the normal, which separates the two, counts
+    twice."""
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
     normal, along, inward, out = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _normal(x, p, q, r, normal)

@@ -1,7 +1,7 @@
-"""Arrays that begin where a line of the cache does.
+"""Arrays that begin at a cache line.
 
-A register is as long as a line or half of it: from an array that begins elsewhere (as most do, and elsewhere in
-each process) every one or every second one is read from two lines, which takes twice as long.
+A register is as long as a cache line or half of one. In an array that begins elsewhere, every second register or
+every register spans two lines, and reading it takes twice as long.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LINE_BYTES = 64
 
 
 def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike = float) -> NDArray[Any]:
-    """Zeros at a line's beginning."""
+    """Zeros, aligned to a cache line."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flat = np.zeros(size + LINE_BYTES, np.uint8)
     first = -flat.ctypes.data % LINE_BYTES
@@ -25,7 +25,7 @@ def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike = float) -> NDA
 
 
 def aligned(a: NDArray[Any]) -> NDArray[Any]:
-    """A copy at a line's beginning."""
+    """A copy, aligned to a cache line."""
     made = aligned_zeros(a.shape, a.dtype)
     made[...] = a
     return made

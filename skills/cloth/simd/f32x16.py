@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""LANES single precision numbers as one register, for compiled code.
+"""LANES single precision numbers in one register, for compiled code.
 
-`load_lanes(a, i, j)` reads a[i, j] of an array (m, k, LANES) of singles and `set_lanes` writes it, `all_lanes(s)`
-is s in every place; a + b, a - b, a * b, a / b, `size` (absolute value), `root`, `least`, `most` compute place by
-place, `picked(a, i)` is a[i] in each, by whole numbers i (i32x16.py). `not_above(a, b)` is a bit for each
-place where a <= b, `where(bits, a, b)` chooses by such bits; `lowest` finds the first of them. Written as loops
-the same became instructions half as wide, between which bits were collected one by one. Products and sums may be
-contracted, as everywhere in the solver.
+`load_f32x16(a, i, j)` reads a[i, j] of a float32 array (m, k, LANES) and `store_f32x16` writes it.
+`splat_f32x16(s)` has s in every lane. a + b, a - b, a * b, a / b, `vabs`, `vsqrt`, `vmin` and `vmax` work lane by
+lane. `permute(a, i)` has a[i] in each lane, for integers i (i32x16.py). `mask_less_equal(a, b)` has a bit for each
+lane where a <= b; `where(bits, a, b)` selects by such bits and `ctz` gives the position of the lowest one. The
+same code written as loops compiles to instructions half as wide that collect the bits one by one. Products and
+sums may be contracted, as everywhere in the solver.
 
-That the last axis of an array is LANES long nothing checks.
+Nothing checks that the last axis of an array has LANES elements.
 """
 
 from __future__ import annotations
@@ -24,18 +24,30 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from numba.extending import models, overload, register_model
 
 from skills.cloth.simd.i32x16 import LANES, WHOLE, flags, whole
-from skills.cloth.simd.intrinsics import elementwise, everywhere_of, load_of, operation, store_of
+from skills.cloth.simd.intrinsics import elementwise, load_of, operation, splat_of, store_of
 
 __all__ = [
-    "LANES", "all_lanes", "expect_columns", "expect_rows", "least", "load_lanes", "lowest", "most", "not_above",
-    "picked", "root", "set_lanes", "size", "where",
+    "LANES",
+    "ctz",
+    "expect_columns",
+    "expect_rows",
+    "load_f32x16",
+    "mask_less_equal",
+    "permute",
+    "splat_f32x16",
+    "store_f32x16",
+    "vabs",
+    "vmax",
+    "vmin",
+    "vsqrt",
+    "where",
 ]  # fmt: skip
 
 _REGISTER = ir.VectorType(ir.FloatType(), LANES)
 _FLAGS = ("contract", "nnan", "nsz")
 
-# place of the lowest bit of a number; an intrinsic of numba's, which its own sets use
-lowest: Any = trailing_zeros
+# position of the lowest bit that is set; an intrinsic of numba, used by its own sets
+ctz: Any = trailing_zeros
 
 
 class _Lanes(types.Type):
@@ -58,9 +70,9 @@ def _check_singles(array: Any) -> None:
 
 
 # a[i, j] of an array (m, k, LANES)
-load_lanes, set_lanes = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
-all_lanes = everywhere_of(_lanes, _REGISTER, types.float32)
-_plus, _minus, _times, _over = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
+load_f32x16, store_f32x16 = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
+splat_f32x16 = splat_of(_lanes, _REGISTER, types.float32)
+_plus, _minus, _times, _div = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
 
 
 def _chosen(sign: str) -> Any:
@@ -75,11 +87,11 @@ def _chosen(sign: str) -> Any:
     return apply
 
 
-least, most = _chosen("<"), _chosen(">")
+vmin, vmax = _chosen("<"), _chosen(">")
 
 
 @operation
-def root(typingctx, a):
+def vsqrt(typingctx, a):
     """Square root."""
 
     def generate(context, builder, signature, arguments):
@@ -92,7 +104,7 @@ def root(typingctx, a):
 
 
 @operation
-def size(typingctx, a):
+def vabs(typingctx, a):
     """|a|"""
 
     def generate(context, builder, signature, arguments):
@@ -103,8 +115,8 @@ def size(typingctx, a):
 
 
 @operation
-def not_above(typingctx, a, b):
-    """A bit for each place where a <= b."""
+def mask_less_equal(typingctx, a, b):
+    """A bit for each lane where a <= b."""
 
     def generate(context, builder, signature, arguments):
         met = builder.fcmp_ordered("<=", *arguments, flags=_FLAGS)
@@ -122,17 +134,17 @@ def _give(operation: Any, function: Any) -> None:
 
 
 for _sign, _function in (
-    (operator.add, _plus), (operator.sub, _minus), (operator.mul, _times), (operator.truediv, _over)
+    (operator.add, _plus), (operator.sub, _minus), (operator.mul, _times), (operator.truediv, _div)
 ):  # fmt: skip
     _give(_sign, _function)
 
 
 @operation
-def picked(typingctx, a, i):
-    """a[i] in each place, i modulo LANES."""
+def permute(typingctx, a, i):
+    """a[i] in each lane, i modulo LANES."""
 
     def generate(context, builder, signature, arguments):
-        # written so the compiler makes one instruction of it where the machine has it
+        # written so that the compiler emits one instruction where the machine has it
         a, i = arguments
         i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
         made = ir.Constant(_REGISTER, ir.Undefined)
@@ -148,7 +160,7 @@ def picked(typingctx, a, i):
 
 @operation
 def where(typingctx, bits, a, b):
-    """a where there is a bit, else b."""
+    """a where the bit is set, else b."""
 
     def generate(context, builder, signature, arguments):
         return builder.select(flags(builder, arguments[0]), *arguments[1:])
@@ -158,13 +170,13 @@ def where(typingctx, bits, a, b):
 
 @njit(nogil=True, forceinline=True)
 def expect_rows(array, k):
-    """That an array is (m, k, LANES). The compiler knows it from here on: it finds places by constants then."""
+    """Check that an array is (m, k, LANES). The compiler then computes offsets from constants."""
     if array.shape[1] != k or array.shape[2] != LANES:
         raise ValueError("not an array of so many rows of lanes")
 
 
 @njit(nogil=True, forceinline=True)
 def expect_columns(array, k):
-    """The same of an array (m, k)."""
+    """Check that an array is (m, k)."""
     if array.shape[1] != k:
         raise ValueError("not an array of so many columns")

@@ -1,12 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""FOUR double precision numbers as one register, a number each of four edges or vertices, for compiled code.
+"""FOUR double precision numbers in one register, one for each of four edges or vertices, for compiled code.
 
-`load_four` and `pick_four` read them, `all_four(s)` is s in every place, `dots` makes them of four pairs of
-vectors (vec3.py), which are weighed by them once they are `spread`; a + b, a - b, a * b, s * a (s a float), -a,
-`over` and `where_above` compute place by place. `ends` are the vertices of four edges. Products and sums may be
-contracted, but for those of `dots`, which rounds as `dot` of vectors does (test_f64x4.py). Places are not checked.
+`load_f64x4` reads consecutive numbers, `gather_f64x4` reads numbers at four indices, `splat_f64x4(s)` has s in
+every lane, and `dots` computes the products of four pairs of vectors (vec3.py). `spread` (vec3.py) turns a
+register into four weights of vectors. a + b, a - b, a * b, s * a (s a float), -a, `vdiv` and `where_above` work
+lane by lane. `ends` reads the vertices of four edges. Products and sums may be contracted, except those of `dots`,
+which rounds as `dot` of vectors does (test_f64x4.py). Indices are not checked.
 
-To the compiler they are vectors, but their fourth number is none of zero: they must not be put where vectors are.
+These registers have the compiler's type of a vector, but their fourth number is not zero: never store one in an
+array of vectors.
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from numba import types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 
-from skills.cloth.simd.intrinsics import elementwise, everywhere_of, operation, place_of, where_above_of
+from skills.cloth.simd.intrinsics import elementwise, operation, place_of, splat_of, where_above_of
 from skills.cloth.simd.vec3 import WIDTH, vector_type
 
-__all__ = ["FOUR", "all_four", "dots", "ends", "load_four", "over", "pick_four", "where_above"]
+__all__ = ["FOUR", "dots", "ends", "gather_f64x4", "load_f64x4", "splat_f64x4", "vdiv", "where_above"]
 
-FOUR = WIDTH  # the register of a vector: what computes with these does with those
+FOUR = WIDTH  # the same register type as a vector, so its operators apply
 _INDEX = ir.IntType(32)
 _REGISTER = ir.VectorType(ir.DoubleType(), FOUR)
 _PLACES = types.UniTuple(types.uint32, FOUR)
@@ -31,8 +33,7 @@ _PLACES = types.UniTuple(types.uint32, FOUR)
 
 @operation
 def ends(typingctx, array, i):
-    """The first and the second numbers of the FOUR rows from row i on of an array (n, 2) of unsigned 32-bit
-    integers."""
+    """The first and the second numbers of rows i to i + FOUR of an array (n, 2) of unsigned 32-bit integers."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.uint32
     if not fits or array.layout != "C":
         raise TypingError(f"ends are rows of a C-ordered array (n, 2) of unsigned integers, not of {array}")
@@ -48,8 +49,8 @@ def ends(typingctx, array, i):
     return types.UniTuple(_PLACES, 2)(array, types.intp), generate
 
 
-all_four = everywhere_of(vector_type, _REGISTER, types.float64)
-over = elementwise(vector_type, "fdiv", ())
+splat_f64x4 = splat_of(vector_type, _REGISTER, types.float64)
+vdiv = elementwise(vector_type, "fdiv", ())
 where_above = where_above_of(vector_type)
 
 
@@ -60,8 +61,8 @@ def _check_flat(array: Any) -> None:
 
 
 @operation
-def load_four(typingctx, array, i):
-    """The numbers from place i on of a flat array."""
+def load_f64x4(typingctx, array, i):
+    """FOUR numbers from index i of a flat array."""
     _check_flat(array)
 
     def generate(context, builder, signature, arguments):
@@ -72,8 +73,8 @@ def load_four(typingctx, array, i):
 
 
 @operation
-def pick_four(typingctx, array, places):
-    """The numbers at FOUR places of a flat array."""
+def gather_f64x4(typingctx, array, places):
+    """The numbers at FOUR indices of a flat array."""
     _check_flat(array)
 
     def generate(context, builder, signature, arguments):
@@ -89,7 +90,7 @@ def pick_four(typingctx, array, places):
 
 @operation
 def dots(typingctx, a, b):
-    """a . b of FOUR vectors each, without contraction."""
+    """a . b of FOUR pairs of vectors, not contracted."""
 
     def generate(context, builder, signature, arguments):
         a, b = (cgutils.unpack_tuple(builder, four) for four in arguments)

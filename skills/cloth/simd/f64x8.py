@@ -1,11 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""EIGHT double precision numbers as one register, a number of each of eight contacts, for compiled code.
+"""EIGHT double precision numbers in one register, one for each of eight contacts, for compiled code.
 
-`gather` and `coordinates` bring vectors (vec3.py) of eight contacts into three such registers, one for each
-coordinate, `add_shares` and `scatter` bring them back; a + b, a - b, a * b, `over`, `root`, `least`, `most`,
-`where_above` compute contact by contact. Products and sums may be contracted, but for those of `dots`, which
-rounds as `dot` of vectors does. Arrays have four columns but where another shape is told; neither that nor places
-are checked, only what numbers they are of.
+`gather` and `coordinates` read the vectors (vec3.py) of eight contacts into three such registers, one for each
+coordinate; `add_shares` and `scatter` write them back. a + b, a - b, a * b, `vdiv`, `vsqrt`, `vmin`, `vmax` and
+`where_above` work contact by contact. Products and sums may be contracted, except those of `dots`, which rounds as
+`dot` of vectors does. Arrays have four columns unless a function states another shape. Types are checked; shapes
+and indices are not.
 """
 
 from __future__ import annotations
@@ -23,17 +23,31 @@ from numba.extending import models, overload, register_model
 
 from skills.cloth.simd.intrinsics import (
     elementwise,
-    everywhere,
-    everywhere_of,
     load_of,
     operation,
+    splat,
+    splat_of,
     store_of,
     where_above_of,
 )
 
 __all__ = [
-    "EIGHT", "add_shares", "all_eight", "any_above", "blocks", "coordinates", "dots", "gather", "least",
-    "load_eight", "most", "over", "root", "scatter", "store_eight", "where_above",
+    "EIGHT",
+    "add_shares",
+    "any_above",
+    "blocks",
+    "coordinates",
+    "dots",
+    "gather",
+    "load_f64x8",
+    "scatter",
+    "splat_f64x8",
+    "store_f64x8",
+    "vdiv",
+    "vmax",
+    "vmin",
+    "vsqrt",
+    "where_above",
 ]  # fmt: skip
 
 EIGHT, _WIDTH = 8, 4
@@ -64,7 +78,7 @@ def _called(builder: Any, name: str, a: Any) -> Any:
 
 @njit(nogil=True)
 def blocks(n, k):
-    """(n, k, EIGHT) doubles, each register within one line of the cache; what they are is not set."""
+    """(n, k, EIGHT) doubles, uninitialised, each register within one cache line."""
     flat = np.empty((n * k + 1) * EIGHT)
     first = -(flat.ctypes.data // 8) % EIGHT
     return flat[first : first + n * k * EIGHT].reshape((n, k, EIGHT))
@@ -78,7 +92,7 @@ _EVEN, _ODD = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
 
 
 def _columns(builder: Any, rows: list[Any]) -> list[Any]:
-    """Three coordinates of eight rows."""
+    """Eight rows -> three registers of coordinates."""
     a, b, c, d = (_mixed(builder, rows[i], rows[i + 2], list(range(8))) for i in (0, 1, 4, 5))
     first, second = _mixed(builder, a, b, _EVEN), _mixed(builder, c, d, _EVEN)
     x, z = (_mixed(builder, first, second, [k + o for k in (0, 1, 4, 5, 8, 9, 12, 13)]) for o in (0, 2))
@@ -87,7 +101,7 @@ def _columns(builder: Any, rows: list[Any]) -> list[Any]:
 
 
 def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
-    """Eight rows of three coordinates, and 0."""
+    """Three registers of coordinates -> eight rows (x, y, z, 0)."""
     nothing, rows = ir.Constant(_REGISTER, [0.0] * EIGHT), [None] * EIGHT
     for k, places in enumerate((_EVEN, _ODD)):
         xy, z0 = _mixed(builder, x, y, places), _mixed(builder, z, nothing, places)
@@ -97,7 +111,7 @@ def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
 
 
 def _check(array: Any, dimensions: int, number: Any) -> None:
-    """That its rows are what they are taken for, but for their length, which no type tells."""
+    """Check type and layout; the length of the rows is not part of the type."""
     fits = isinstance(array, types.Array) and array.ndim == dimensions and array.dtype == number
     if not fits or array.layout != "C":
         raise TypingError(f"eights are of C-ordered arrays of {dimensions} axes of {number}, not of {array}")
@@ -123,15 +137,15 @@ def _who(context: Any, builder: Any, kind: Any, order: Any, group: Any) -> list[
 
 
 def _each(builder: Any, data: Any, at: Any) -> Any:
-    """The number at a place, four times."""
-    return everywhere(builder, _ROW, builder.load(builder.gep(data, [at])))
+    """The number at an index, in four lanes."""
+    return splat(builder, _ROW, builder.load(builder.gep(data, [at])))
 
 
 def _four(
     context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, group: Any
 ) -> Callable[[int], list[Any]]:
-    """A function of a contact's number in a group: pointers to the rows of x of its four `members` and, as a
-    register each, its `share` of them."""
+    """A function of a contact's index in a group -> four pairs: pointer to the row of x of a member, and the
+    contact's share of it in every lane of a register."""
     rows, shares = _data(context, builder, kinds[0], x, _ROW), _data(context, builder, kinds[2], share, _DOUBLE)
     first = builder.mul(group, ir.Constant(group.type, EIGHT * _WIDTH))
     member = builder.gep(context.make_array(kinds[1])(context, builder, members).data, [first])
@@ -150,8 +164,8 @@ def _four(
 
 @operation
 def gather(typingctx, x, members, share, group):
-    """Sums of rows of x, as coordinates: of the four `members` (m, 4) of each contact of a group, by their `share`
-    (m, 4). Both have EIGHT rows a group."""
+    """For each contact of a group, the sum of the rows of x of its four `members` (m, 4), weighted by `share` (m,
+    4), as coordinates. Both arrays have EIGHT rows for each group."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)
@@ -164,7 +178,7 @@ def gather(typingctx, x, members, share, group):
             for place, weight in of(c):
                 part = builder.fmul(weight, _read(builder, place), flags=_FLAGS)
                 total = part if total is None else builder.fadd(total, part, flags=_FLAGS)
-            # the fence: else pairs of rows are joined before they are summed up, by many more shuffles
+            # without the fence the compiler joins pairs of rows before the sum, with many more shuffles
             rows.append(_called(builder, "arithmetic.fence", total))
         return context.make_tuple(builder, signature.return_type, _columns(builder, rows))
 
@@ -173,7 +187,7 @@ def gather(typingctx, x, members, share, group):
 
 @operation
 def add_shares(typingctx, x, members, share, group, ax, ay, az):
-    """Add to the rows of x of all members, which differ, their share of the vector of their contact."""
+    """Add to each member's row of x its share of its contact's vector. All members must differ."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)
@@ -192,7 +206,7 @@ def add_shares(typingctx, x, members, share, group, ax, ay, az):
 
 @operation
 def coordinates(typingctx, a, order, group):
-    """Rows order[group] of a, as coordinates."""
+    """Read rows order[group] of a as coordinates."""
 
     _check(a, 2, types.float64)
     _check(order, 2, types.uint32)
@@ -208,7 +222,7 @@ def coordinates(typingctx, a, order, group):
 
 @operation
 def scatter(typingctx, a, order, group, x, y, z):
-    """Coordinates as rows order[group] of a."""
+    """Write coordinates to rows order[group] of a."""
 
     _check(a, 2, types.float64)
     _check(order, 2, types.uint32)
@@ -228,15 +242,15 @@ def _check_block(array: Any) -> None:
 
 
 # a[i, j] of an array (m, k, EIGHT)
-load_eight, store_eight = load_of(_eight, _REGISTER, _check_block), store_of(_eight, _REGISTER, _check_block)
-all_eight = everywhere_of(_eight, _REGISTER, types.float64)
+load_f64x8, store_f64x8 = load_of(_eight, _REGISTER, _check_block), store_of(_eight, _REGISTER, _check_block)
+splat_f64x8 = splat_of(_eight, _REGISTER, types.float64)
 _plus, _minus, _times = (elementwise(_eight, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
-over = elementwise(_eight, "fdiv", ())
+vdiv = elementwise(_eight, "fdiv", ())
 
 
 @operation
 def dots(typingctx, ax, ay, az, bx, by, bz):
-    """a . b, without contraction."""
+    """a . b, not contracted."""
 
     def generate(context, builder, signature, arguments):
         products = [builder.fmul(arguments[k], arguments[3 + k]) for k in range(3)]
@@ -247,7 +261,7 @@ def dots(typingctx, ax, ay, az, bx, by, bz):
 
 
 @operation
-def root(typingctx, a):
+def vsqrt(typingctx, a):
     """Square root."""
 
     def generate(context, builder, signature, arguments):
@@ -267,7 +281,7 @@ def _chosen(sign: str) -> Any:
     return apply
 
 
-least, most = _chosen("<"), _chosen(">")
+vmin, vmax = _chosen("<"), _chosen(">")
 where_above = where_above_of(_eight)
 
 

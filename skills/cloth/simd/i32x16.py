@@ -1,13 +1,13 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""LANES whole numbers as one register, for compiled code.
+"""LANES 32-bit integers in one register, for compiled code.
 
-`load_whole(a, i, j)` reads a[i, j] of an array (m, k, LANES), `all_whole(s)` is s in every place, `places(s)` is
-s, s + 1, ...; `lesser` and `greater` choose, `above` and `differ` compare: a bit for each place. `packed(a, bits)`
-are those that bits tell, side by side, which `put_whole` and `put_pairs` write down, LANES at once; then
-`how_many(bits)` are valid. So what bits tell is put down without a branch: how many there are would be guessed at,
-and often wrongly.
+`load_i32x16(a, i, j)` reads a[i, j] of an array (m, k, LANES). `splat_i32x16(s)` has s in every lane, `iota(s)`
+has s, s + 1, ... `vmin_i32x16` and `vmax_i32x16` work lane by lane; `mask_greater` and `mask_not_equal` compare
+and return a bit for each lane. `compress(a, bits)` moves the lanes whose bit is set to the front. `store_i32x16`
+and `store_interleaved` then write all LANES at once, of which the first `popcount(bits)` are valid. Selected
+values are thus written without a branch, which the processor would often predict wrongly.
 
-That the last axis of an array is LANES long, and that there is room for all that is written, nothing checks.
+Nothing checks that the last axis of an array has LANES elements, nor that there is room for all that is written.
 """
 
 from __future__ import annotations
@@ -20,11 +20,24 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import models, register_model
 
-from skills.cloth.simd.intrinsics import everywhere, everywhere_of, load_of, operation, place_of
+from skills.cloth.simd.intrinsics import load_of, operation, place_of, splat, splat_of
 
 __all__ = [
-    "LANES", "WHOLE", "above", "all_whole", "differ", "flags", "greater", "how_many", "lesser", "load_whole",
-    "packed", "places", "put_pairs", "put_whole", "whole",
+    "LANES",
+    "WHOLE",
+    "compress",
+    "flags",
+    "iota",
+    "load_i32x16",
+    "mask_greater",
+    "mask_not_equal",
+    "popcount",
+    "splat_i32x16",
+    "store_i32x16",
+    "store_interleaved",
+    "vmax_i32x16",
+    "vmin_i32x16",
+    "whole",
 ]  # fmt: skip
 
 LANES = 16
@@ -45,7 +58,7 @@ class _WholeModel(models.PrimitiveModel):
 
 
 def _check_whole(array: Any, dimensions: int) -> None:
-    """That it can hold whole numbers side by side; whether they have a sign does not matter."""
+    """Accept C-ordered int32 and uint32 arrays."""
     fits = isinstance(array, types.Array) and array.ndim == dimensions and array.layout == "C"
     if not fits or array.dtype not in (types.int32, types.uint32):
         raise TypingError(f"whole numbers are in C-ordered arrays of {dimensions} axes of int32, not in {array}")
@@ -55,43 +68,43 @@ def _check_rows(array: Any) -> None:
     _check_whole(array, 3)
 
 
-load_whole = load_of(whole, WHOLE, _check_rows)  # a[i, j] of an array (m, k, LANES)
-all_whole = everywhere_of(whole, WHOLE, types.int32)
+load_i32x16 = load_of(whole, WHOLE, _check_rows)  # a[i, j] of an array (m, k, LANES)
+splat_i32x16 = splat_of(whole, WHOLE, types.int32)
 
 
 @operation
-def places(typingctx, first):
+def iota(typingctx, first):
     """first, first + 1, first + 2, ..."""
 
     def generate(context, builder, signature, arguments):
-        first = everywhere(builder, WHOLE, arguments[0])
+        first = splat(builder, WHOLE, arguments[0])
         return builder.add(first, ir.Constant(WHOLE, list(range(LANES))))
 
     return whole(types.int32), generate
 
 
 def flags(builder: Any, bits: Any) -> Any:
-    """The bits as a register of them."""
+    """The bits as a register of booleans."""
     return builder.bitcast(builder.trunc(bits, ir.IntType(LANES)), ir.VectorType(ir.IntType(1), LANES))
 
 
 @operation
-def packed(typingctx, a, bits):
-    """Those of a with a bit, side by side from the first place on; what is behind them is not set."""
+def compress(typingctx, a, bits):
+    """The lanes of a whose bit is set, moved to the front; the lanes behind them are undefined."""
 
     def generate(context, builder, signature, arguments):
         mask = flags(builder, arguments[1])
         kind = ir.FunctionType(WHOLE, [WHOLE, mask.type, WHOLE])
         name = f"llvm.experimental.vector.compress.v{LANES}i32"
-        compress = cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.call(compress, [arguments[0], mask, ir.Constant(WHOLE, ir.Undefined)])
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.call(function, [arguments[0], mask, ir.Constant(WHOLE, ir.Undefined)])
 
     return whole(whole, types.int32), generate
 
 
 @operation
-def put_whole(typingctx, array, at, a):
-    """a to places at, at + 1, ... of a flat array."""
+def store_i32x16(typingctx, array, at, a):
+    """Store a at indices at, at + 1, ... of a flat array."""
     _check_whole(array, 1)
 
     def generate(context, builder, signature, arguments):
@@ -103,8 +116,8 @@ def put_whole(typingctx, array, at, a):
 
 
 @operation
-def put_pairs(typingctx, array, at, a, b):
-    """Places of a and b, side by side, to rows at, at + 1, ... of an array (n, 2)."""
+def store_interleaved(typingctx, array, at, a, b):
+    """Store the pairs (a[k], b[k]) in rows at, at + 1, ... of an array (n, 2)."""
     _check_whole(array, 2)
 
     def generate(context, builder, signature, arguments):
@@ -142,13 +155,13 @@ def _selected(sign: str) -> Any:
     return apply
 
 
-above, differ = _compared(">"), _compared("!=")  # a bit for each place where a > b, where a != b
-lesser, greater = _selected("<"), _selected(">")
+mask_greater, mask_not_equal = _compared(">"), _compared("!=")  # a bit for each lane where a > b, where a != b
+vmin_i32x16, vmax_i32x16 = _selected("<"), _selected(">")
 
 
 @operation
-def how_many(typingctx, bits):
-    """Bits that are set."""
+def popcount(typingctx, bits):
+    """Number of bits that are set."""
 
     def generate(context, builder, signature, arguments):
         return builder.zext(builder.ctpop(arguments[0]), ir.IntType(64))

@@ -1,5 +1,4 @@
-"""What the modules that compute in registers share: how compiled code is given operations of its own, and how it
-finds what an array has at a place."""
+"""Builders of compiled operations on registers, shared by the modules of this folder."""
 
 from __future__ import annotations
 
@@ -12,7 +11,14 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 __all__ = [
-    "elementwise", "everywhere", "everywhere_of", "load_of", "operation", "place_of", "store_of", "where_above_of",
+    "elementwise",
+    "load_of",
+    "operation",
+    "place_of",
+    "splat",
+    "splat_of",
+    "store_of",
+    "where_above_of",
 ]  # fmt: skip
 
 
@@ -22,8 +28,8 @@ def operation(definition: Callable[..., Any]) -> Any:
 
 
 def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> Any:
-    """An operation on two registers of a `kind`, place by place: an `instruction` of llvmlite's builder
-    ("fadd", ...) with its fast-math `flags`."""
+    """An operation on two registers of a `kind`, lane by lane: an `instruction` of llvmlite's builder ("fadd",
+    ...) with its fast-math `flags`."""
 
     def apply(typingctx: Any, a: Any, b: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -35,7 +41,7 @@ def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> A
 
 
 def where_above_of(kind: types.Type) -> Any:
-    """An operation on four registers of a `kind`: of the last two the first one where a > b, else the other."""
+    """An operation on four registers of a `kind`: lane by lane `yes` where a > b, else `no`."""
 
     def apply(typingctx: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -46,12 +52,12 @@ def where_above_of(kind: types.Type) -> Any:
     return operation(apply)
 
 
-def everywhere_of(kind: types.Type, register: Any, number: types.Type) -> Any:
-    """An operation on a number: a register of a `kind` with it in every place."""
+def splat_of(kind: types.Type, register: Any, number: types.Type) -> Any:
+    """An operation on a number: a register of a `kind` with the number in every lane."""
 
     def apply(typingctx: Any, s: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return everywhere(builder, register, arguments[0])
+            return splat(builder, register, arguments[0])
 
         return kind(number), generate
 
@@ -59,7 +65,7 @@ def everywhere_of(kind: types.Type, register: Any, number: types.Type) -> Any:
 
 
 def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
-    """An operation on an array and two places, i and j: row [i, j] of an array of three axes, as a register."""
+    """An operation on an array of three axes and two indices: row [i, j] as a register."""
 
     def apply(typingctx: Any, array: Any, i: Any, j: Any) -> Any:
         check(array)
@@ -74,7 +80,7 @@ def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> An
 
 
 def store_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
-    """The reverse: of an array, two places and the register to put there."""
+    """The reverse: an operation that stores a register as row [i, j] of an array of three axes."""
 
     def apply(typingctx: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
         check(array)
@@ -94,8 +100,8 @@ def _row_of(context: Any, builder: Any, kind: types.Array, arguments: Any, regis
     return place_of(context, builder, kind, arguments[0], place, register)
 
 
-def everywhere(builder: Any, register: Any, s: Any) -> Any:
-    """A register with s in every place."""
+def splat(builder: Any, register: Any, s: Any) -> Any:
+    """A register with s in every lane."""
     first = builder.insert_element(ir.Constant(register, ir.Undefined), s, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), register.count), [0] * register.count)
     return builder.shuffle_vector(first, ir.Constant(register, ir.Undefined), zeros)
@@ -104,8 +110,8 @@ def everywhere(builder: Any, register: Any, s: Any) -> Any:
 def place_of(
     context: Any, builder: Any, kind: types.Array, array: Any, place: Sequence[Any], register: Any
 ) -> Any:
-    """Pointer to the `register` that begins at a place of an array. Places are not wrapped round: they must not be
-    negative, and nothing checks them."""
+    """Pointer to the `register` that begins at an index of an array. Negative indices are not supported, and
+    nothing checks the indices."""
     found = context.make_array(kind)(context, builder, array)
     pointer = cgutils.get_item_pointer(context, builder, kind, found, list(place), wraparound=False)
     return builder.bitcast(pointer, ir.PointerType(register))

@@ -1,12 +1,12 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Points and directions as one register of four doubles, for compiled code.
 
-Arrays of them have four columns (`rows`), the fourth of which is zero and stays so. `load` and `store` move a row,
-`store_singles` puts one down in single precision; a + b, a - b, -a, s * a (s a float), `dot`, `cross` and `vector`
-compute. Four weights in a row are no vector, but can be loaded as one: `spread` makes a register of each, which
-a * b multiplies by a vector; `members` are the four vertices that they belong to. Products and sums may be
-contracted, as everywhere in the solver. An array of fewer columns would be read and written beyond its rows:
-nothing checks that.
+Arrays of vectors have four columns (`rows`); the fourth is zero and stays so. `load` and `store` move a row,
+`store_singles` stores a vector in single precision. a + b, a - b, -a, s * a (s a float), `dot`, `cross` and
+`vector` compute. A row of four weights is not a vector but can be loaded as one: `spread` makes a register of each
+weight, which a * b multiplies with a vector. `members` reads the four vertices that the weights belong to.
+Products and sums may be contracted, as everywhere in the solver. Nothing checks the number of columns: an array
+with fewer would be read and written beyond its rows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numba.extending import models, overload, register_model
 
 from robots.ports import Array
 from skills.cloth.simd.aligned_arrays import aligned_zeros
-from skills.cloth.simd.intrinsics import elementwise, everywhere_of, operation, place_of
+from skills.cloth.simd.intrinsics import elementwise, operation, place_of, splat_of
 
 __all__ = [
     "WIDTH", "cross", "dot", "load", "members", "rows", "spread", "store", "store_singles", "vector",
@@ -42,7 +42,7 @@ vector_type = _vector = _Vector(name="Vector")
 
 
 def _check(array: Any) -> None:
-    """That rows of it can be vectors, but for their number of columns, which no type tells."""
+    """Check type and layout; the number of columns is not part of the type."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.float64
     if not fits or array.layout != "C":
         raise TypingError(f"vectors are rows of a C-ordered array (n, {WIDTH}) of doubles, not of {array}")
@@ -55,12 +55,12 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def rows(n: int) -> Array:
-    """(n, WIDTH) zeros, each row within one line of the cache."""
+    """(n, WIDTH) zeros, each row within one cache line."""
     return aligned_zeros((n, WIDTH))
 
 
 def _row(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
-    """Where row i of an array begins: rows are WIDTH long, which its shape would only tell by a product."""
+    """Pointer to row i. The constant WIDTH saves a multiplication by the array's shape."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.gep(builder.bitcast(data, ir.PointerType(_REGISTER)), [i])
 
@@ -112,7 +112,7 @@ def store(typingctx, array, i, v):
 
 @operation
 def store_singles(typingctx, array, at, step, v):
-    """Write the three coordinates of v as singles to places at, at + step and at + 2 step of a flat array."""
+    """Store the three coordinates of v as singles at indices at, at + step and at + 2 step of a flat array."""
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.dtype == types.float32):
         raise TypingError(f"singles are written to a flat array of them, not to {array}")
 
@@ -130,7 +130,7 @@ def store_singles(typingctx, array, at, step, v):
 
 @operation
 def vector(typingctx, x, y, z):
-    """Of three floats."""
+    """A vector of three floats."""
 
     def generate(context, builder, signature, arguments):
         made = ir.Constant(_REGISTER, [0.0] * WIDTH)
@@ -141,13 +141,13 @@ def vector(typingctx, x, y, z):
     return _vector(types.float64, types.float64, types.float64), generate
 
 
-_all = everywhere_of(_vector, _REGISTER, types.float64)
+_all = splat_of(_vector, _REGISTER, types.float64)
 _plus, _minus, _times = (elementwise(_vector, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
 
 
 @operation
 def spread(typingctx, v):
-    """Four registers: each place of v in all places of one."""
+    """Four registers: each number of v in all lanes of one."""
 
     def generate(context, builder, signature, arguments):
         def repeated(k: int) -> Any:

@@ -203,7 +203,7 @@ def table_force(s: ClothSimulation) -> np.ndarray:
     """(3,) [N] of the cloth on the table in the last substep: what the table took of its momentum."""
     w = s.inverse_mass
     press = s._state.press[:, :3] / np.where(w > 0.0, w, np.inf)[:, None]
-    return -press.sum(axis=0) / s._rules.h**2
+    return -press.sum(axis=0) / s._solver_parameters.h**2
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots.errors import ConfigurationError, InternalError
-from skills.cloth.elasticity import GRAVITY, damp_edges, in_waves, shuffled, solve_edges
+from skills.cloth.elasticity import GRAVITY, colour_batches, damp_edges, shuffled, solve_edges
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.aligned_arrays import aligned
@@ -77,9 +77,9 @@ def shuffled_edges(outline, edge):
 
 
 @pytest.mark.parametrize("size", [0.03, 0.1, 0.3])
-def test_edges_of_a_wave_have_no_common_vertex_and_those_that_have_one_keep_their_order(size):
+def test_edges_of_a_batch_share_no_vertex_and_edges_that_share_one_keep_their_order(size):
     edge, n = shuffled_edges(size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
-    order, bounds = in_waves(edge)
+    order, bounds = colour_batches(edge)
     assert sorted(order.tolist()) == list(range(len(edge)))
     assert bounds[0] == 0 and bounds[-1] == len(edge)
     for first, end in pairwise(bounds):
@@ -107,7 +107,7 @@ def test_four_edges_at_once_are_solved_and_damped_as_one_by_one(seed):
         solve_edges(bounds, own, square[order], wi[order], wj[order], x)
         return x, v
 
-    single, fours = swept(np.arange(m), np.arange(m + 1)), swept(*in_waves(edge))
+    single, fours = swept(np.arange(m), np.arange(m + 1)), swept(*colour_batches(edge))
     np.testing.assert_array_equal(fours, single)
     assert (single[0] != place).any() and (single[1] != speed).any() and np.isnan(single).any()
     assert np.isfinite(single[1]).sum() > n

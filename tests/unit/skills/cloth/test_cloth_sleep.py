@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, frames_of, planned_folds, towel_half, towel_mesh
-from skills.cloth.elasticity import build_elastic, in_waves
+from skills.cloth.elasticity import build_elastic, colour_batches
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
@@ -149,9 +149,9 @@ def test_the_fourth_column_stays_zero_through_a_fold():
     rods[0][:, 0, 0] += np.linspace(0.0, 0.05, 61)
     s.advance_along(position, rotation, (*rods, np.array([0.01])))
     state, pairs = s._state, s._pairs
-    assert np.abs(state.x[:, :3]).max() < 2.0 and pairs.act_n.any()
+    assert np.abs(state.x[:, :3]).max() < 2.0 and pairs.contact_normals.any()
     for rows in (state.x, state.xp, state.v, state.u, state.press, pairs.vt_j, pairs.ee_j, pairs.normal,
-                 pairs.act_n, pairs.act_m):  # fmt: skip
+                 pairs.contact_normals, pairs.contact_impulses):  # fmt: skip
         assert not rows[:, 3].any()
 
 
@@ -173,14 +173,14 @@ def test_packed_is_what_has_a_free_end_with_its_shares(share):
     awake, movable = state.counts[AWAKE], state.counts[MOVABLE]
     assert set(state.awake_list[:awake].tolist()) == set(np.flatnonzero(state.awake).tolist())
     assert sorted(state.awake_list[:movable].tolist()) == np.flatnonzero(free > 0.0).tolist()
-    h = s._rules.h
+    h = s._solver_parameters.h
     elastic = build_elastic(mesh, MATERIAL, w, h, 0.6)
-    order, bounds = in_waves(elastic.edge)
+    order, bounds = colour_batches(elastic.edge)
     chosen = (free[elastic.edge[order]] > 0.0).any(axis=1)
     asked = order[chosen]
-    edges, grow = state.counts[EDGES], 1.0 + s._rules.bend_gamma
+    edges, grow = state.counts[EDGES], 1.0 + s._solver_parameters.bend_gamma
     np.testing.assert_array_equal(state.edge[:edges], elastic.edge[asked])
-    np.testing.assert_array_equal(state.wave, [chosen[:end].sum() for end in bounds])
+    np.testing.assert_array_equal(state.batch_start, [chosen[:end].sum() for end in bounds])
     np.testing.assert_allclose(state.inverse_square[:edges] * elastic.length[asked] ** 2, 1.0)
     inverse = 1.0 / (w[elastic.edge].sum(axis=1) + elastic.compliance / h**2)
     shares = (free[elastic.edge] * inverse[:, None])[asked]

@@ -32,4 +32,4 @@ def test_what_is_written_into_is_shared_by_nobody():
     mesh = mesh_from_contour(SQUARE, 0.03)
     one, other = topology_of(mesh), topology_of(mesh)
     assert one.ring is other.ring
-    assert not any(np.shares_memory(a, b) for a, b in zip(one.patches, other.patches, strict=True))
+    assert not any(np.shares_memory(a, b) for a, b in zip(one.clusters, other.clusters, strict=True))

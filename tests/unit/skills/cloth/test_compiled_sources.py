@@ -27,7 +27,7 @@ def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
     }
     assert compiled <= set(kernel.COMPILED), compiled - set(kernel.COMPILED)
     assert set(kernel.COMPILED) <= reached
-    assert {"simd/f32x16.py", "simd/vec3.py", "broad_phase/patch_search.py"} <= compiled
+    assert {"simd/f32x16.py", "simd/vec3.py", "broad_phase/cluster_search.py"} <= compiled
 
 
 def test_what_may_be_contracted_takes_no_power():

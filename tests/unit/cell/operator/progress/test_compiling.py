@@ -37,7 +37,7 @@ def test_each_part_is_told_of_once_and_nothing_else_is() -> None:
             "numpy.linalg",
             "skills.motion.kinematics.ik",
             "skills.cloth.kernel",
-            "skills.cloth.patches",
+            "skills.cloth.clusters",
         ):
             compiled(module)
     assert told == [PARTS["skills.motion"], PARTS["skills.cloth"]]

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
+from skills.cloth.broad_phase.cluster_search import search_pairs
 from skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
 from skills.cloth.broad_phase.pairs import _expire
-from skills.cloth.broad_phase.patch_bounds import fit_patches, fit_ridges
-from skills.cloth.broad_phase.patch_search import search_pairs
+from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
 from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.elasticity import turns
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.patches import build_patches
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
@@ -77,10 +77,10 @@ def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
     return vt, ee, near
 
 
-def bits_of(patches, chosen):
-    """A bit for each of the edges that are chosen (e,), as patches keep them."""
-    bits = np.zeros(patches.edge.shape, np.int32)
-    bits.ravel()[patches.at_edge[chosen]] = 1
+def bits_of(clusters, chosen):
+    """A bit for each of the edges that are chosen (e,), as clusters keep them."""
+    bits = np.zeros(clusters.edge.shape, np.int32)
+    bits.ravel()[clusters.at_edge[chosen]] = 1
     return (bits << np.arange(bits.shape[1])).sum(axis=1).astype(np.int32)
 
 
@@ -90,31 +90,31 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     mesh, x = two_sheets()
     rng = np.random.default_rng(2)
     edges = mesh.edges.astype(np.int32)
-    patches = build_patches(mesh, edges)
-    m, corner = len(patches.tri), patches.corner
-    patches.stale[:] = rng.random(m) < stale_share
-    patches.stale[0] = True
+    clusters = build_clusters(mesh, edges)
+    m, corner = len(clusters.tri), clusters.corner
+    clusters.stale[:] = rng.random(m) < stale_share
+    clusters.stale[0] = True
     speed = np.where(mesh.layer[:, None] == 0, 0.1, 0.0) * np.array([1.0, 0.0, 1.0])
     base, course = (np.ascontiguousarray(a[corner].T, np.float32) for a in (x, speed))
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
-    moving, slack = (speed[:, 0] > 0)[corner[patches.corner_start[:-1]]], np.full(m, SLACK, np.float32)
-    fit_patches(
-        patches, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
+    moving, slack = (speed[:, 0] > 0)[corner[clusters.corner_start[:-1]]], np.full(m, SLACK, np.float32)
+    fit_clusters(
+        clusters, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
     )
     ridge = rng.random(len(edges)) < ridge_share
-    patches.ridge[:] = bits_of(
-        patches, np.ones(len(edges), bool)
+    clusters.ridge[:] = bits_of(
+        clusters, np.ones(len(edges), bool)
     )  # first all, then fewer: nothing is left of them
-    fit_ridges(patches, course, slack)
-    np.testing.assert_array_equal(patches.ridge, patches.bent)
-    patches.fitted[:] = False
-    patches.ridge[:] = bits_of(patches, ridge)
-    fit_ridges(patches, course, slack)
-    n_vt, n_ee = search_pairs(patches, THICK, 0.5 * HORIZON, vt, ee)
+    fit_ridges(clusters, course, slack)
+    np.testing.assert_array_equal(clusters.ridge, clusters.bent)
+    clusters.fitted[:] = False
+    clusters.ridge[:] = bits_of(clusters, ridge)
+    fit_ridges(clusters, course, slack)
+    n_vt, n_ee = search_pairs(clusters, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
-    stale = np.ones(len(x), bool)  # vertices of stale patches only
-    stale[corner[np.repeat(~patches.stale, np.diff(patches.corner_start))]] = False
+    stale = np.ones(len(x), bool)  # vertices of stale clusters only
+    stale[corner[np.repeat(~clusters.stale, np.diff(clusters.corner_start))]] = False
     places = [x, x + 0.5 * HORIZON * speed, x + HORIZON * speed]
     lost_vt, lost_ee, near = missing_pairs(
         mesh, edges, places, found_vt, found_ee, lambda vertices: stale[vertices].any()
@@ -124,7 +124,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
     for room in (LANES, 2 * LANES, 100):  # lists that are too short tell so, and nothing is written behind them
         short = [np.full((room + 2 * LANES, 2), -7, np.int32) for _ in range(2)]
-        told = search_pairs(patches, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
+        told = search_pairs(clusters, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
         for a, n, wanted, all_of_them in zip(short, told, (n_vt, n_ee), (vt, ee), strict=True):
             assert (a[:LANES] == -7).all() and (a[LANES + room :] == -7).all()
             assert n == wanted if wanted <= room - LANES else n > room - LANES
@@ -149,15 +149,15 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
         [mesh.rest - (side * way)[:, None] * across, closed * (side > 0.0) * (overlap > 0.0) * THICK]
     )
     edges = mesh.edges.astype(np.int32)
-    patches = build_patches(mesh, edges)
-    m, corner = len(patches.tri), patches.corner
-    patches.stale[:] = True
+    clusters = build_clusters(mesh, edges)
+    m, corner = len(clusters.tri), clusters.corner
+    clusters.stale[:] = True
     base, still = np.ascontiguousarray(x[corner].T, np.float32), np.zeros((3, len(corner)), np.float32)
     born, moving, slack = np.zeros(m, np.int32), np.zeros(m, bool), np.full(m, SLACK, np.float32)
-    fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
-    fit_ridges(patches, still, slack)
+    fit_clusters(clusters, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
+    fit_ridges(clusters, still, slack)
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
-    n_vt, n_ee = search_pairs(patches, THICK, 0.0, vt, ee)
+    n_vt, n_ee = search_pairs(clusters, THICK, 0.0, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
 
     def near(a, b, limit):
@@ -179,25 +179,26 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
 
 
 def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
-    """Which layer of a sheet can touch itself is told by the normals of stale patches and of those beside them."""
+    """Which layer of a sheet can touch itself is told by the normals of stale clusters and of those beside
+    them."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
     x = mesh.lay_flat(THICK)
-    patches = build_patches(mesh, mesh.edges.astype(np.int32))
-    m, corner = len(patches.tri), patches.corner
+    clusters = build_clusters(mesh, mesh.edges.astype(np.int32))
+    m, corner = len(clusters.tri), clusters.corner
     still, slack = np.zeros((3, len(corner)), np.float32), np.full(m, SLACK, np.float32)
 
     def normals(x, stale, everything):
-        patches.stale[:] = stale
+        clusters.stale[:] = stale
         base = np.ascontiguousarray(x[corner].T, np.float32)
         born, moving = np.zeros(m, np.int32), np.ones(m, bool)
-        fit_patches(patches, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
-        return patches.normal.copy()
+        fit_clusters(clusters, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
+        return clusters.normal.copy()
 
     normals(x, True, True)
     bent = x + np.column_stack([0.0 * x[:, :2], 0.03 * np.sin(40.0 * x[:, 0])])
     stale = np.isin(np.arange(m), [0, m // 3, m // 3 + 1])
     some, every = normals(bent, stale, False), normals(bent, True, True)
-    start, beside = patches.beside_start, patches.beside
+    start, beside = clusters.beside_start, clusters.beside
     asked = np.unique(np.concatenate([beside[start[k] : start[k + 1]] for k in np.flatnonzero(stale)]))
     assert stale.sum() < len(asked) < m / 2 and np.isin(np.flatnonzero(stale), asked).all()
     np.testing.assert_array_equal(some[asked], every[asked])
@@ -206,7 +207,7 @@ def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
 
 @pytest.mark.parametrize(("gravity", "shake", "sleep_frames"), [(9.81, 0.05, 0), (9.81, 0.05, 10), (0.0, 0.0, 0)])
 def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames):
-    """Fallen onto each other, where patches leave their courses, and flown straight, where courses run out."""
+    """Fallen onto each other, where clusters leave their courses, and flown straight, where courses run out."""
     mesh, x = two_sheets()
     x[:, 2] += np.where(mesh.layer == 1, 0.035, 0.012)
     rng = np.random.default_rng(3)
@@ -214,7 +215,7 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
     )
     sim = ClothSimulation(mesh, MATERIAL, x, settings)
-    sim._rules = sim._rules._replace(flat=float(EVERY_EDGE))
+    sim._solver_parameters = sim._solver_parameters._replace(flat=float(EVERY_EDGE))
     upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
     sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
     edges, seen, searched = sim._body.edge, 0, []
@@ -230,9 +231,9 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         )
         assert not lost_vt and not lost_ee
         seen += near
-        searched.append(int(sim._body.patches.stale.sum()))
+        searched.append(int(sim._body.clusters.stale.sum()))
     assert seen > 1000
-    assert min(searched) < len(sim._body.patches.tri)  # not everything every time
+    assert min(searched) < len(sim._body.clusters.tri)  # not everything every time
 
 
 def bent_edges(sim, x):
@@ -273,7 +274,7 @@ def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
 def test_no_contacts_serve_longer_than_their_pairs_were_foreseen(phase, pace):
-    """A patch of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
+    """A cluster of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
     x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
     base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
     one, none = np.zeros(1, np.int32), np.zeros(1, bool)

@@ -60,7 +60,7 @@ def test_layers_of_which_some_sleep_go_on_from_a_checkpoint_with_the_same_bits(f
         one.advance(25)
         other = ClothSimulation(mesh, MATERIAL, x)
         other.restore(one.checkpoint())
-        other._body.patches.ridge[:] = 2**LANES - 1
+        other._body.clusters.ridge[:] = 2**LANES - 1
         one.advance(15)
         other.advance(15)
         assert other.positions.tobytes() == one.positions.tobytes()

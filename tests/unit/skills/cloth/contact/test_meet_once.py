@@ -23,15 +23,19 @@ def fan(lift: float = 0.0):
 def contacts(x, tri, order, borne=None, speed=0.0):
     """Contacts of the last vertex with all triangles, in this order: triangles, barycentres, what they bear."""
     pairs, kept = narrow(x, tri, order, borne, speed)
-    return [int(pairs.vt[c, 1]) for c in pairs.act_c[:kept]], pairs.act_b[:kept], pairs.act_m[:kept, :3]
+    return (
+        [int(pairs.vt[c, 1]) for c in pairs.contact_pairs[:kept]],
+        pairs.contact_weights[:kept],
+        pairs.contact_impulses[:kept, :3],
+    )
 
 
 def pushes(x, tri):
     """By how much contacts of the last vertex want it farther off than it is [m]."""
     pairs, kept = narrow(x, tri, np.arange(len(tri)))
-    ends = x[pairs.act_i[:kept]]
-    gap = np.einsum("ck,ckd,cd->c", pairs.act_b[:kept], ends, pairs.act_n[:kept, :3])
-    return pairs.act_d[:kept] - gap
+    ends = x[pairs.contact_vertices[:kept]]
+    gap = np.einsum("ck,ckd,cd->c", pairs.contact_weights[:kept], ends, pairs.contact_normals[:kept, :3])
+    return pairs.contact_distances[:kept] - gap
 
 
 def narrow(x, tri, order, borne=None, speed=0.0):
@@ -44,7 +48,7 @@ def narrow(x, tri, order, borne=None, speed=0.0):
     place[:, :3], v[-1, 2] = x, speed
     kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
     assert (last == -1).all()  # ready for the next time
-    assert not pairs.act_n[:, 3].any()
+    assert not pairs.contact_normals[:, 3].any()
     return pairs, kept
 
 

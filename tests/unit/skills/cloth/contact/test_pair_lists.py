@@ -1,12 +1,12 @@
-"""What the lists of pairs hold after a search: the new pairs of stale patches and the old ones of the others."""
+"""What the lists of pairs hold after a search: the new pairs of stale clusters and the old ones of the others."""
 
 import numpy as np
 import pytest
 
 from skills.cloth.broad_phase.pairs import _have_room, _renew_edge_edge, _renew_vertex_triangle
+from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PARKED
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.patches import build_patches
 from skills.cloth.state import EE, NOW, VT, new_pairs
 
 SHEET = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
@@ -20,19 +20,19 @@ def drawn(rng, firsts, seconds, n):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_pairs_of_stale_patches_give_way_to_the_new_ones(seed):
+def test_pairs_of_stale_clusters_give_way_to_the_new_ones(seed):
     """Both lists against sets, also such that are full in the end: no pair is lost or doubled, and what was known
     of a pair goes with it."""
     rng = np.random.default_rng(seed)
-    patches, pairs = build_patches(SHEET, SHEET.edges), new_pairs(ROOM, ROOM)
-    patches.stale[:] = rng.random(len(patches.stale)) < rng.choice([0.0, 0.1, 0.5, 1.0])
+    clusters, pairs = build_clusters(SHEET, SHEET.edges), new_pairs(ROOM, ROOM)
+    clusters.stale[:] = rng.random(len(clusters.stale)) < rng.choice([0.0, 0.1, 0.5, 1.0])
     counts = np.zeros(32, np.int64)
     counts[NOW] = 1000
     none = np.zeros((ROOM, 4))
     kinds = (
-        (VT, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, none, patches.of_vertex, patches.of_tri,
+        (VT, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, none, clusters.of_vertex, clusters.of_tri,
          pairs.new_vt, _renew_vertex_triangle, len(SHEET.triangles)),
-        (EE, pairs.ee, pairs.near, pairs.ee_due, pairs.ee_j, pairs.normal, patches.of_edge, patches.of_edge,
+        (EE, pairs.ee, pairs.near, pairs.ee_due, pairs.ee_j, pairs.normal, clusters.of_edge, clusters.of_edge,
          pairs.new_ee, _renew_edge_edge, len(SHEET.edges)),
     )  # fmt: skip
     for place, pair, known, due, borne, normal, of_first, of_second, new, renew, width in kinds:
@@ -53,16 +53,16 @@ def test_pairs_of_stale_patches_give_way_to_the_new_ones(seed):
             return {(i, j): (int(k), d, b, v if k else None) for (i, j), k, d, b, v in rows}
 
         before = held(n)
-        stale = {p for p in before if patches.stale[of_first[p[0]]] or patches.stale[of_second[p[1]]]}
+        stale = {p for p in before if clusters.stale[of_first[p[0]]] or clusters.stale[of_second[p[1]]]}
         # some of those that were there are found again
         again = [p for p in sorted(stale) if rng.random() < 0.5]
         fresh = [tuple(p) for p in drawn(rng, len(of_first), len(of_second), ROOM).tolist()]
         found = [p for p in dict.fromkeys(again + fresh) if p in stale or p not in before]
         found = found[: rng.choice([len(stale) // 2, ROOM - n + len(stale)])]
         rng.shuffle(found)
-        assert _have_room(len(found), n, pair, patches.stale, of_first, of_second)
+        assert _have_room(len(found), n, pair, clusters.stale, of_first, of_second)
         new[: len(found)] = np.array(found, np.int32).reshape(-1, 2)
-        renew(patches, np.int64(width), pairs, counts, len(found))
+        renew(clusters, np.int64(width), pairs, counts, len(found))
         after = held(counts[place])
         assert len(after) == counts[place]
         kept = {p: v for p, v in before.items() if p not in stale and (v[0] != 0 or v[1] != PARKED)}
@@ -73,7 +73,7 @@ def test_pairs_of_stale_patches_give_way_to_the_new_ones(seed):
         assert after == kept | renewed
 
 
-def test_room_is_what_stale_patches_leave():
+def test_room_is_what_stale_clusters_leave():
     pair = np.array([[0, 0], [1, 1], [0, 1], [7, 7]], np.int32)
     of = np.array([0, 1], np.int32)
     for stale, room in (((False, False), 1), ((True, False), 3), ((True, True), 4)):

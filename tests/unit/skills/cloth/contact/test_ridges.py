@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.cloth.broad_phase.patch_bounds import fit_patches
+from skills.cloth.broad_phase.cluster_bounds import fit_clusters
+from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import edge_distance
 from skills.cloth.contact.ridges import EVERY_EDGE, flat_cosine, note_ridges, stay_ridges
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.patches import build_patches
 from skills.cloth.state import new_pairs
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])
@@ -19,17 +19,17 @@ THICK, EDGE = 0.003, 0.025
 def ridges_of(mesh, x, flat):
     """Which edges are bent or at a rim, and which are at a rim."""
     edges = mesh.edges.astype(np.int32)
-    patches = build_patches(mesh, edges)
-    base = np.ascontiguousarray(x[patches.corner].T, np.float32)
-    m = len(patches.tri)
-    fit_patches(
-        patches, base, 0.0 * base, np.zeros(m, np.float32), np.zeros(m, np.int32), np.ones(m, bool), 0, 0.001, 0.0,
-        True, np.float32(flat)
+    clusters = build_clusters(mesh, edges)
+    base = np.ascontiguousarray(x[clusters.corner].T, np.float32)
+    m = len(clusters.tri)
+    fit_clusters(
+        clusters, base, 0.0 * base, np.zeros(m, np.float32), np.zeros(m, np.int32), np.ones(m, bool), 0, 0.001,
+        0.0, True, np.float32(flat)
     )  # fmt: skip
-    slot = patches.at_edge
-    assert (patches.edge.ravel()[slot] == np.arange(len(edges))).all()
-    return (patches.bent[slot // 16] >> slot % 16 & 1).astype(bool), (
-        patches.rim[slot // 16] >> slot % 16 & 1
+    slot = clusters.at_edge
+    assert (clusters.edge.ravel()[slot] == np.arange(len(edges))).all()
+    return (clusters.bent[slot // 16] >> slot % 16 & 1).astype(bool), (
+        clusters.rim[slot // 16] >> slot % 16 & 1
     ).astype(bool)
 
 
@@ -100,8 +100,8 @@ def test_edges_that_are_near_to_each_other_stay_ridges():
     np.testing.assert_array_equal(ridge, [1, 2, 1 | 1 << 15])
 
 
-def test_patches_in_which_others_became_ridges_go_along_with_the_next_search():
-    """Three rows of edges: two of a patch that is not searched now, one of one that is."""
+def test_clusters_in_which_others_became_ridges_go_along_with_the_next_search():
+    """Three rows of edges: two of a cluster that is not searched now, one of one that is."""
     start, stale = np.array([0, 2, 3], np.int32), np.array([False, True])
 
     def noted(ridge, searched, stale=stale):

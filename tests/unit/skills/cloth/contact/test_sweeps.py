@@ -22,7 +22,7 @@ from skills.cloth.contact.contacts import (
     release_overlaps,
     solve_contacts,
 )
-from skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_eight, store_eight
+from skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_f64x8, store_f64x8
 from skills.cloth.simd.vec3 import rows
 
 THICK = 0.003
@@ -257,8 +257,8 @@ def test_other_arrays_are_refused(wrong):
     order = np.zeros((1, EIGHT), np.uint32)
     for of in (
         lambda a: gather(a, members, x, 0), lambda a: gather(x, members, a, 0), lambda a: gather(x, a, x, 0),
-        lambda a: coordinates(a, order, 0), lambda a: coordinates(x, a, 0), lambda a: load_eight(a, 0, 0),
-        lambda a: store_eight(a, 0, 0, load_eight(block, 0, 0)),
+        lambda a: coordinates(a, order, 0), lambda a: coordinates(x, a, 0), lambda a: load_f64x8(a, 0, 0),
+        lambda a: store_f64x8(a, 0, 0, load_f64x8(block, 0, 0)),
     ):  # fmt: skip
         with pytest.raises(TypingError, match="C-ordered"):
             njit(of)(wrong)

@@ -70,7 +70,7 @@ def test_a_bulge_that_was_pushed_through_a_sheet_goes_back(reach):
 def without(s, frames):
     """Frames with contacts alone: no crossing gets old enough."""
     for _ in range(frames):
-        s._tangles.age[:] = 0
+        s._intersections.age[:] = 0
         s.advance(1)
 
 
@@ -125,7 +125,7 @@ def test_what_does_not_cross_is_left_alone():
     s, other = ClothSimulation(mesh, MATERIAL, x), ClothSimulation(mesh, MATERIAL, x)
     for _ in range(60):
         s.advance(1)
-        assert int(s._tangles.found[0]) == 0
+        assert int(s._intersections.found[0]) == 0
     without(other, 60)
     assert s.positions.tobytes() == other.positions.tobytes()
 
@@ -136,7 +136,7 @@ def test_a_crossing_is_found_and_its_age_goes_through_a_checkpoint():
     a.advance(GLANCE + PATIENCE - 1)
     saved = a.checkpoint()
     edge = a._body.edge
-    listed = saved["tangles.cross"][: int(saved["tangles.found"][0])].tolist()
+    listed = saved["intersections.cross"][: int(saved["intersections.found"][0])].tolist()
     found = {(*sorted(edge[e].tolist()), t) for e, t in listed}
     assert found == {(*sorted((i, j)), t) for i, j, t in find_crossings(a.positions, mesh.triangles).tolist()}
     b.restore(saved)
@@ -215,10 +215,10 @@ def test_damping_is_bounded_by_the_softer_direction_and_rest_by_the_edges():
     mesh = mesh_from_contour(SQUARE / 4.0, 0.005)
     fine = replace(MATERIAL, stretch_fraction=0.03, bending_length=0.02)
 
-    def rules(**settings):
-        return ClothSimulation(mesh, fine, settings=SolverSettings(substeps=16, **settings))._rules
+    def parameters(**settings):
+        return ClothSimulation(mesh, fine, settings=SolverSettings(substeps=16, **settings))._solver_parameters
 
-    damping = {a: rules(anisotropy=a).bend_gamma for a in (0.25, 1.0, 4.0)}
+    damping = {a: parameters(anisotropy=a).bend_gamma for a in (0.25, 1.0, 4.0)}
     assert damping[0.25] == damping[4.0] < damping[1.0] < 0.01 * 60 * 16
-    assert rules().sleep_distance == pytest.approx(mesh.edge_length.mean() / 12.0)
-    assert rules(sleep_distance=1e-4).sleep_distance == 1e-4
+    assert parameters().sleep_distance == pytest.approx(mesh.edge_length.mean() / 12.0)
+    assert parameters(sleep_distance=1e-4).sleep_distance == 1e-4

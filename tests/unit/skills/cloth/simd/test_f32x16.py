@@ -8,38 +8,38 @@ from numba.core.errors import TypingError
 from skills.cloth.contact.corners import common_corner
 from skills.cloth.simd.f32x16 import (
     LANES,
-    all_lanes,
     expect_columns,
     expect_rows,
-    least,
-    load_lanes,
-    most,
-    not_above,
-    picked,
-    root,
-    set_lanes,
-    size,
+    load_f32x16,
+    mask_less_equal,
+    permute,
+    splat_f32x16,
+    store_f32x16,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
     where,
 )
 from skills.cloth.simd.i32x16 import (
-    above,
-    all_whole,
-    differ,
-    greater,
-    how_many,
-    lesser,
-    load_whole,
-    packed,
-    places,
-    put_pairs,
-    put_whole,
+    compress,
+    iota,
+    load_i32x16,
+    mask_greater,
+    mask_not_equal,
+    popcount,
+    splat_i32x16,
+    store_i32x16,
+    store_interleaved,
+    vmax_i32x16,
+    vmin_i32x16,
 )
 from skills.cloth.simd.vec3 import load, rows, store_singles
 
 
 @njit
 def bits_of(given, k):
-    a, b, limit = load_lanes(given, 0, 0), load_lanes(given, 0, 1), load_lanes(given, 1, 0)
+    a, b, limit = load_f32x16(given, 0, 0), load_f32x16(given, 0, 1), load_f32x16(given, 1, 0)
     if k == 0:
         made = a + b
     elif k == 1:
@@ -49,16 +49,16 @@ def bits_of(given, k):
     elif k == 3:
         made = a / b
     elif k == 4:
-        made = size(a)
+        made = vabs(a)
     elif k == 5:
-        made = least(a, b)
+        made = vmin(a, b)
     elif k == 6:
-        made = most(a, b)
+        made = vmax(a, b)
     elif k == 7:
-        made = root(size(a))
+        made = vsqrt(vabs(a))
     else:
-        made = all_lanes(given[0, 0, 3])
-    return not_above(made, limit)
+        made = splat_f32x16(given[0, 0, 3])
+    return mask_less_equal(made, limit)
 
 
 OPERATIONS = [
@@ -71,7 +71,7 @@ OPERATIONS = [
 def test_they_compute_as_numpy_does(k):
     """Told by limits just above and below what is expected in each place, and by equal ones."""
     given = np.zeros((2, 2, LANES), np.float32)
-    given[0] = np.random.default_rng(k).normal(size=(2, LANES))
+    given[0] = np.random.default_rng(k).normal(vabs=(2, LANES))
     expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
     above = np.random.default_rng(10 + k).random(LANES) < 0.5
     given[1, 0] = expected + np.where(above, 1e-5, -1e-5) * (1.0 + np.abs(expected))
@@ -86,20 +86,20 @@ def test_equal_is_not_above():
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.float32)])
 def test_other_arrays_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
-        njit(lambda a: not_above(load_lanes(a, 0, 0), load_lanes(a, 0, 0)))(wrong)
+        njit(lambda a: mask_less_equal(load_f32x16(a, 0, 0), load_f32x16(a, 0, 0)))(wrong)
 
 
 @njit
 def choose(given, which, bits, out):
-    a, b = load_lanes(given, 0, 0), load_lanes(given, 0, 1)
-    set_lanes(out, 1, 0, picked(a, load_whole(which, 0, 0)))
-    set_lanes(out, 1, 2, where(bits, a, b))
+    a, b = load_f32x16(given, 0, 0), load_f32x16(given, 0, 1)
+    store_f32x16(out, 1, 0, permute(a, load_i32x16(which, 0, 0)))
+    store_f32x16(out, 1, 2, where(bits, a, b))
 
 
 @pytest.mark.parametrize("bits", [0, 1, 0b1010011100101, 2**LANES - 1])
 def test_numbers_are_picked_and_chosen_as_numpy_does(bits):
     rng = np.random.default_rng(bits)
-    given, out = rng.normal(size=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
+    given, out = rng.normal(vabs=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
     which = rng.integers(0, 3 * LANES, (1, 1, LANES)).astype(np.int32)
     choose(given, which, np.int32(bits), out)
     np.testing.assert_array_equal(out[1, 0], given[0, 0, which[0, 0] % LANES])
@@ -109,10 +109,10 @@ def test_numbers_are_picked_and_chosen_as_numpy_does(bits):
 
 @njit
 def put_whole_numbers(given, bits, flat, pairs):
-    a, b = load_whole(given, 0, 0), load_whole(given, 0, 1)
-    put_whole(flat, 2, packed(a, bits))
-    put_pairs(pairs, 3, lesser(a, b), greater(places(np.int32(5)), all_whole(given[0, 0, 1])))
-    return above(a, b), differ(a, b), how_many(bits)
+    a, b = load_i32x16(given, 0, 0), load_i32x16(given, 0, 1)
+    store_i32x16(flat, 2, compress(a, bits))
+    store_interleaved(pairs, 3, vmin_i32x16(a, b), vmax_i32x16(iota(np.int32(5)), splat_i32x16(given[0, 0, 1])))
+    return mask_greater(a, b), mask_not_equal(a, b), popcount(bits)
 
 
 @pytest.mark.parametrize("bits", [0, 1, 2 ** (LANES - 1), 0b1010011100101, 2**LANES - 1])
@@ -132,7 +132,7 @@ def test_whole_numbers_are_compared_and_put_down_as_numpy_does(bits):
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.int32)])
 def test_other_arrays_of_whole_numbers_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
-        njit(lambda a: differ(load_whole(a, 0, 0), load_whole(a, 0, 0)))(wrong)
+        njit(lambda a: mask_not_equal(load_i32x16(a, 0, 0), load_i32x16(a, 0, 0)))(wrong)
 
 
 def test_arrays_of_other_shapes_are_refused():

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from skills.cloth.simd.f64x4 import all_four, dots, ends, load_four, over, pick_four, where_above
+from skills.cloth.simd.f64x4 import dots, ends, gather_f64x4, load_f64x4, splat_f64x4, vdiv, where_above
 from skills.cloth.simd.vec3 import dot, load, rows, store, vector
 
 
@@ -16,11 +16,11 @@ def of_four_edges(x, edge, first, number, out):
     b = load(x, j[0]), load(x, j[1]), load(x, j[2]), load(x, j[3])
     store(out, 0, dots(a, b))
     store(out, 1, vector(dot(a[0], b[0]), dot(a[1], b[1]), dot(a[2], b[2])))
-    own, other = load_four(number, first), pick_four(number, j)
+    own, other = load_f64x4(number, first), gather_f64x4(number, j)
     store(out, 2, own)
     store(out, 3, other)
-    store(out, 4, over(own, other))
-    store(out, 5, where_above(own, other, own, all_four(7.0)))
+    store(out, 4, vdiv(own, other))
+    store(out, 5, where_above(own, other, own, splat_f64x4(7.0)))
 
 
 @pytest.mark.parametrize("first", [0, 3, 5])

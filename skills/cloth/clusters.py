@@ -1,12 +1,13 @@
-"""Patches of some triangles, in which pairs that may touch are searched: what they are, and how cloth is split.
+"""Clusters of up to LEAF triangles, between which the broad phase searches for pairs: their data, and how cloth is
+split into them.
 
-Each patch foresees a course for its corners, straight lines from where they were when it was last searched, and
-is searched again when one of them left its line, or the course has run out, or a corner has just woken. Its
-neighbours keep theirs, although they share corners with it: a pair of primitives is good as long as the courses of
-the two patches that own them are. Cloth at rest costs nothing.
+Each cluster predicts straight courses for its corners from their positions at its last search. It is searched
+again when a corner leaves its course, the course has run out, or a corner has just woken. Its neighbours keep
+their courses, although they share corners with it: a pair of primitives is valid as long as the courses of the two
+clusters that own them are. Cloth at rest costs nothing.
 
-The geometry is kept in single precision, in rows of LANES, so that one row is a few vector instructions: a tree
-of boxes tests less and takes longer.
+The geometry is in single precision, in rows of LANES, so that a row is a few vector instructions: a tree of boxes
+tests less and takes longer.
 """
 
 from __future__ import annotations
@@ -24,40 +25,41 @@ from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.f32x16 import LANES
 
-__all__ = ["FAR", "LEAF", "Patches", "build_patches"]
+__all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
 
-LEAF = LANES  # triangles of a patch, at most: a row of them
-FAR = 1e6  # [m] where the unused places of a row are; of triangles, see `Patches`
-FACING = 0.1  # sine of the angle by which the middles of two sides of a border have to face each other
+LEAF = LANES  # most triangles of a cluster: a row of them
+FAR = 1e6  # [m] position of the unused lanes of a row; for triangles, see `Clusters`
+FACING = 0.1  # least sine of the angle at which two border sides face each other, from middle to middle
 
 
-class Patches(NamedTuple):
-    """corner: (corners,) vertices of the patches' triangles, of patch k from corner_start[k] to
-    corner_start[k + 1], one or two times LANES (the last one is repeated): each patch has a course of its own for
-    them. tri: (m, LANES) triangles of each patch, -1 where there is none; edge: (rows, LANES) likewise, of patch k
-    in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise; tri_at (m, 3, LANES),
-    edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners, any where there is
-    none; face (m, 4, LANES): tri, and the vertices of
-    each. Each primitive belongs to one patch (of_tri, of_edge, of_vertex), so that a pair is met once. ring,
-    ring_start: triangles in and beside each patch, as patch x LANES + place in it; beside, beside_start: patches
-    of its layer with a common vertex, itself too; smooth, smooth_start: of these, those that cannot touch it while
-    all their normals lean one way.
+class Clusters(NamedTuple):
+    """Topology. corner: (corners,) vertices of the clusters' triangles, of cluster k from corner_start[k] to
+    corner_start[k + 1], one or two times LANES (the last one is repeated); each cluster has its own course for
+    them. tri: (m, LANES) triangles of each cluster, -1 where there is none; edge: (rows, LANES) likewise, of
+    cluster k in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise. tri_at (m,
+    3, LANES), edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners, arbitrary where there is none;
+    face (m, 4, LANES): tri, and the vertices of each. Each primitive belongs to one cluster (of_tri, of_edge,
+    of_vertex), so that a pair is found once. ring, ring_start: triangles in and beside each cluster, as cluster x
+    LANES + lane; beside, beside_start: clusters of its layer with a common vertex, itself included; smooth,
+    smooth_start: those of them that cannot touch it while all their normals lean in one direction.
 
-    Bounds where the corners are foreseen in the middle of the horizon, as middle, extent and speed: what is within
-    the extent, in the frame that moves with this speed, all the time. box (groups, 9, LANES) along the axes, of
-    each patch; group (groups, 9), of LANES patches; slab (m, 6): mean normal of a patch and bounds along it;
-    normal (m, 6): bounds of the normals, up to date in stale patches and those beside them. place: (3, corners);
-    tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, by how much the corners' differ from it,
-    slack; in places without a triangle those of some corners, but no normal. edge_geo (rows, 13, LANES): start,
-    direction, squared length, the same of its motion, and one over the squared length; vertex_geo (rows, 7,
-    LANES): place, velocity, slack. stale: (m,) to be searched; fitted: whose geometry was just put down; hit:
-    (m + LANES,) scratch.
+    Bounds of the corners predicted for the middle of the horizon, as middle, extent and speed: in the frame that
+    moves with this speed, they stay within the extent for the whole horizon. box (groups, 9, LANES) along the
+    axes, of each cluster; group (groups, 9), of LANES clusters; slab (m, 6): mean normal of a cluster and bounds
+    along it; normal (m, 6): bounds of the normals, up to date in stale clusters and those beside them.
 
-    at_edge: (e,) where each edge is, as row x LANES + place; edge_beside (rows, 2, LANES) the triangles beside
-    it, as patch x LANES + place, 0 where there are not two. A bit for each edge (rows,): rim, without two
-    triangles in one layer; bent, and those that are bent; ridge, and those that stay ridges in this search
-    (ridges.py); ridge_before: what that was when edge_geo was put down. It has ridges alone, from the first row of
-    each patch on: ridges (m,) of them, ridge_edge (rows, 3, LANES) which they are, and their ends."""
+    Geometry. place: (3, corners); tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, largest
+    difference of the corners' velocities from it, slack; lanes without a triangle repeat some corners and have no
+    normal. edge_geo (rows, 13, LANES): start, direction, squared length, the same of its motion, and the inverse
+    squared length; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: (m,)
+    geometry was just updated; hit: (m + LANES,) scratch.
+
+    Ridges. at_edge: (e,) place of each edge, as row x LANES + lane; edge_beside (rows, 2, LANES): the triangles
+    beside it, as cluster x LANES + lane, 0 where there are not two. Bits of the edges (rows,): rim, without two
+    triangles in one layer; bent, rim and the bent edges; ridge, bent and the edges that stay ridges in this search
+    (ridges.py); ridge_before, the ridges for which edge_geo was computed. edge_geo has ridges alone, from the
+    first row of each cluster on; ridges: (m,) their number; ridge_edge (rows, 3, LANES): their indices and ends.
+    """
 
     corner: NDArray[np.int32]
     corner_start: NDArray[np.int32]
@@ -100,16 +102,16 @@ class Patches(NamedTuple):
     hit: NDArray[np.int32]
 
 
-def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
-    """Splits of each layer along its longer side, and where it is not in one piece; `edge`: (e, 2) in the order
-    that pairs refer to."""
+def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
+    """Split each layer repeatedly along its longer side, and where it is not connected. `edge`: (e, 2) in the
+    order that pairs refer to."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
-    patches: list[NDArray[np.intp]] = []
+    clusters: list[NDArray[np.intp]] = []
 
     def split(tris: NDArray[np.intp]) -> None:
         count = -(-len(tris) // LEAF)
         if count <= 1:
-            patches.append(tris)
+            clusters.append(tris)
             return
         axis = int(np.argmax(np.ptp(centre[tris], axis=0)))
         order = tris[np.argsort(centre[tris, axis], kind="stable")]
@@ -119,19 +121,19 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
 
     for k in np.unique(mesh.triangle_layer):
         split(np.flatnonzero(mesh.triangle_layer == k))
-    patches = _in_pieces(mesh, _of_few_corners(mesh, _in_pieces(mesh, patches)))
-    m = len(patches)
-    vertices, edges = _shares(mesh, edge, patches)
-    tri, _, of_tri = _lanes(patches, len(mesh.triangles))
+    clusters = _in_pieces(mesh, _of_few_corners(mesh, _in_pieces(mesh, clusters)))
+    m = len(clusters)
+    vertices, edges = _shares(mesh, edge, clusters)
+    tri, _, of_tri = _lanes(clusters, len(mesh.triangles))
     owned, edge_start, of_edge = _lanes(edges, len(edge))
     vertex, vertex_start, of_vertex = _lanes(vertices, len(mesh.rest))
-    corner, corner_start, find = _corners(mesh, patches)
+    corner, corner_start, find = _corners(mesh, clusters)
     slot = np.zeros(len(of_tri), np.intp)
     slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
-    ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, patches)])
-    near = _beside(mesh, patches)
+    ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, clusters)])
+    near = _beside(mesh, clusters)
     beside, beside_start = _rows(near)
-    smooth, smooth_start = _rows(_smooth_beside(mesh, patches, near))
+    smooth, smooth_start = _rows(_smooth_beside(mesh, clusters, near))
     groups = -(-m // LANES)
     box = np.zeros((groups, 9, LANES), np.float32)
     box[:, :3] = FAR
@@ -141,7 +143,7 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
     vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
     vertex_geo[:, :3] = FAR
     edge_beside, rim = _beside_edges(mesh, edge, owned, slot)
-    return Patches(
+    return Clusters(
         corner,
         corner_start,
         tri,
@@ -185,14 +187,14 @@ def build_patches(mesh: ClothMesh, edge: NDArray[np.int32]) -> Patches:
 
 
 def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:
-    """(rows, 1 + k, LANES): what is in each place of `owned`, and its corners (n, k); -1 where there is none."""
+    """(rows, 1 + k, LANES): the index in each place of `owned`, and its corners (n, k); -1 where there is none."""
     vertices = np.where(owned[..., None] < 0, -1, corners[owned])
     numbers = np.concatenate([owned[:, None], vertices.transpose(0, 2, 1)], axis=1)
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
 def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """Where in `owned` each of n is, as row x LANES + place."""
+    """Place of each of n in `owned`, as row x LANES + lane."""
     at = np.zeros(n, np.int32)
     at[owned[owned >= 0]] = np.flatnonzero(owned.ravel() >= 0)
     return at
@@ -201,8 +203,8 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 def _beside_edges(
     mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as patch x LANES + place; and bits of the
-    edges that have not two in one layer."""
+    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as cluster x LANES + lane; and bits of the
+    edges without two triangles in one layer."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     sides: list[list[int]] = [[] for _ in edge]
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -222,24 +224,24 @@ def _beside_edges(
 
 
 def _corners(
-    mesh: ClothMesh, patches: list[NDArray[np.intp]]
+    mesh: ClothMesh, clusters: list[NDArray[np.intp]]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Callable[..., NDArray[np.int32]]]:
-    """Corners of the patches and their starts, and what finds the corners of given patches at given vertices."""
+    """Corners of the clusters, their starts, and a function (clusters, vertices) -> corners."""
     n = len(mesh.rest)
-    lists = [np.unique(mesh.triangles[tris]) for tris in patches]
+    lists = [np.unique(mesh.triangles[tris]) for tris in clusters]
     padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
     corner, start = _rows(padded)
     most = max(map(len, padded))
-    if most > 2 * LANES:  # their geometry is taken from two rows (patch_bounds.py)
-        raise InternalError("a patch of too many corners", corners=most)
-    number = np.full((len(patches), n), -1, np.int32)
+    if most > 2 * LANES:  # cluster_bounds.py reads two rows
+        raise InternalError("a cluster of too many corners", corners=most)
+    number = np.full((len(clusters), n), -1, np.int32)
     for k, v in enumerate(lists):
         number[k, v] = start[k] + np.arange(len(v))
-    return corner, start, lambda patch, vertex: number[patch, vertex]
+    return corner, start, lambda cluster, vertex: number[cluster, vertex]
 
 
 def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The lists one after the other, and their starts."""
+    """The lists concatenated, and their starts."""
     start = np.concatenate([[0], np.cumsum([len(k) for k in lists])]).astype(np.int32)
     return np.concatenate(lists).astype(np.int32), start
 
@@ -247,7 +249,8 @@ def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDAr
 def _lanes(
     lists: list[NDArray[np.intp]], n: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """The lists in rows of LANES, each from a row of its own on; its first row; and of which list each of n is."""
+    """The lists in rows of LANES, each beginning in its own row; the first row of each; and the list of each of
+    n."""
     start = np.concatenate([[0], np.cumsum([-(-len(k) // LANES) for k in lists])]).astype(np.int32)
     rows, of = np.full((start[-1], LANES), -1, np.int32), np.zeros(n, np.int32)
     for k, members in enumerate(lists):
@@ -257,15 +260,15 @@ def _lanes(
 
 
 def _shares(
-    mesh: ClothMesh, edge: NDArray[np.int32], patches: list[NDArray[np.intp]]
+    mesh: ClothMesh, edge: NDArray[np.int32], clusters: list[NDArray[np.intp]]
 ) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
-    """Vertices and edges of each patch: each with one of the patches that touch it, edges with the one that has
-    fewest so far."""
+    """Vertices and edges owned by each cluster. Each is owned by one of the clusters that touch it; an edge by the
+    one with the fewest edges so far."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     vertex_free = np.ones(len(mesh.rest), bool)
     vertices: list[NDArray[np.intp]] = []
     touching: dict[int, list[int]] = {}
-    for k, tris in enumerate(patches):
+    for k, tris in enumerate(clusters):
         t = mesh.triangles[tris]
         v = np.unique(t)
         sides = np.unique(np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1), axis=0)
@@ -273,21 +276,21 @@ def _shares(
             touching.setdefault(number[i, j], []).append(k)
         vertices.append(v[vertex_free[v]].astype(np.intp))
         vertex_free[v] = False
-    edges: list[list[int]] = [[] for _ in patches]
+    edges: list[list[int]] = [[] for _ in clusters]
     for e in sorted(touching, key=lambda e: (len(touching[e]), touching[e][0], e)):
         edges[min(touching[e], key=lambda k: len(edges[k]))].append(e)
     return vertices, [np.array(sorted(e), np.intp) for e in edges]
 
 
-def _rings(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The triangles of each patch and those of its layer beside them: its edges and vertices are also theirs."""
+def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The triangles of each cluster and those of its layer beside them, which share its edges and vertices."""
     layer = mesh.triangle_layer
     faces: dict[tuple[int, int, int], list[int]] = {}
     for t, tri in enumerate(mesh.triangles.tolist()):
         for k in range(3):
             i, j = sorted((tri[k], tri[(k + 1) % 3]))
             faces.setdefault((i, j, int(layer[t])), []).append(t)
-    ring: list[set[int]] = [set(map(int, tris)) for tris in patches]
+    ring: list[set[int]] = [set(map(int, tris)) for tris in clusters]
     of = {t: k for k, tris in enumerate(ring) for t in list(tris)}
     for pair in faces.values():
         for t in pair:
@@ -295,11 +298,12 @@ def _rings(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.
     return [np.array(sorted(tris), np.intp) for tris in ring]
 
 
-def _beside(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """For each patch those of its layer with a common vertex, itself among them."""
+def _beside(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """For each cluster those of its layer with a common vertex, itself included."""
     at: dict[tuple[int, int], set[int]] = {}
     keys = [
-        {(int(mesh.triangle_layer[tris[0]]), v) for v in mesh.triangles[tris].ravel().tolist()} for tris in patches
+        {(int(mesh.triangle_layer[tris[0]]), v) for v in mesh.triangles[tris].ravel().tolist()}
+        for tris in clusters
     ]
     for k, own in enumerate(keys):
         for key in own:
@@ -308,13 +312,14 @@ def _beside(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np
 
 
 def _smooth_beside(
-    mesh: ClothMesh, patches: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
+    mesh: ClothMesh, clusters: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
 ) -> list[NDArray[np.intp]]:
-    """Of the patches `beside` each, those that have no borders facing one another: in a notch, as between the legs
-    of pants, cloth meets cloth edge to edge, as flat as it may be. A border is a patch's if one end of it is."""
+    """Of the clusters `beside` each, those without borders that face one another. In a notch, as between the legs
+    of pants, cloth meets cloth edge to edge, however flat it is. A cluster has a border if it has one end of
+    it."""
     end, middle, outward, layer = _borders(mesh)
     rims = []
-    for tris in patches:
+    for tris in clusters:
         own = np.isin(end, mesh.triangles[tris]).any(axis=1) & (layer == mesh.triangle_layer[tris[0]])
         rims.append((middle[own], outward[own]))
 
@@ -346,25 +351,24 @@ def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[
     return ends, middle, np.where(inward[:, None], -normal, normal), layer
 
 
-def _in_pieces(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The patches, in parts that have no vertex in common where they are not of one piece: on both sides of a
-    notch."""
+def _in_pieces(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The clusters, split into connected parts: a cluster may lie on both sides of a notch."""
     t = len(mesh.triangles)
     of = np.zeros(t, np.int64)
-    for k, tris in enumerate(patches):
+    for k, tris in enumerate(clusters):
         of[tris] = k
     corners, corner = np.unique(of[:, None] * len(mesh.rest) + mesh.triangles, return_inverse=True)
     touches = (np.ones(3 * t), (np.repeat(np.arange(t), 3), t + corner.ravel()))
     _, part = connected_components(csr_array(touches, shape=(t + len(corners),) * 2), directed=False)
-    return [tris[part[tris] == k] for tris in patches for k in dict.fromkeys(part[tris].tolist())]
+    return [tris[part[tris] == k] for tris in clusters for k in dict.fromkeys(part[tris].tolist())]
 
 
-def _of_few_corners(mesh: ClothMesh, patches: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The patches, in halves where they have more corners than two rows of LANES hold: if most of their triangles
-    have but one corner in common with another."""
-    fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in patches]
+def _of_few_corners(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """The clusters, halved where they have more corners than two rows of LANES hold, as when most of their
+    triangles share only one corner with another."""
+    fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in clusters]
     halves = [
         (tris,) if fits else (tris[: LEAF // 2], tris[LEAF // 2 :])
-        for tris, fits in zip(patches, fit, strict=True)
+        for tris, fits in zip(clusters, fit, strict=True)
     ]
     return [tris for parts in halves for tris in parts]

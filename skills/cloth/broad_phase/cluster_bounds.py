@@ -1,39 +1,39 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The geometry of patches where their courses lead, and what bounds it for the search."""
+"""Geometry and bounds of the clusters along their predicted courses, for the search."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import int32, njit
 
+from skills.cloth.clusters import FAR
 from skills.cloth.contact.ridges import find_ridges
-from skills.cloth.patches import FAR
 from skills.cloth.simd.f32x16 import (
     LANES,
-    all_lanes,
+    ctz,
     expect_columns,
     expect_rows,
-    least,
-    load_lanes,
-    lowest,
-    most,
-    picked,
-    root,
-    set_lanes,
+    load_f32x16,
+    permute,
+    splat_f32x16,
+    store_f32x16,
+    vmax,
+    vmin,
+    vsqrt,
     where,
 )
 from skills.cloth.simd.i32x16 import (
-    above,
-    all_whole,
-    load_whole,
+    load_i32x16,
+    mask_greater,
+    splat_i32x16,
 )
 
-__all__ = ["fit_patches", "fit_ridges"]
+__all__ = ["fit_clusters", "fit_ridges"]
 
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
-TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # instead of 0: for points and lines, for a sum of normals
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # in place of 0: for points and lines, for a sum of normals
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
@@ -50,7 +50,7 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_normals(k, ring, start, geo, normal):
-    """Bounds of the normals of the triangles in and beside patch k."""
+    """Bounds of the normals of the triangles in and beside cluster k."""
     x_lo = y_lo = z_lo = ONE
     x_hi = y_hi = z_hi = -ONE
     for a in range(np.uint64(start[k]), np.uint64(start[k + 1])):
@@ -64,7 +64,7 @@ def _fit_normals(k, ring, start, geo, normal):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
-    """Mean normal of patch k's triangles, and bounds along it."""
+    """Mean normal of cluster k's triangles, and bounds along it."""
     nx, ny, nz = TINY, ZERO, ZERO
     for a in range(LANES):
         nx, ny, nz = nx + geo[k, 6, a], ny + geo[k, 7, a], nz + geo[k, 8, a]
@@ -81,64 +81,66 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 @njit(nogil=True, forceinline=True)
 def _at(a, d, rows, at, later):
-    """a[d, at] of an array (3, rows, LANES): each place is in the first of the `rows` or, where there is a bit, in
-    the other one."""
-    return where(later, picked(load_lanes(a, d, rows[1]), at), picked(load_lanes(a, d, rows[0]), at))
+    """a[d, at] of an array (3, rows, LANES): from the first of the `rows` or, where the bit is set, from the
+    second."""
+    return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
 @njit(nogil=True, forceinline=True)
 def _three_at(a, rows, at, later):
-    """The same for three coordinates."""
+    """`_at` for three coordinates."""
     return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
-    """Velocity of the middle of triangles along axis d, of those of the corners; -> by how much they differ."""
-    mean = (p + q + r) * all_lanes(THIRD)
-    set_lanes(geo, k, 10 + d, mean)
+    """Velocity of the triangles' middles along axis d. -> squared differences of the corners' velocities from
+    it."""
+    mean = (p + q + r) * splat_f32x16(THIRD)
+    store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean
     return p * p, q * q, r * r
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
-    """Of patch k, whose corners are in two `rows` of place and course (3, rows, LANES)."""
-    p, q, r = load_whole(at, k, 0), load_whole(at, k, 1), load_whole(at, k, 2)
-    end = all_whole(int32((rows[0] + ONE_ROW) * LANES - 1))
-    in_p, in_q, in_r = above(p, end), above(q, end), above(r, end)
+    """Geometry of the triangles of cluster k, whose corners are in two `rows` of place and course (3, rows,
+    LANES)."""
+    p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
+    end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
+    in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
     px, py, pz = _three_at(place, rows, p, in_p)
     qx, qy, qz = _three_at(place, rows, q, in_q)
     rx, ry, rz = _three_at(place, rows, r, in_r)
-    set_lanes(geo, k, 0, least(px, least(qx, rx)))
-    set_lanes(geo, k, 1, least(py, least(qy, ry)))
-    set_lanes(geo, k, 2, least(pz, least(qz, rz)))
-    set_lanes(geo, k, 3, most(px, most(qx, rx)))
-    set_lanes(geo, k, 4, most(py, most(qy, ry)))
-    set_lanes(geo, k, 5, most(pz, most(qz, rz)))
+    store_f32x16(geo, k, 0, vmin(px, vmin(qx, rx)))
+    store_f32x16(geo, k, 1, vmin(py, vmin(qy, ry)))
+    store_f32x16(geo, k, 2, vmin(pz, vmin(qz, rz)))
+    store_f32x16(geo, k, 3, vmax(px, vmax(qx, rx)))
+    store_f32x16(geo, k, 4, vmax(py, vmax(qy, ry)))
+    store_f32x16(geo, k, 5, vmax(pz, vmax(qz, rz)))
     ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, rx - px, ry - py, rz - pz
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    s = all_lanes(ONE) / root(nx * nx + ny * ny + nz * nz + all_lanes(TINY))
-    there, zero = above(load_whole(tris, 0, k), all_whole(int32(-1))), all_lanes(ZERO)
+    s = splat_f32x16(ONE) / vsqrt(nx * nx + ny * ny + nz * nz + splat_f32x16(TINY))
+    there, zero = mask_greater(load_i32x16(tris, 0, k), splat_i32x16(int32(-1))), splat_f32x16(ZERO)
     nx, ny, nz = where(there, nx * s, zero), where(there, ny * s, zero), where(there, nz * s, zero)
-    set_lanes(geo, k, 6, nx)
-    set_lanes(geo, k, 7, ny)
-    set_lanes(geo, k, 8, nz)
-    set_lanes(geo, k, 9, nx * px + ny * py + nz * pz)
+    store_f32x16(geo, k, 6, nx)
+    store_f32x16(geo, k, 7, ny)
+    store_f32x16(geo, k, 8, nz)
+    store_f32x16(geo, k, 9, nx * px + ny * py + nz * pz)
     px, py, pz = _three_at(course, rows, p, in_p)
     qx, qy, qz = _three_at(course, rows, q, in_q)
     rx, ry, rz = _three_at(course, rows, r, in_r)
     px, qx, rx = _fit_speeds(k, 0, px, qx, rx, geo)
     py, qy, ry = _fit_speeds(k, 1, py, qy, ry, geo)
     pz, qz, rz = _fit_speeds(k, 2, pz, qz, rz, geo)
-    differs = most(zero, most(px + py + pz, most(qx + qy + qz, rx + ry + rz)))
-    set_lanes(geo, k, 13, root(differs))
-    set_lanes(geo, k, 14, all_lanes(slack))
+    differs = vmax(zero, vmax(px + py + pz, vmax(qx + qy + qz, rx + ry + rz)))
+    store_f32x16(geo, k, 13, vsqrt(differs))
+    store_f32x16(geo, k, 14, splat_f32x16(slack))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edge(i, j, place, course, slack, geo, row, a):
-    """An edge between corners i and j into place a of a row."""
+    """An edge between corners i and j into lane a of a row."""
     length2 = differs = ZERO
     for d in range(3):
         along = place[d, j] - place[d, i]
@@ -163,19 +165,19 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, everything, flat):
-    """Geometry where the corners are foreseen `horizon` [s] after the substep `now`: base + course x time since
-    the substep `born`, each of `span` [s]; patches that neither move nor are stale are as they were. Normals of
-    stale patches and of those beside them: no others are asked for. Which edges
-    are bent, of the patches that were fitted and those beside them. flat: cosine of a ridge (ridges.py)."""
-    place, box, corner_start, stale = patches.place, patches.box, patches.corner_start, patches.stale
-    tri, tri_at, tri_geo, slab = patches.tri, patches.tri_at.view(np.uint32), patches.tri_geo, patches.slab
-    edge = patches.edge
-    vertex, vertex_at, vertex_geo = patches.vertex, patches.vertex_at.view(np.uint32), patches.vertex_geo
-    edge_start, vertex_start, fitted = patches.edge_start, patches.vertex_start, patches.fitted
-    beside, beside_start = patches.beside, patches.beside_start
-    ring, ring_start, normal = patches.ring.view(np.uint32), patches.ring_start, patches.normal
-    rim, bent, edge_beside = patches.rim, patches.bent, patches.edge_beside.view(np.uint32)
+def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
+    """Geometry with the corners predicted for `horizon` [s] after the substep `now`: base + course x time since
+    the substep `born`, each substep of `span` [s]. Clusters that neither move nor are stale stay as they were.
+    Normals are updated in stale clusters and those beside them, where the search reads them. Bent edges are
+    updated in the fitted clusters and those beside them. flat: cosine of a ridge (ridges.py)."""
+    place, box, corner_start, stale = clusters.place, clusters.box, clusters.corner_start, clusters.stale
+    tri, tri_at, tri_geo, slab = clusters.tri, clusters.tri_at.view(np.uint32), clusters.tri_geo, clusters.slab
+    edge = clusters.edge
+    vertex, vertex_at, vertex_geo = clusters.vertex, clusters.vertex_at.view(np.uint32), clusters.vertex_geo
+    edge_start, vertex_start, fitted = clusters.edge_start, clusters.vertex_start, clusters.fitted
+    beside, beside_start = clusters.beside, clusters.beside_start
+    ring, ring_start, normal = clusters.ring.view(np.uint32), clusters.ring_start, clusters.normal
+    rim, bent, edge_beside = clusters.rim, clusters.bent, clusters.edge_beside.view(np.uint32)
     ahead = np.float32(horizon)
     place_rows, course_rows = place.reshape((3, -1, LANES)), course.reshape((3, -1, LANES))
     tris = tri.reshape((1, -1, LANES))
@@ -211,16 +213,16 @@ def fit_patches(patches, base, course, slack, born, moving, now, span, horizon, 
         if _beside_some(beside, beside_start, fitted, k):
             for row in range(np.uint64(edge_start[k]), np.uint64(edge_start[k + 1])):
                 bent[row] = rim[row] | find_ridges(row, edge, edge_beside, tri_geo, flat)
-    _fit_groups(box, len(moving), ahead, patches.group)
+    _fit_groups(box, len(moving), ahead, clusters.group)
 
 
 @njit(nogil=True, error_model="numpy")
-def fit_ridges(patches, course, slack):
-    """Geometry of the edges that are ridges, those of a patch side by side in its rows: of patches that were
-    fitted (`fit_patches`), or of which others have become ridges."""
-    edge, edge_at, start = patches.edge, patches.edge_at.view(np.uint32), patches.edge_start
-    ridge, before, place, fitted = patches.ridge, patches.ridge_before, patches.place, patches.fitted
-    ridges, ridge_edge, geo, corner = patches.ridges, patches.ridge_edge, patches.edge_geo, patches.corner
+def fit_ridges(clusters, course, slack):
+    """Geometry of the edges that are ridges, side by side in the rows of their cluster, of clusters that were
+    fitted (`fit_clusters`) or whose ridges changed."""
+    edge, edge_at, start = clusters.edge, clusters.edge_at.view(np.uint32), clusters.edge_start
+    ridge, before, place, fitted = clusters.ridge, clusters.ridge_before, clusters.place, clusters.fitted
+    ridges, ridge_edge, geo, corner = clusters.ridges, clusters.ridge_edge, clusters.edge_geo, clusters.corner
     expect_rows(geo, 13)
     expect_rows(ridge_edge, 3)
     expect_rows(edge_at, 2)
@@ -233,7 +235,7 @@ def fit_ridges(patches, course, slack):
         for row in range(first, last):
             before[row] = bits = ridge[row]
             while bits:
-                a = lowest(bits)
+                a = ctz(bits)
                 bits &= bits - 1
                 if edge[row, a] < 0:
                     continue
@@ -248,7 +250,7 @@ def fit_ridges(patches, course, slack):
 
 @njit(nogil=True, forceinline=True)
 def _differ(first, last, a, b):
-    """Whether two arrays do from first to last."""
+    """Whether two arrays differ from first to last."""
     found = False
     for row in range(first, last):
         found = found or a[row] != b[row]
@@ -257,7 +259,7 @@ def _differ(first, last, a, b):
 
 @njit(nogil=True, forceinline=True)
 def _beside_some(beside, start, which, k):
-    """Whether patch k or one beside it is one of these."""
+    """Whether `which` is set for cluster k or one beside it."""
     found = False
     for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
         found |= which[np.uint64(beside[row])]

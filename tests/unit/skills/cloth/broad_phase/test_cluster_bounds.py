@@ -1,13 +1,13 @@
-"""Patches, and the geometry that bounds them, against numpy."""
+"""Clusters, and the geometry that bounds them, against numpy."""
 
 from types import SimpleNamespace
 
 import numpy as np
 
-from skills.cloth.broad_phase.patch_bounds import fit_patches
+from skills.cloth.broad_phase.cluster_bounds import fit_clusters
+from skills.cloth.clusters import LEAF, _of_few_corners
 from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.patches import LEAF, _of_few_corners
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.state import new_pairs, new_state
 from skills.cloth.topology import topology_of
@@ -17,21 +17,21 @@ MESH = mesh_from_contour(NOTCHED, 0.02, layers=2)
 
 
 def test_the_geometry_of_triangles_is_that_of_their_corners():
-    """Also in patches with corners in two rows. Places without a triangle have no normal."""
+    """Also in clusters with corners in two rows. Places without a triangle have no normal."""
     rng = np.random.default_rng(5)
-    patches = topology_of(MESH).patches
-    m, corners = len(patches.tri), len(patches.corner)
+    clusters = topology_of(MESH).clusters
+    m, corners = len(clusters.tri), len(clusters.corner)
     base = rng.normal(size=(3, corners)).astype(np.float32)
     course = 0.3 * rng.normal(size=(3, corners)).astype(np.float32)
     slack = rng.random(m).astype(np.float32)
     born, moving = rng.integers(80, 100, m).astype(np.int32), np.ones(m, bool)
-    fit_patches(patches, base, course, slack, born, moving, 100, 0.001, 0.012, True, EVERY_EDGE)
-    assert set(np.diff(patches.corner_start)) == {LANES, 2 * LANES}
+    fit_clusters(clusters, base, course, slack, born, moving, 100, 0.001, 0.012, True, EVERY_EDGE)
+    assert set(np.diff(clusters.corner_start)) == {LANES, 2 * LANES}
     for k in range(m):
-        own = slice(patches.corner_start[k], patches.corner_start[k + 1])
-        at = {v: c for c, v in reversed(list(enumerate(patches.corner[own].tolist())))}
-        there = patches.tri[k] >= 0
-        which = np.array([[at[v] for v in t] for t in MESH.triangles[patches.tri[k, there]]])
+        own = slice(clusters.corner_start[k], clusters.corner_start[k + 1])
+        at = {v: c for c, v in reversed(list(enumerate(clusters.corner[own].tolist())))}
+        there = clusters.tri[k] >= 0
+        which = np.array([[at[v] for v in t] for t in MESH.triangles[clusters.tri[k, there]]])
         place = (base + (0.001 * (100 - born[k]) + 0.012) * course)[:, own].T[which]
         speed = course[:, own].T[which]
         normal = np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0])
@@ -42,12 +42,12 @@ def test_the_geometry_of_triangles_is_that_of_their_corners():
             place.min(axis=1), place.max(axis=1), normal, (normal * place[:, 0]).sum(axis=1), mean, differs,
             np.full(len(place), slack[k]),
         ])  # fmt: skip
-        found = patches.tri_geo[k].T
+        found = clusters.tri_geo[k].T
         np.testing.assert_allclose(found[there], expected, rtol=1e-4, atol=1e-5)
         assert not found[~there, 6:9].any()
 
 
-def test_a_patch_has_no_more_corners_than_two_rows_hold():
+def test_a_cluster_has_no_more_corners_than_two_rows_hold():
     """One of triangles that have but one corner in common, each with the next one; others are left alone."""
     chain = np.arange(2 * LEAF).reshape(-1, 2)
     chain = np.column_stack([chain, chain[:, 1] + 1])
@@ -61,9 +61,9 @@ def test_a_patch_has_no_more_corners_than_two_rows_hold():
 
 
 def test_what_is_read_by_the_register_begins_with_a_line_of_the_cache():
-    patches = topology_of(MESH).patches
-    state = new_state(20, 30, 4, 25, 25, patches)
-    for made in (patches, state, new_pairs(50, 40)):
+    clusters = topology_of(MESH).clusters
+    state = new_state(20, 30, 4, 25, 25, clusters)
+    for made in (clusters, state, new_pairs(50, 40)):
         for name, array in made._asdict().items():
             if array.size and name not in ("awake", "expired", "ridge_searched", "top_row"):  # read one by one
                 assert array.ctypes.data % 64 == 0, name
