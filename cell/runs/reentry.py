@@ -24,7 +24,7 @@ def reentered(context: RunContext, event: Event) -> RunContext:
     """The context to resume with: nothing is held, waited for or failed any more."""
     if event is Event.START_OVER:
         return RunContext(reentry=event)
-    fold = replace(context.fold, held={}, zeros={})
+    fold = replace(context.fold, held={}, biases={})
     if fold.attempt:  # carried also where the release was begun, and not ended
         fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
     return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)

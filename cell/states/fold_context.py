@@ -33,7 +33,7 @@ class FoldContext:
     """What recoveries changed, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
     """Hand postures that were tried: another search leaves them out."""
-    zeros: Mapping[Side, TactileBias] = field(default_factory=dict)
+    biases: Mapping[Side, TactileBias] = field(default_factory=dict)
     """The tactile cells' zero of each hand in use, taken above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """What each hand was confirmed to hold."""

@@ -1,4 +1,4 @@
-"""A garment that lies elsewhere than it was predicted takes the belief of it along."""
+"""Moves the plan along with a garment that lies elsewhere than predicted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["apply_drift"]
 
 
 def apply_drift(plan: Plan, seen: Inspection) -> Plan:
-    """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
+    """The plan with remaining steps, believed shape and material coordinates moved by the observed drift."""
 
     def move(xy: Array) -> Array:
         return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, seen.drift_about))

@@ -106,7 +106,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     )
     grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
     unloaded = TactileBias(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
-    in_hand: Any = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
+    in_hand: Any = {"held": {Side.LEFT: grip}, "biases": {Side.LEFT: unloaded}}
     name = logs.cut_off(context_with(failed, index=1, waited_s=7.0, **in_hand))
     found = logs.resume("last", quiet=True)
     assert (found.run, found.world) == (name, b"the world")
@@ -114,7 +114,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     assert found.context.fold.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
     assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
-    assert not found.context.fold.held and not found.context.fold.zeros, (
+    assert not found.context.fold.held and not found.context.fold.biases, (
         "the hands are opened before anything else"
     )
 
