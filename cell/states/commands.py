@@ -75,7 +75,7 @@ class CommandQueue:
             self._queue = deque(queued for queued in self._queue if queued.command not in void)
 
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        """As `take`, but wait up to `seconds` of real time for an wanted command."""
+        """As `take`, but wait up to `seconds` of real time for a wanted command."""
         with self._lock:
             self._lock.wait_for(lambda: any(queued.command in wanted for queued in self._queue), seconds)
         return self.take(wanted)

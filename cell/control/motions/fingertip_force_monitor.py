@@ -1,4 +1,4 @@
-"""How hard fingertips are pushed while a hand presses on something."""
+"""Monitors the forces on the fingertips while hands press on something."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class FingertipForceMonitor:
         self.strongest = 0.0
 
     def look(self, state: JointState) -> Failure | None:
-        """Read the tips; why nobody can say how hard they are pushed, or None."""
+        """Read the tips. Returns a failure if a force cannot be measured."""
         for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
-            bad = fault(reading, self._settings)
-            if bad:
-                return bad
+            failure = fault(reading, self._settings)
+            if failure:
+                return failure
             self.now[side] = float(np.max(reading.tactile.tip - bias.tip))
             self.strongest = max(self.strongest, self.now[side])
         return None
