@@ -141,13 +141,13 @@ def test_a_run_that_has_folded_is_over(logs: Logs) -> None:
 def test_a_run_that_left_folds_out_is_over(logs: Logs) -> None:
     """Its last fold was made: to go on would be to make it twice."""
     logs.cut_off(replace(PLANNED, through=True))
-    with pytest.raises(ConfigurationError, match="through its plan"):
+    with pytest.raises(ConfigurationError, match="finished its plan"):
         logs.resume("last")
 
 
 def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
     run = logs.begin()
-    with pytest.raises(ConfigurationError, match="still going"):
+    with pytest.raises(ConfigurationError, match="still running"):
         logs.resume(run.id)
     run.abandon()
 
@@ -155,7 +155,7 @@ def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
 def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
     run = logs.begin()
     run.abandon()
-    with pytest.raises(ConfigurationError, match="kept nothing to go on with") as e:
+    with pytest.raises(ConfigurationError, match="has no checkpoint") as e:
         logs.resume(run.id)
     assert "foldcell fold" in e.value.hint
 
@@ -164,7 +164,7 @@ def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
     run = logs.begin()
     (run.directory / "checkpoint").mkdir()
     run.abandon()
-    with pytest.raises(ConfigurationError, match="kept nothing to go on with"):
+    with pytest.raises(ConfigurationError, match="has no checkpoint"):
         logs.resume(run.id)
 
 
@@ -190,7 +190,7 @@ def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> No
     changed = text.replace('"seed": 4', '"seed": 5') if file == "request.json" else text.replace("15.0", "55.0")
     assert changed != text
     path.write_text(changed, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="are not those that the journal knows"):
+    with pytest.raises(ConfigurationError, match="do not match the journal"):
         logs.resume(name)
 
 
@@ -202,7 +202,7 @@ def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
     later.event(0.0, S.IDLE, RESUMED_FROM, {"run": first})
     CheckpointWriter(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
     later.abandon()
-    with pytest.raises(ConfigurationError, match=f"gone on with as {later.id}") as e:
+    with pytest.raises(ConfigurationError, match=f"already resumed as {later.id}") as e:
         logs.resume(first)
     assert e.value.hint == f"foldcell resume {later.id}"
     assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "it can be gone on with in turn"
