@@ -33,7 +33,7 @@ class PathControl:
     waited_s: float = 0.0
     stop_s: float = STOP_TIME
 
-    def wanted(self) -> Event | None:
+    def pending_command(self) -> Event | None:
         return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
 
     def answer(self) -> Event | None:

@@ -59,7 +59,7 @@ class Interruptions:
         if self.resting:
             return self._rest(control, following, q, state)
         if not self._stopping:
-            command = control.wanted()
+            command = control.pending_command()
             if command is Event.PAUSE:
                 control.tell("pausing: the arms are coming to rest")
                 self._asked = self._clock.now()

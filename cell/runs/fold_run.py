@@ -66,11 +66,11 @@ OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 def fold_once(
     request: FoldRequest,
     on_open: OnOpen | None = None,
-    bystanders: Sequence[Observer] = (),
+    observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run, or resume an interrupted one. on_open, bystanders (further observers): for tests and HIL
-    scripts.
+    """Perform one run, or resume an interrupted one. on_open, observers (in addition to the run's own): for
+    tests and HIL scripts.
 
     Raises ConfigurationError and StorageError before anything moves. If the journal takes no more lines later, the
     run ends in a fault with the arms held.
@@ -85,7 +85,7 @@ def fold_once(
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
         with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
-            ended = _perform(request, run, began, on_open, bystanders, listener, interrupted, interrupts)
+            ended = _perform(request, run, began, on_open, observers, listener, interrupted, interrupts)
             result = _end_in_journal(run, ended.result)
         if result.result == "folded" or ended.end.context.through:
             CheckpointWriter(run.directory, None).forget()
@@ -145,7 +145,7 @@ def _perform(
     run: RunJournal,
     began: float,
     on_open: OnOpen | None,
-    bystanders: Sequence[Observer],
+    more_observers: Sequence[Observer],
     listener: socket | None,
     interrupted: Interrupted | None,
     interrupts: Interrupts,
@@ -163,7 +163,7 @@ def _perform(
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
     # run_status before the lines that show it: an answer may come at once
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *bystanders)
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *more_observers)
 
     try:
         with (

@@ -34,7 +34,7 @@ class Adjustment(StrEnum):
 class Recovery:
     """The event that leaves RECOVERING, the adjustment, and the wait before it [s of cell time].
 
-    between_folds: not allowed for the last fold, whose result is the run's result. least_overlap: smallest IoU of
+    between_folds: not allowed for the last fold, whose result is the run's result. min_overlap: smallest IoU of
     observed and predicted shape for which it is allowed.
     """
 
@@ -42,7 +42,7 @@ class Recovery:
     adjust: Adjustment = Adjustment.NONE
     dwell_s: float = 0.0
     between_folds: bool = False
-    least_overlap: float = 0.0
+    min_overlap: float = 0.0
 
 
 K, A = FailureKind, Adjustment
@@ -60,7 +60,7 @@ _OTHER_WAY = (
     Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT),
 )
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, least_overlap=0.85),)
+_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, min_overlap=0.85),)
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
@@ -101,18 +101,18 @@ def choose_recovery(
     attended: bool,
     last_fold: bool = False,
     overlap: float = 1.0,
-    several_ways: bool = True,
+    several_variants: bool = True,
 ) -> Recovery:
     """The recovery after failure number `attempt` (from 1) of this kind in this step.
 
-    overlap: IoU of observed and predicted shape, if an inspection failed. several_ways: whether the garment file
-    has more than one variant of this step. A kind without a row (a stop, a hardware fault, an unexpected
+    overlap: IoU of observed and predicted shape, if an inspection failed. several_variants: whether the garment
+    file has more than one variant of this step. A kind without a row (a stop, a hardware fault, an unexpected
     garment) is never retried automatically.
     """
     row = RECOVERIES.get(kind, ())
     if row and (attempt <= len(row) or row[-1].event is Event.CARRY_ON):
         recovery = row[min(attempt, len(row)) - 1]
-        possible = several_ways or recovery.adjust is not Adjustment.OTHER_VARIANT
-        if possible and overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
+        possible = several_variants or recovery.adjust is not Adjustment.OTHER_VARIANT
+        if possible and overlap >= recovery.min_overlap and not (last_fold and recovery.between_folds):
             return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

@@ -47,9 +47,10 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class PressPlan:
-    """How to press a fold. seen: the inspection before; paths, motion: of hands and arms; dabs: their number."""
+    """How to press a fold. inspection: before the pressing; paths, motion: of hands and arms; dabs: their
+    number."""
 
-    seen: Inspection
+    inspection: Inspection
     paths: Mapping[GraspId, ToolPath]
     motion: FoldMotion
     dabs: int

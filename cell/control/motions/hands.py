@@ -55,10 +55,10 @@ class Hands:
         """Height of a tool centre point over the table [m] at joints q (14,)."""
         return float(tool_pose(self.robot.chains[side], q[arm_slice(side)])[2, 3] - self.table.height)
 
-    def depth(self, side: Side, way: Descent, q: Array) -> float:
+    def depth(self, side: Side, descent: Descent, q: Array) -> float:
         """Depth of a hand below the top of its descent [m] at joints q (14,)."""
         top = np.zeros(14)
-        top[arm_slice(side)] = way.q[0]
+        top[arm_slice(side)] = descent.q[0]
         return self.height(side, top) - self.height(side, q)
 
     def read(self, side: Side, state: JointState) -> HandReading:

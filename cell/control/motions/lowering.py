@@ -21,9 +21,10 @@ HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
 
 @dataclass(eq=False)
 class Lowering:
-    """way: the joints by depth; top: height of depth 0 over the table [m]; hand: depth of the set-point [m]."""
+    """descent: the joints by depth; top: height of depth 0 over the table [m]; hand: depth of the set-point
+    [m]."""
 
-    way: Descent
+    descent: Descent
     top: float
     hand: JerkLimiter = field(default_factory=lambda: JerkLimiter(0.0))
 
@@ -53,5 +54,5 @@ def lowered_joints(q: Array, hands: Mapping[Side, Lowering]) -> Array:
     """q (14,) with the joints of the lowered hands at the depths of their set-points."""
     q = np.array(q)
     for side, hand in hands.items():
-        q[arm_slice(side)] = hand.way.at(hand.hand.position)
+        q[arm_slice(side)] = hand.descent.at(hand.hand.position)
     return q

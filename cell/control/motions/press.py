@@ -24,13 +24,13 @@ def press_down(
     start: JointState,
     lowering: Mapping[Side, Lowering],
     strokes: Mapping[Side, tuple[float, float]],
-    pushes: FingertipForceMonitor,
-    most: float,
+    monitor: FingertipForceMonitor,
+    max_force: float,
 ) -> Motion[JointState]:
-    """lowering: each hand's set-point, which is moved. strokes: (start, end) depth of each hand [m]. most: force
-    on a tip from which its hand brakes [N].
+    """lowering: each hand's set-point, which is moved. strokes: (start, end) depth of each hand [m]. max_force:
+    force on a tip from which its hand brakes [N].
 
-    Ends after PRESS_S, or with a failure of `pushes`.
+    Ends after PRESS_S, or with a failure of `monitor`.
     """
     last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
     braking: dict[Side, float] = {}
@@ -45,10 +45,10 @@ def press_down(
         state = (yield SetPoint(q, (q - last) / TICK_S)).state
         last = q
         record(Tick(k * TICK_S, state))
-        failure = pushes.look(state)
+        failure = monitor.look(state)
         if failure:
             return Outcome(failure=failure)
-        for side, force in pushes.now.items():
-            if force > most:
+        for side, force in monitor.now.items():
+            if force > max_force:
                 braking.setdefault(side, lowering[side].brakes_at)
     return Outcome(state)

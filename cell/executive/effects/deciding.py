@@ -25,7 +25,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
     overlap = float(failed.values.get("iou_aligned", 1.0))
-    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
+    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
     if recovery.event is Event.CARRY_ON:  # not an attempt that counts, but it needs a completed fold
         possible = fold.carried
     else:
@@ -61,7 +61,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     return Result(event, replace(context, recoveries=recoveries, fold=again), record)
 
 
-def _several_ways(context: RunContext) -> bool:
+def _several_variants(context: RunContext) -> bool:
     """Whether the garment file has more than one variant of the present fold."""
     return context.plan is not None and len(context.plan.garment.plan[context.fold.index].variants) > 1
 

@@ -152,9 +152,9 @@ def _descend(
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
-        for s, way in attempt.motion.descend.items():
-            lowering[s] = Lowering(way, cell.hands.height(s, start.q))
-            goal = _goal(attempt.grasp_of(s), lowering[s].top - float(way.depth[-1]))
+        for s, descent in attempt.motion.descend.items():
+            lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
+            goal = _goal(attempt.grasp_of(s), lowering[s].top - float(descent.depth[-1]))
             state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -183,7 +183,7 @@ def _press(
     def begin(start: JointState) -> Motion[JointState]:
         strokes = {}
         for s, hand in lowering.items():
-            contact = cell.hands.depth(s, hand.way, start.q)
+            contact = cell.hands.depth(s, hand.descent, start.q)
             tip_offset = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
             strokes[s] = contact, contact + float(tip_offset) + PRESS + deeper
         max_force = cell.settings.grasp.press_force

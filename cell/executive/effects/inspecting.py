@@ -69,15 +69,15 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
 
 
 def judged_as_before(
-    before: Inspection, seen: Inspection, step: FoldStep, settings: InspectionSettings
+    before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
     """The inspection after pressing, judged again. A good outline that pressing did not displace keeps its
     verdict: a pressed crease reaches further out than the unpressed one that was predicted."""
-    displaced, _ = edge_deviation(before.contour, seen.contour)
+    displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
-        return seen
-    kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
-    return replace(seen, diagnosis=kind, confidence=confidence)
+        return after
+    kind, confidence = diagnose(replace(after, edge_deviation_m=before.edge_deviation_m), step, settings)
+    return replace(after, diagnosis=kind, confidence=confidence)
 
 
 def next_step(cell: Workcell, context: RunContext) -> Result:
@@ -139,10 +139,10 @@ def _compare(
     context: RunContext,
     frame: CameraFrame,
     shape: PredictedShape,
-    made: FoldStep | None,
+    step: FoldStep | None,
     before: CameraFrame | None,
 ) -> Outcome[Inspection]:
-    """Compare the picture with a shape. made: the fold just made, None if none was; before: the picture taken
+    """Compare the picture with a shape. step: the fold just made, None if none was; before: the picture taken
     before that fold."""
     sight = context.sight
     flat_top = context.recognition.perception.top if context.recognition else None
@@ -150,7 +150,7 @@ def _compare(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
-            made, cell.inspection, sight.previous, flat_top, before,
+            step, cell.inspection, sight.previous, flat_top, before,
         ),
     )  # fmt: skip
 

@@ -86,7 +86,7 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
         return Result(Event.FAILED, context.with_failure(arc.failure))
     guard, control = _Guard(cell, biases.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
-    attempt = replace(attempt, pressed=(*attempt.pressed, plan.seen))
+    attempt = replace(attempt, pressed=(*attempt.pressed, plan.inspection))
     context = replace(
         with_waiting_time(context, control), fold=replace(context.fold, biases=biases.unwrap(), attempt=attempt)
     )
