@@ -78,7 +78,7 @@ def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
 def _fold(options: dict[str, Any], walls: _Walls) -> FoldResult:
     with tempfile.TemporaryDirectory() as folder:
         request = FoldRequest(GARMENT, SEED, "sim", load_settings(), None, Path(folder), quiet=True, **options)
-        return fold_once(request, bystanders=(walls,))
+        return fold_once(request, observers=(walls,))
 
 
 @contextmanager

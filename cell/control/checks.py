@@ -1,4 +1,4 @@
-"""What the arms are held to: the stop circuit, how old a state may be, and how far the arms may be off."""
+"""Checks of the arms during execution: stop circuit, age of the state, start position and tracking error."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ __all__ = ["ExecutionLimits", "come_to_rest", "followed", "fresh_state", "hold",
 
 @dataclass(frozen=True)
 class ExecutionLimits:
-    """What a motion is held to.
+    """Limits of a motion's execution.
 
-    start [rad]: how far the arms may stand from a trajectory's first point; tracking [rad]: from the set-point
-    while moving; settled [rad], settle_s: when a motion counts as arrived; stale_s: oldest joint state. altered
-    [rad]: how much a driver may alter a set-point.
+    start [rad]: largest distance of a joint from the trajectory's first point; tracking [rad]: largest distance
+    from the set-point while moving; settled [rad]: largest distance from the goal at arrival; settle_s: time to
+    wait for that; stale_s: largest age of a joint state; altered [rad]: largest change of a set-point by the
+    driver.
     """
 
     start: float = np.deg2rad(1.0)
@@ -40,12 +41,12 @@ def stopped(ports: Ports) -> Failure | None:
     return Failure(
         FailureKind.STOPPED,
         f"the stop was triggered: {stop.reason or 'no reason given'}",
-        "clear the cause and reset the stop before anything is begun again",
+        "clear the cause and reset the stop before starting again",
     )
 
 
 def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
-    """The arms' state if it is recent enough to act on, else STALE_STATE."""
+    """The arms' state if it is finite and recent enough to act on, else STALE_STATE."""
     state = ports.arms.state()
     age = ports.clock.now() - state.stamp
     if age > limits.stale_s or not np.all(np.isfinite(state.q)):
@@ -61,29 +62,29 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
 
 
 def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits) -> Outcome[JointState]:
-    """The arms' state a tick after the set-point q (14,), of which the driver sent `sent`.
+    """The arms' state a tick after the set-point q (14,). sent: the set-point that the driver passed on.
 
-    Failures: STOPPED, STALE_STATE; LIMIT_EXCEEDED (an altered set-point) and TRACKING_ERROR, upon which the arms
-    are told to hold where they are.
+    Failures: STOPPED, STALE_STATE. LIMIT_EXCEEDED (an altered set-point) and TRACKING_ERROR also command the
+    arms to hold.
     """
-    halted = stopped(ports)
-    if halted:
-        return Outcome(failure=halted)
+    failure = stopped(ports)
+    if failure:
+        return Outcome(failure=failure)
     read = fresh_state(ports, limits)
     if read.failure:
         return read
-    astray = _altered(sent, q, limits) or _straying(read.unwrap(), q, limits)
-    if astray:
+    failure = _altered_setpoint(sent, q, limits) or _tracking_error(read.unwrap(), q, limits)
+    if failure:
         hold(ports, limits)
-        return Outcome(failure=astray)
+        return Outcome(failure=failure)
     return read
 
 
 def hold(ports: Ports, limits: ExecutionLimits) -> None:
-    """Command the arms to stand where they are.
+    """Command the arms to hold their present position.
 
-    Arms of which nothing recent is known are told nothing: where they last were may be far from where they are,
-    and a driver that hears nothing for its command timeout holds them.
+    No command is sent if their state is stale, because they may be far from it. The driver holds the arms after
+    its command timeout.
     """
     read = fresh_state(ports, limits)
     if read.ok:
@@ -92,8 +93,10 @@ def hold(ports: Ports, limits: ExecutionLimits) -> None:
 
 
 def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastCommand) -> Failure | None:
-    """Let arms that are off their last set-point come back to it before anything is planned from where they stand:
-    a sudden drop takes a moment. Those that do not within settle_s are left to the checks of the next motion."""
+    """Wait until the arms have settled at their last set-point, before a motion is planned from their position.
+
+    Returns None after settle_s even if they have not settled: the checks of the next motion decide.
+    """
     deadline = ports.clock.now() + limits.settle_s
     while last_command.q is not None and ports.clock.now() < deadline:
         read = fresh_state(ports, limits)
@@ -105,45 +108,45 @@ def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastComman
 
 
 def start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Failure | None:
-    off = np.abs(state.q - q0)
-    joint = int(off.argmax())
-    if off[joint] <= limits.start:
+    error = np.abs(state.q - q0)
+    joint = int(error.argmax())
+    if error[joint] <= limits.start:
         return None
     return Failure(
         FailureKind.START_MISMATCH,
-        f"joint {joint} stands {np.rad2deg(off[joint]):.1f} degrees from where the trajectory starts",
+        f"joint {joint} stands {np.rad2deg(error[joint]):.1f} degrees from where the trajectory starts",
         "plan again from where the arms are",
-        {"joint": joint, "off_rad": float(off[joint]), "limit_rad": limits.start},
+        {"joint": joint, "off_rad": float(error[joint]), "limit_rad": limits.start},
     )
 
 
-def _altered(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
-    """A driver that sends something else than it was told leads the arms off the path."""
-    off = np.abs(sent.q - q)
-    joint = int(off.argmax())
-    if off[joint] <= limits.altered:
+def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
+    """A driver that alters set-points leads the arms off the checked path."""
+    change = np.abs(sent.q - q)
+    joint = int(change.argmax())
+    if change[joint] <= limits.altered:
         return None
     return Failure(
         FailureKind.LIMIT_EXCEEDED,
-        f"the driver moved joint {joint}'s set-point by {np.rad2deg(off[joint]):.2f} degrees",
+        f"the driver moved joint {joint}'s set-point by {np.rad2deg(change[joint]):.2f} degrees",
         "compare the robot's own limits with the model's",
         {
             "joint": joint,
-            "off_rad": float(off[joint]),
+            "off_rad": float(change[joint]),
             "limit_rad": limits.altered,
             "clipped": sent.clipped,
         },
     )
 
 
-def _straying(state: JointState, q: Array, limits: ExecutionLimits) -> Failure | None:
-    off = np.abs(state.q - q)
-    joint = int(off.argmax())
-    if off[joint] <= limits.tracking:
+def _tracking_error(state: JointState, q: Array, limits: ExecutionLimits) -> Failure | None:
+    error = np.abs(state.q - q)
+    joint = int(error.argmax())
+    if error[joint] <= limits.tracking:
         return None
     return Failure(
         FailureKind.TRACKING_ERROR,
-        f"joint {joint} is {np.rad2deg(off[joint]):.1f} degrees off its set-point",
-        "look for an obstacle or a weak motor before going on",
-        {"joint": joint, "off_rad": float(off[joint]), "limit_rad": limits.tracking},
+        f"joint {joint} is {np.rad2deg(error[joint]):.1f} degrees off its set-point",
+        "look for an obstacle or a weak motor before you continue",
+        {"joint": joint, "off_rad": float(error[joint]), "limit_rad": limits.tracking},
     )

@@ -1,4 +1,4 @@
-"""The set-point that the arms were last sent, and how the gap from there to what comes next is closed."""
+"""The last set-point sent to the arms, and the blend from it to the next motion."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from robots.ports import Array
 __all__ = ["LastCommand", "blend"]
 
 FADE_S = 0.25
-"""In which the gap between the last set-point and the next motion's first is closed [s]."""
+"""Time in which the gap between the last set-point and the next motion's first one is closed [s]."""
 NEAR = float(np.deg2rad(1.5))
-"""A set-point further from the reading than this is not where the arms stand [rad]."""
+"""Largest distance between the last set-point and the measured joints for which the set-point is used [rad]."""
 
 
 @dataclass(eq=False)
 class LastCommand:
-    """The set-point that the arms were last sent, so that what comes next begins there.
+    """The last set-point sent to the arms: the next motion begins there.
 
-    The arms are never read back exactly where they were sent: a set-point that begins at the reading is a jump.
+    The measured joints differ from it by the tracking error, so a motion that began at them would begin with a
+    jump.
     """
 
     q: Array | None = None
 
     def offset(self, q: Array) -> Array:
-        """(14,) from q to the last set-point; zero when that is too far off to be where the arms stand now."""
+        """(14,) offset from q to the last set-point [rad]; zero if that is further than NEAR from q."""
         if self.q is None or not np.abs(self.q - q).max() <= NEAR:
             return np.zeros_like(q)
         return self.q - q
 
 
 def blend(ticks: int, seconds: float = FADE_S) -> float:
-    """Share of an offset that is left after some ticks: 1 to 0 in `seconds`, with minimum jerk."""
+    """Share of an offset that remains after some ticks: from 1 to 0 in `seconds`, with minimum jerk."""
     u = min(1.0, ticks * TICK_S / seconds)
     return 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

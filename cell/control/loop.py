@@ -1,9 +1,9 @@
-"""The one loop that sends set-points, 100 of them a second, for folds and calibrations alike.
+"""The control loop: sends set-points at 100 Hz, for folds and calibrations alike.
 
-It runs a motion (motion.py): it sends a set-point, waits for the tick, judges what was read since, and asks for
-the next set-point. The stop, the state's age, altered set-points, straying arms, pause and abort are judged here
-for every motion. What a motion is about (arrival, touch, force, slip) it judges itself. docs/safety.md states
-the order.
+It runs a motion (motion.py): it sends a set-point, waits for the tick, checks the state read since, and asks the
+motion for the next set-point. The loop checks the stop, the state's age, altered set-points, tracking errors,
+pause and abort for every motion. Arrival, contact, force and slip are checked by the motions. docs/safety.md
+states the order of the checks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, eq=False)
 class ControlLoop:
-    """sent: remembers the last set-point from one motion to the next."""
+    """The control loop. last_command: keeps the last set-point from one motion to the next."""
 
     ports: Ports
     limits: ExecutionLimits
@@ -42,26 +42,25 @@ class ControlLoop:
         control: PathControl | None = None,
         standing: bool = False,
     ) -> Outcome[V]:
-        """Run the motion that `begin` makes of the arms' state, to its end.
+        """Run the motion that `begin` makes from the arms' state.
 
-        control: lets the operator hold the motion up. standing: the motion goes nowhere. Arms of which nothing
-        recent is known at its start are then told nothing: where they last were may be far from where they are,
-        and a driver that hears nothing for its command timeout holds them. Failures: the motion's own; STOPPED,
-        STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an altered set-point), TRACKING_ERROR, ABORTED. Raises
-        DriverError.
+        control: lets the operator pause or abort the motion. standing: the motion only holds the arms. If their
+        state is stale at its start, it then runs without sending set-points, and the driver holds the arms after
+        its command timeout. Failures: the motion's own; STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an
+        altered set-point), TRACKING_ERROR, ABORTED. Raises DriverError.
         """
         read = fresh_state(self.ports, self.limits)
-        refused = stopped(self.ports) or (None if standing else read.failure)
-        if refused:
-            return Outcome(failure=refused)
+        failure = stopped(self.ports) or (None if standing else read.failure)
+        if failure:
+            return Outcome(failure=failure)
         start = read.value or self.ports.arms.state()
         with closing(begin(start)) as motion:
-            point = _resumed(motion, None)
+            point = _next_setpoint(motion, None)
             if isinstance(point, Outcome):
                 return point
-            elsewhere = None if point.begins is None else start_mismatch(start, point.begins, self.limits)
-            if elsewhere:
-                return Outcome(failure=elsewhere)
+            failure = None if point.begins is None else start_mismatch(start, point.begins, self.limits)
+            if failure:
+                return Outcome(failure=failure)
             return self._drive(motion, point, read.ok, control)
 
     def _drive(self, motion: Motion[V], point: SetPoint, sends: bool, control: PathControl | None) -> Outcome[V]:
@@ -69,33 +68,33 @@ class ControlLoop:
         ticks = Ticks(self.ports)
         while True:
             late, read = self._tick(point, ticks, sends)
-            bad = read.failure
-            if bad and bad.kind is not FailureKind.STALE_STATE:
+            failure = read.failure
+            if failure and failure.kind is not FailureKind.STALE_STATE:
                 self.last_command.q = None
-                return Outcome(failure=bad)
-            if bad and interruptions.resting:
-                return Outcome(failure=bad)
+                return Outcome(failure=failure)
+            if failure and interruptions.resting:
+                return Outcome(failure=failure)
             state = read.value or self.ports.arms.state()
-            ahead = _resumed(motion, Feedback(state, sends and read.ok, late, interruptions.order))
-            if isinstance(ahead, Outcome):
-                return ahead
-            ended = interruptions.judge(ahead, point.q, state, bad)
-            if ended:
-                return Outcome(failure=ended)
-            point = ahead
+            following = _next_setpoint(motion, Feedback(state, sends and read.ok, late, interruptions.order))
+            if isinstance(following, Outcome):
+                return following
+            ending = interruptions.judge(following, point.q, state, failure)
+            if ending:
+                return Outcome(failure=ending)
+            point = following
 
     def _tick(self, point: SetPoint, ticks: Ticks, sends: bool) -> tuple[bool, Outcome[JointState]]:
-        """Whether the tick came so late that the arms have come to rest; and their state, or what is wrong."""
+        """One tick: (whether it came so late that the arms have come to rest, their state or a failure)."""
         if sends:
             sent = self.ports.arms.command(point.q, point.qd)
             self.last_command.q = point.q
             return ticks.wait(), followed(self.ports, point.q, sent, self.limits)
-        late, halted = ticks.wait(), stopped(self.ports)
-        return late, Outcome(failure=halted) if halted else Outcome(self.ports.arms.state())
+        late, failure = ticks.wait(), stopped(self.ports)
+        return late, Outcome(failure=failure) if failure else Outcome(self.ports.arms.state())
 
 
-def _resumed(motion: Motion[V], feedback: Feedback | None) -> SetPoint | Outcome[V]:
-    """The motion's next set-point, or how it ended. feedback: None for the first."""
+def _next_setpoint(motion: Motion[V], feedback: Feedback | None) -> SetPoint | Outcome[V]:
+    """The motion's next set-point, or its outcome when it ends. feedback: None for the first set-point."""
     try:
         return next(motion) if feedback is None else motion.send(feedback)
     except StopIteration as end:

@@ -1,7 +1,6 @@
-"""What passes between the control loop and a motion that it runs.
+"""The interface between the control loop and the motions.
 
-A motion is a generator: it yields set-points, is sent back what was read a tick after each, and returns how it
-ended.
+A motion is a generator: it yields set-points, is sent the arms' state a tick after each, and returns its outcome.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ V = TypeVar("V")
 
 
 class Order(Enum):
-    """What the loop tells a motion that can be held up on its path."""
+    """The loop's order to a motion that can pause on its path: come to rest, or continue."""
 
     REST = auto()
     GO = auto()
@@ -31,9 +30,9 @@ class Order(Enum):
 class SetPoint:
     """q, qd (14,) for the next tick [rad], [rad/s].
 
-    begins: joints (14,) near which the arms have to stand before a motion's first set-point is sent; None: they
-    may stand anywhere. path_s: the motion's own clock [s]. resting: the motion may be left here: it rests on its
-    path, or cannot be held up at all. failure: why the motion is to be brought to rest and ended.
+    begins: joints (14,) near which the arms must stand before the motion's first set-point is sent; None:
+    anywhere. path_s: the motion's own clock [s]. resting: the motion may end here, because it rests on its path
+    or cannot pause at all. failure: set to bring the motion to rest and end it.
     """
 
     q: Array
@@ -48,9 +47,8 @@ class SetPoint:
 class Feedback:
     """The arms a tick after a set-point.
 
-    fresh: whether the state is recent enough to act on. One that is not reaches only motions that have yet to be
-    brought to rest, and those whose arms are sent nothing. late: the tick came so late that the arms have come
-    to rest.
+    fresh: whether the state is recent enough to act on. A stale state reaches only motions that must still be
+    brought to rest, and motions that send nothing. late: the tick came so late that the arms have come to rest.
     """
 
     state: JointState
@@ -64,7 +62,7 @@ Motion = Generator[SetPoint, Feedback, Outcome[V]]
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """What a watcher sees: time on the motion's own clock [s], which a pause holds up, and the arms' state."""
+    """Input of a watch. t: the motion's own clock [s], which stands still in a pause; state: of the arms."""
 
     t: float
     state: JointState

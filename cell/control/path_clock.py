@@ -1,4 +1,4 @@
-"""Where a motion is on its path, and what can hold it up there: it never leaves the path that was checked."""
+"""The clock of a motion along its checked path, and the control that pauses and resumes it there."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["PathClock", "PathControl"]
 
 @dataclass(eq=False)
 class PathControl:
-    """What can hold up a motion on its path, and the limits within which it then stops and starts.
+    """Control of a motion along its path: the source of commands, and the limits of stopping and starting.
 
-    commands: where PAUSE, RESUME and ABORT come from; None: nobody can hold it up. stop, go: of the joints while
-    the clock runs down and up. tell: says that the motion is paused. note: keeps an event in the journal: paused
-    and resumed, both written while the arms rest. waited_s: cell time spent at rest in a pause, summed over the
-    motions. stop_s: in which the clock runs down, unless `stop` asks for longer.
+    commands: source of PAUSE, RESUME and ABORT; None: the motion cannot be paused. stop, go: joint limits while
+    the clock runs down and up. tell: shows a line to the operator. note: writes the events "paused" and
+    "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in pauses, summed over the
+    motions. stop_s: time in which the clock runs down, unless `stop` demands longer.
     """
 
     commands: CommandQueue | None
@@ -33,22 +33,23 @@ class PathControl:
     waited_s: float = 0.0
     stop_s: float = STOP_TIME
 
-    def wanted(self) -> Event | None:
+    def pending_command(self) -> Event | None:
         return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
 
     def answer(self) -> Event | None:
-        """What ends a pause, if it is said within a tick of real time."""
+        """The command that ends a pause, if it comes within a tick of real time."""
         assert self.commands is not None
         return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
 
 
 class PathClock:
-    """Where a motion is on its path: it runs, comes to rest, rests, and runs again, never leaving the path."""
+    """The motion's own clock: it runs, comes to rest, rests and runs again. The motion never leaves its path."""
 
     def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
         self._trajectory, self._control = trajectory, control
         self._base, self._ticks = 0.0, 0
-        """The clock when it last changed, and the ticks since: counted, so that rounding does not add up."""
+        """The clock at its last change, and the ticks since. Counting ticks keeps rounding errors from adding
+        up."""
         self._warp: ClockWarp | None = None
         self._goal = 1.0
 
@@ -72,12 +73,12 @@ class PathClock:
         return self._goal == 1.0 and self.t >= self._trajectory.duration
 
     def setpoint(self) -> tuple[Array, Array]:
-        """q, qd (14,) for now."""
+        """q, qd (14,) at the present time [rad], [rad/s]."""
         q, qd = self._trajectory.at(self.t)
         return q, qd * self._rate()[0]
 
     def advance(self) -> None:
-        """One tick on."""
+        """Advance by a tick."""
         self._ticks += 1
         if self._warp is not None and self._ticks * TICK_S >= self._warp.duration - 1e-9:
             beyond = self._ticks * TICK_S - self._warp.duration
@@ -91,8 +92,8 @@ class PathClock:
         self._change(1.0, self._control.go, STOP_TIME)
 
     def begin_again(self) -> bool:
-        """After a stall the arms stand: from the last set-point on, the clock runs up as after a pause. -> False
-        for one that runs down or rests already."""
+        """After a stall, in which the arms came to rest, the clock runs up from the last set-point as after a
+        pause. Returns False if it runs down or rests already."""
         if self._goal != 1.0:
             return False
         self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0

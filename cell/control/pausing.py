@@ -1,4 +1,4 @@
-"""What holds a motion up or ends it on its way: pause, abort, and failures upon which it is brought to rest."""
+"""Interruptions of a motion: pause, abort, and failures that bring it to rest."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["Interruptions"]
 
 
 class Interruptions:
-    """Whether a motion runs, is being brought to rest, or rests; kept from tick to tick.
+    """Keeps from tick to tick whether a motion runs, is being brought to rest, or rests.
 
-    order: goes to the motion with the next feedback. resting: the motion can be left where it is.
+    order: sent to the motion with the next feedback. resting: the motion may end where it is.
     """
 
     def __init__(
@@ -28,19 +28,20 @@ class Interruptions:
         self.resting = first.resting
         self._stopping = False
         self._ending: Failure | None = None
-        """Why the motion is being brought to rest, when that is to end it."""
+        """The failure that ends the motion once it rests."""
         self._asked: float | None = None
-        """When the pause was asked for that is not in the journal yet [s]."""
+        """Time at which a pause was asked for that is not in the journal yet [s]."""
 
-    def judge(self, ahead: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
-        """After a tick: the failure with which the motion ends now, or None while it goes on.
+    def judge(self, following: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
+        """After a tick: the failure that ends the motion now, or None while it continues.
 
-        ahead: its next set-point; q (14,): the one just sent. state: read since, unless that is `stale`.
+        following: its next set-point; q (14,): the one just sent; state: the arms' state; stale: the failure if
+        that state is too old.
         """
-        self.order, self.resting = None, ahead.resting
-        self._ending = self._ending or stale or ahead.failure
+        self.order, self.resting = None, following.resting
+        self._ending = self._ending or stale or following.failure
         if self._ending is None:
-            return self._heed(ahead, q, state)
+            return self._obey_operator(following, q, state)
         if not self.resting:
             self._bring_to_rest()
             return None
@@ -50,37 +51,37 @@ class Interruptions:
         if not self._stopping:
             self.order, self._stopping = Order.REST, True
 
-    def _heed(self, ahead: SetPoint, q: Array, state: JointState) -> Failure | None:
-        """What the operator says to a motion: pause it, go on, end it."""
+    def _obey_operator(self, following: SetPoint, q: Array, state: JointState) -> Failure | None:
+        """Obey the operator's commands: pause, resume, abort."""
         control = self._control
         if control is None or control.commands is None:
             return None
         if self.resting:
-            return self._rest(control, ahead, q, state)
+            return self._rest(control, following, q, state)
         if not self._stopping:
-            said = control.wanted()
-            if said is Event.PAUSE:
-                control.tell("coming to rest on the way")
+            command = control.pending_command()
+            if command is Event.PAUSE:
+                control.tell("pausing: the arms are coming to rest")
                 self._asked = self._clock.now()
                 self._bring_to_rest()
-            if said is Event.ABORT:
+            if command is Event.ABORT:
                 self._ending = ABORTED
                 self._bring_to_rest()
         return None
 
-    def _rest(self, control: PathControl, ahead: SetPoint, q: Array, state: JointState) -> Failure | None:
-        """A tick of a pause. It is written down once the arms rest: the disk does not keep moving arms waiting."""
+    def _rest(self, control: PathControl, following: SetPoint, q: Array, state: JointState) -> Failure | None:
+        """A tick of a pause. The journal gets it once the arms rest: a slow disk must not delay moving arms."""
         control.waited_s += TICK_S
         if self._asked is not None:
-            control.note("paused", {"asked_s": self._asked, "path_s": ahead.path_s})
-            control.tell("paused on the way: resume or abort")
+            control.note("paused", {"asked_s": self._asked, "path_s": following.path_s})
+            control.tell("paused during a motion: resume or abort")
             self._asked = None
-        said = control.answer()
-        if said is Event.RESUME:
+        command = control.answer()
+        if command is Event.RESUME:
             mismatch = start_mismatch(state, q, self._limits)
             if mismatch:
                 return mismatch
-            control.note("resumed", {"path_s": ahead.path_s})
-            control.tell("going on")
+            control.note("resumed", {"path_s": following.path_s})
+            control.tell("resumed")
             self.order, self._stopping, self.resting = Order.GO, False, False
-        return ABORTED if said is Event.ABORT else None
+        return ABORTED if command is Event.ABORT else None

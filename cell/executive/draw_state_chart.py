@@ -1,8 +1,7 @@
-"""Draws the chart of the states with the machine's own library: `foldcell chart` writes
-cell/states/state_chart.svg.
+"""Draws the state chart with the `transitions` library: `foldcell chart` writes cell/states/state_chart.svg.
 
-Rows that hold in every working state (stop, crash, abort, pause, a journal that takes no more lines) are left out,
-and where a failure leads is told by a state's colour instead of an arrow. Both are said below the chart.
+The chart leaves out the rows that hold in every working state (stop, crash, abort, pause, lost journal). The
+colour of a state shows where its failure leads. A legend below the chart explains both.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ ON_FAILURE = {
     State.CLEARING: ("#c0392b", "#fbeceb"),
     State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
 }
-"""Border and ground of the states whose failure leads there."""
+"""(border, fill) colour of the states whose failure leads to this state."""
 LEGEND = (
     "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
     "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"
@@ -40,7 +39,7 @@ LOOKS = {
     "default": NODE,
     "active": NODE,
     "end": {**NODE, "color": "#1c2026", "peripheries": "2"},
-    **{to.value: {**NODE, "color": line, "fillcolor": ground} for to, (line, ground) in ON_FAILURE.items()},
+    **{state.value: {**NODE, "color": border, "fillcolor": fill} for state, (border, fill) in ON_FAILURE.items()},
 }
 
 
@@ -58,8 +57,10 @@ class _Chart(GraphMachine):
 
 
 def draw_chart() -> str:
-    """The table as SVG; each state's group has the id `state-NAME`. Raises ConfigurationError where Graphviz is
-    missing, which only whoever draws the chart anew needs."""
+    """The transition table as SVG; each state's group has the id `state-NAME`.
+
+    Raises ConfigurationError if Graphviz is missing. Only this function needs Graphviz.
+    """
     rows = [row for row in TRANSITIONS if row.event is not Event.FAILED]
     chart = _Chart(
         states=[s.value for s in State], initial=State.IDLE.value, auto_transitions=False,
@@ -70,21 +71,20 @@ def draw_chart() -> str:
     on_failure = {row.state: row.target for row in TRANSITIONS if row.event is Event.FAILED}
     graph = chart.model_graphs[id(chart)]
     for state in State:
-        leads = on_failure.get(state)
-        graph.set_node_style(
-            state.value, "end" if state in TERMINAL else leads.value if leads in ON_FAILURE else "default"
-        )
+        after_failure = on_failure.get(state)
+        style = after_failure.value if after_failure in ON_FAILURE else "default"
+        graph.set_node_style(state.value, "end" if state in TERMINAL else style)
     try:
         svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
     except (ImportError, OSError) as e:
         raise ConfigurationError(
             f"the chart cannot be drawn: {e}", "install Graphviz (`dot`) and `pip install foldcell[docs]`"
         ) from e
-    return _with_ids(svg)
+    return _for_pages(svg)
 
 
-def _with_ids(svg: str) -> str:
-    """Every state's group named by its state, words for underscores, and a size that its frame decides."""
+def _for_pages(svg: str) -> str:
+    """The SVG with an id for each state, spaces instead of underscores in labels, and no fixed size."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(
         r'<g id="[^"]*" class="node">\s*<title>(\w+)</title>',
@@ -93,5 +93,5 @@ def _with_ids(svg: str) -> str:
     )
     svg = re.sub(r'<svg width="[^"]*" height="[^"]*"', '<svg class="states"', svg)
     svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
-    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # the legend's words stand below the chart already
+    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # the legend is already drawn below the chart
     return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)

@@ -1,8 +1,8 @@
-"""The pure machine over cell/states/transition_table.py: an event goes in, the effect to perform comes out.
+"""The state machine over cell/states/transition_table.py: an event goes in, the effect to perform comes out.
 
-One thread, no clock, no I/O, nothing done inside callbacks. `transitions` is the machine: it holds the rows, knows
-what may follow, moves, and draws the chart (chart.py). What happens outside the working flow (stop, crash, abort,
-pause) is added here once, for every working state.
+It has one thread, no clock, no I/O and no callbacks. The `transitions` library holds the rows, moves, and draws
+the chart (draw_state_chart.py). The rows outside the working flow (stop, crash, abort, pause) are added here for
+every working state.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
     """The table with the rows that every working state has: stop, lost journal, crash, abort, pause and resume.
 
-    Pause is taken between two effects; resuming enters the interrupted state anew (its effect is
-    issued again and checks its own start). While the cell makes itself safe it can only be stopped.
+    A pause happens between two effects. RESUME enters the interrupted state again: its effect is issued again and
+    checks its own start. While the cell makes itself safe it can only be stopped.
     """
     working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
     added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # target: see Executive.handle
@@ -44,17 +44,17 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
 
 @dataclass
 class _Model:
-    """What `transitions` moves: it only carries the state."""
+    """The model that `transitions` moves: it only carries the state."""
 
     state: str = State.IDLE.value
     trigger: object = field(default=None, repr=False)
 
 
 class _Transition(Transition):
-    """A row of the table: it carries the effect."""
+    """A row of the table, with its effect."""
 
-    def __init__(self, *args: Any, effect: Effect, **more: Any) -> None:
-        super().__init__(*args, **more)
+    def __init__(self, *args: Any, effect: Effect, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
         self.effect = effect
 
 
@@ -63,7 +63,7 @@ class _Machine(Machine):
 
 
 class Executive:
-    """Walks the table. `handle` raises InternalError for an event that the state does not know."""
+    """The state machine. `handle` raises InternalError for an event that the present state does not know."""
 
     def __init__(self, rows: tuple[Row, ...] = TRANSITIONS) -> None:
         self._model = _Model()
@@ -91,7 +91,7 @@ class Executive:
         return tuple(Event(t) for t in self._machine.get_triggers(self._model.state))
 
     def handle(self, event: Event) -> Step:
-        """Move by one event and say what is to be done now."""
+        """Make the transition for an event. Returns it with the effect to perform."""
         source = self.state
         if event is Event.RESUME and source is State.PAUSED and self._interrupted:
             target, effect = self._interrupted

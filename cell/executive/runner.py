@@ -1,8 +1,8 @@
-"""Performs what a state asks for and turns its outcome into the next event.
+"""Performs the effect of each state and feeds its event back to the state machine.
 
-One loop, one thread: the machine says which effect is due; the journal takes the intent; the effect is
-performed (cell/executive/effects); the journal takes the result; the machine takes the event. Observers (the
-Rerun view, the progress lines) are told of each step and cannot hinder it.
+One loop in one thread: the machine names the effect, the journal takes the intent, the effect is performed
+(cell/executive/effects), the journal takes the result, and the machine takes the event. Observers (the Rerun view,
+the progress lines) are notified of each step and cannot affect it.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ __all__ = ["EffectFunction", "Runner"]
 EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
-"""Effects that touch neither the cell nor the clock: an event in the journal is enough."""
+"""Effects that touch neither the cell nor the clock. The journal gets no intent and result of them."""
 
 _FAILING = FAILING | {Event.GIVE_UP}
-"""Events of which the failure at hand is the reason. With others it is one that was met, and mended, before."""
+"""Events caused by the context's failure. With any other event that failure was recovered before."""
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
-"""Only what is said after they were shown answers them: a key pressed twice does not approve the next fold."""
+"""Effects that discard earlier answers: a key pressed twice does not approve the next fold."""
 
 
 class Runner:
-    """One run of the machine over the effects of a cell.
+    """One run of the state machine over the effects of a cell.
 
-    keep: puts down what is believed after each effect, so that an interrupted run can be gone on with. What was
-    folded to its end is not: its last fold is judged again, should the journal not know of the end.
+    keep: writes the checkpoint of the context after each effect, so that an interrupted run can be resumed. The
+    last effect of a folded run writes none: if the journal lacks the run's end, its last fold is judged again.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Runner:
         self._noted: tuple[tuple[float, str], ...] = ()
 
     def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
-        """From START, or whatever event comes first, to a declared end. Returns however it ended."""
+        """Run from the first event to a terminal state. Returns whatever the end."""
         clock = self._cell.ports.clock
         started = clock.now()
         self._context, self._times = context or RunContext(), {}
@@ -76,10 +76,10 @@ class Runner:
         return RunEnd(state, self._context, started, clock.now(), self._times)
 
     def _walk(self, event: Event) -> State:
-        """Through the table to its end. Raises StorageError when the journal takes no more lines."""
+        """Follow the table to a terminal state. Raises StorageError when the journal takes no more lines."""
         clock = self._cell.ports.clock
         while True:
-            step = self._moved(event)
+            step = self._advance(event)
             entered = clock.now()
             self._note_entry(entered, step)
             if step.target in TERMINAL:
@@ -88,12 +88,12 @@ class Runner:
             result = self._perform(step, self._context)
             self._context, event = result.context, result.event
             self._times[step.target.value] = self._times.get(step.target.value, 0.0) + clock.now() - entered
-            ended = clock.now()  # once, however many look on: what is asked of the cell does not depend on them
+            ended = clock.now()  # read once: the number of clock readings must not depend on the observers
             for o in self._observers:
                 o.performed(ended, step, result)
 
-    def _moved(self, event: Event) -> Step:
-        """The machine one event on. One that the state does not know is a bug of the effect, and ends as one."""
+    def _advance(self, event: Event) -> Step:
+        """Move the machine by an event. An unknown event is a bug of the effect and becomes a crash."""
         try:
             return self._machine.handle(event)
         except InternalError as bug:
@@ -103,9 +103,9 @@ class Runner:
             return self._machine.handle(Event.CRASH)
 
     def _unrecorded(self, error: StorageError) -> State:
-        """What the journal cannot tell of is not done: the arms are held where they are, and that is the end."""
+        """End the run with the arms held: nothing is done that the journal cannot record."""
         now, source = self._cell.ports.clock.now(), self._machine.state
-        hint = f"the arms are held where they are: free by hand what the hands hold. {error.hint}"
+        hint = f"the arms are held where they are: free the garment from the hands. {error.hint}"
         failure = Failure(FailureKind.UNRECORDED, error.what, hint)
         self._context = self._context.with_failure(failure)
         if not self._machine.ended:
@@ -116,13 +116,13 @@ class Runner:
             o.entered(now, step)
         try:
             self._effects[Effect.HOLD](self._cell, self._context)
-        except Exception as e:  # there is no journal to tell, and no other way to hold them
-            told = replace(failure, hint=f"{hint}. Holding them failed ({e}): press the emergency stop")
-            self._context = replace(self._context, failure=told)
+        except Exception as e:  # no journal to record it, and no other way to hold the arms
+            failure = replace(failure, hint=f"{hint}. Holding them failed ({e}): press the emergency stop")
+            self._context = replace(self._context, failure=failure)
         return State.FAULT
 
     def _note(self, name: str, values: Mapping[str, float]) -> None:
-        """Something that happened within an effect."""
+        """Record an event within an effect."""
         now = self._cell.ports.clock.now()
         self._journal.event(now, self._state.value, name, values)
         self._noted = (*self._noted, (now, name))
@@ -136,10 +136,10 @@ class Runner:
             o.entered(t, step)
 
     def _perform(self, step: Step, context: RunContext) -> Result:
-        """The effect with its intent and result in the journal; whatever it raises becomes an event."""
-        pending = self._interruption(step)
-        if pending:
-            return Result(pending, self._with_cause(pending, context), {"interrupted": True})
+        """Perform the effect, with its intent and result in the journal. An exception becomes an event."""
+        interruption = self._interruption(step)
+        if interruption:
+            return Result(interruption, self._with_cause(interruption, context), {"interrupted": True})
         clock, self._noted = self._cell.ports.clock, ()
         payload = {"step": context.fold.index, "attempt": len(context.fold.adjustments)}
         intent = None
@@ -148,14 +148,14 @@ class Runner:
         try:
             result = self._effects[step.effect](self._cell, context)
         except DriverError as e:
-            # a stop between two looks at it is met by the driver first: it is told of as any other
-            halted = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
-            result = Result(Event.FAILED, context.with_failure(halted or e.failure()))
-        except Exception as e:  # a bug or a broken file: the machine must know, the journal must keep it
+            # the driver may notice a stop before the executive: it is reported as any other stop
+            stop = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
+            result = Result(Event.FAILED, context.with_failure(stop or e.failure()))
+        except Exception as e:  # a bug or a broken file
             result = Result(Event.CRASH, context.with_failure(_crash(e)))
         result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
-            self._put_down(result.context)  # before the result: what is believed is never older than the journal
+            self._write_checkpoint(result.context)  # first: the checkpoint is never older than the journal
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event in _FAILING and result.context.failure:
@@ -164,19 +164,20 @@ class Runner:
             self._journal.result(intent, clock.now(), record)
         return result
 
-    def _put_down(self, context: RunContext) -> None:
+    def _write_checkpoint(self, context: RunContext) -> None:
+        """Raises StorageError: a run that could not be resumed ends like one without a journal."""
         try:
             self._keep(context)
         except StorageError:
             raise
-        except DriverError as e:  # a simulated cell that is gone cannot be kept
-            raise StorageError(f"what is believed cannot be kept: {e.what}", e.hint) from e
-        except Exception as e:  # what cannot be gone on with is as bad as what cannot be told
-            bug = "this is a bug: keep the run folder and report it"
-            raise StorageError(f"what is believed cannot be kept: {type(e).__name__}: {e}", bug) from e
+        except DriverError as e:  # the simulated cell is gone
+            raise StorageError(f"the checkpoint cannot be written: {e.what}", e.hint) from e
+        except Exception as e:
+            hint = "this is a bug: keep the run folder and report it"
+            raise StorageError(f"the checkpoint cannot be written: {type(e).__name__}: {e}", hint) from e
 
     def _divert(self, step: Step, result: Result) -> Result:
-        """A failure that is a stop or an abort leaves by its own row; an end has nowhere left to go."""
+        """A failure by a stop becomes STOP; one by an abort becomes ABORT, if the state knows that event."""
         if result.event is not Event.FAILED or result.context.failure is None:
             return result
         kind = result.context.failure.kind
@@ -187,25 +188,25 @@ class Runner:
         return result
 
     def _interruption(self, step: Step) -> Event | None:
-        """What an operator or the stop circuit wants before this effect begins."""
+        """The stop, pause or abort that is pending before this effect begins."""
         if step.target in TERMINAL:
             return None
         if self._cell.ports.stop.state().stopped:
             return Event.STOP
         if step.effect in {Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT}:
-            return None  # these take their commands themselves
+            return None  # these effects take the commands themselves
         return self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
 
     def _with_cause(self, event: Event, context: RunContext) -> RunContext:
-        """What ends a run is the failure that it tells of, not one that was met and mended before."""
+        """The context with the abort or stop as its failure, in place of one recovered before."""
         if event is Event.ABORT:
             return context.with_failure(ABORTED)
-        halted = stopped(self._cell.ports)
-        return context.with_failure(halted) if halted else context
+        stop = stopped(self._cell.ports)
+        return context.with_failure(stop) if stop else context
 
 
 def _crash(error: Exception) -> Failure:
-    """Of the exception that is being handled."""
+    """The exception being handled, as a failure with its traceback."""
     hint = error.hint if isinstance(error, CellError) else "this is a bug: keep the run folder and report it"
     what = f"{type(error).__name__}: {error}"
     return Failure(FailureKind.SKILL_CRASHED, what, hint, {"traceback": traceback.format_exc()})

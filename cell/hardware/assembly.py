@@ -1,4 +1,4 @@
-"""Putting a cell together from its settings: models, thresholds, garments, library."""
+"""Assembles a cell from its settings: models, thresholds, garments, library."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = ["assemble", "load_robot"]
 
 
 SLACK = 0.002
-"""What is executed may come nearer than what is planned by this much [m]: the arms stand a little off."""
+"""Difference between the planning and the execution margins [m]: the arms deviate a little from the plan."""
 
 
 def load_robot(settings: CellSettings) -> RobotModel:
     """The robot that the settings name."""
-    from robots.baxter.model import load_model  # the only robot yet: settings.robot is validated
+    from robots.baxter.model import load_model  # the only robot so far: settings.robot is validated
 
     return load_model()
 
@@ -47,7 +47,10 @@ def assemble(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> Workcell:
-    """Everything that a run works with. Raises ConfigurationError for a file that cannot be used."""
+    """Assemble the workcell of a run. tell: shows a line to the operator; progress: as `Workcell.progress`.
+
+    Raises ConfigurationError for a file that cannot be used.
+    """
     settings = request.settings
     expected = None if request.garment == "auto" else load_garment(request.garment, settings.surface)
     shipped = [load_garment(name, settings.surface) for name in list_garments()]
@@ -74,7 +77,7 @@ def assemble(
         grasp=settings.grasp.settings(),
         perception=settings.perception.settings(),
         inspection=settings.inspection.settings(settings.perception),
-        library=library.present,
+        library=library.current,
         keep=library.keep,
         recorder=recorder,
         commands=commands,
@@ -88,13 +91,14 @@ def assemble(
 
 
 class _RunLibrary:
-    """The trajectories known at the run's start, and those that it adds to the user's file."""
+    """The trajectory library at the run's start. Trajectories kept by the run are added to it and to the user's
+    file."""
 
     def __init__(self, request: FoldRequest) -> None:
         self._logs = request.logs
         self._library = load_library(request.logs).library
 
-    def present(self) -> Library:
+    def current(self) -> Library:
         return self._library
 
     def keep(
@@ -107,7 +111,7 @@ class _RunLibrary:
 
 
 def _generator() -> np.random.Generator:
-    """The motion planner's own draws, the same in every run."""
+    """The motion planner's random generator, with the same seed in every run."""
     return np.random.default_rng(1)
 
 

@@ -1,4 +1,4 @@
-"""What the executive believes of its camera: a calibration file, or the drawing of its bracket."""
+"""The executive's camera calibration: from a calibration file, or nominal from the drawing of the bracket."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def nominal_calibration(table: Table) -> CameraCalibration:
 
 
 def camera_calibration(settings: CellSettings) -> CameraCalibration:
-    """What the executive believes of its camera: the file that the settings name, or the bracket's drawing."""
+    """The calibration from the file that the settings name, else the nominal one."""
     if settings.camera.calibration is not None:
         return load_camera_calibration(settings.camera.calibration, settings.table)
     return nominal_calibration(settings.table)

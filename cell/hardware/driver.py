@@ -1,4 +1,4 @@
-"""The one place where a driver is chosen: the ports of a cell, opened and closed again."""
+"""Chooses the driver, opens the ports of a cell and closes them."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from robots.ports import Attendant, Ports, Stop
 __all__ = ["DRIVERS", "OpenCell", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
 
 DRIVERS = {
-    "sim": "the simulated cell, as fast as it goes and the same for each seed",
-    "emulator": "the simulated cell behind ROS, by the real robot's driver, in real time",
+    "sim": "the simulated cell, as fast as possible and reproducible by seed",
+    "emulator": "the simulated cell behind ROS, with the real robot's driver, in real time",
     "ros": "the robot that ROS_MASTER_URI names",
 }
 
 PersonAt = Callable[[Stop], Attendant]
-"""Makes the person at a real cell, who stops waiting when the cell is stopped."""
+"""Makes the attendant of a real cell. Its waits end when the stop is triggered."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenCell:
-    """A cell that stands open. ports: all that an executive gets. simulated: what else there is of a simulated
-    one, for scorer, scripts and checkpoints; None on hardware."""
+    """An open cell. ports: all that the executive gets; simulated: the simulated cell, for scorer, scripts and
+    checkpoints; None on hardware."""
 
     ports: Ports
     simulated: SimulatedCell | None = None
 
 
 def is_simulated(driver: str) -> bool:
-    """Whether no robot stands behind it."""
+    """Whether the driver runs without a robot."""
     return driver != "ros"
 
 
 def check_cell(driver: str, settings: SimulationSettings) -> None:
-    """Raises ConfigurationError for a cell that cannot be opened; nothing is started."""
+    """Raises ConfigurationError for a cell that cannot be opened. Starts nothing."""
     if driver not in DRIVERS:
         raise ConfigurationError(f"there is no driver '{driver}'", f"it is one of {', '.join(DRIVERS)}")
     if driver != "sim":
@@ -57,15 +57,17 @@ def check_cell(driver: str, settings: SimulationSettings) -> None:
 def opened_cell(
     driver: str, simulation: SimulationSettings, seed: int, settings: CellSettings, person: PersonAt
 ) -> Iterator[OpenCell]:
-    """A cell, until the end. simulation, seed: of a simulated one; person: of a real one. Raises
-    ConfigurationError as `check_cell`, and when something of the cell does not answer."""
+    """Open a cell for the duration of the context. simulation, seed: for a simulated cell; person: for a real one.
+
+    Raises ConfigurationError as `check_cell` does, and if a part of the cell does not answer.
+    """
     check_cell(driver, simulation)
     with _opened(driver, simulation, seed, settings, person) as cell:
         if driver == "sim":
             yield cell
             return
         gc.collect()
-        gc.freeze()  # what is loaded stays: looking through it takes 0.1 s, which is ten set-points
+        gc.freeze()  # a garbage collection of everything loaded takes 0.1 s, which is ten set-points
         try:
             yield cell
         finally:
@@ -74,7 +76,8 @@ def opened_cell(
 
 @contextmanager
 def stop_circuit() -> Iterator[Stop]:
-    """Of the robot alone, whatever else of the cell answers. Raises ConfigurationError: no ROS, no robot."""
+    """The robot's stop circuit alone, even if other parts of the cell do not answer. Raises ConfigurationError if
+    ROS or the robot does not answer."""
     from robots.baxter.ros.connection import connected_stop
 
     with connected_stop() as stop:
@@ -104,7 +107,7 @@ def _opened(
 
 @contextmanager
 def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
-    """The robot, which has one owner whatever folder the logs are in."""
+    """The robot's ports. The lock is on the robot, so that runs with different log folders exclude each other."""
     from robots.baxter.ros.connection import connected
     from robots.baxter.ros.node import master_address
 

@@ -1,4 +1,4 @@
-"""Everything that a run works with, bundled once: the ports, the models, the files read, and the workers."""
+"""The workcell of a run: ports, models, files read, and worker threads."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _POLL_S = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """The cell as a run sees it. `expected` is the garment named on the command line, None for 'auto'."""
+    """The cell as a run sees it. expected: the garment named in the request, None for 'auto'."""
 
     ports: Ports
     settings: CellSettings
@@ -45,7 +45,7 @@ class Workcell:
     robot: RobotModel
     checker: CollisionChecker
     execution_checker: CollisionChecker
-    """Judges what is about to be executed, with a little less margin than what is planned keeps."""
+    """Checks motions before execution, with slightly smaller margins than in planning."""
     limits: JointLimits
     execution: ExecutionLimits
     garments: tuple[Garment, ...]
@@ -62,22 +62,21 @@ class Workcell:
     attended: bool
     approve: bool
     tell: Callable[[str], None]
-    """Says something to whoever watches."""
+    """Shows a line to the operator."""
     progress: Callable[[int, int, str], None]
-    """Says how far a long computation is: so many done of so many at most, a remark."""
+    """Shows the progress of a long computation: number done, largest number, remark."""
     rng: Callable[[], np.random.Generator]
-    """Makes the motion planner's generator, always from the same seed."""
+    """Makes the motion planner's random generator, always with the same seed."""
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
-    """Keeps in the journal what happens within an effect: name, figures."""
+    """Writes an event within an effect to the journal: name, figures."""
     last_command: LastCommand = field(default_factory=LastCommand)
-    """What the arms were last told."""
+    """The last set-point sent to the arms."""
     watched_stop: Stop | None = None
-    """The stop as it is asked while a skill computes, at the pace of the wall's clock; None: that of the ports.
-    What it says only ends the waiting: `ports.stop` is asked then, and by that it is decided."""
+    """The stop that is polled in real time while a skill computes; None: that of the ports. Polling it only ends
+    the wait. The decision is taken from `ports.stop`, which is read once afterwards."""
 
     @property
     def loop(self) -> ControlLoop:
-        """Sends the arms whatever they are sent."""
         return ControlLoop(self.ports, self.execution, self.last_command)
 
     @property
@@ -85,14 +84,15 @@ class Workcell:
         return Hands(self.ports, self.robot, self.table, self.recorder)
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
-        """Run a skill on a worker while watching the stop; in simulation it takes its declared time at least.
+        """Run a skill on a worker thread while polling the stop. charge_s: cell time that it takes in simulation
+        [s], fixed or from its result.
 
-        Raises DriverError(STOPPED) when the stop is triggered meanwhile; the skill's result is then void.
+        Raises DriverError(STOPPED) if the stop is triggered meanwhile; the skill's result is then lost.
         """
         began = self.ports.clock.now()
         future = self.workers.submit(work)
-        watched = self.watched_stop or self.ports.stop
-        while not wait([future], timeout=_POLL_S).done and not watched.state().stopped:
+        stop = self.watched_stop or self.ports.stop
+        while not wait([future], timeout=_POLL_S).done and not stop.state().stopped:
             pass
         failure = stopped(self.ports)
         if failure:

@@ -1,8 +1,8 @@
-"""Going on with a run that was interrupted: what it believed, its simulated world, and where it is entered again.
+"""Writes the checkpoint of a run, and prepares an interrupted run for resuming.
 
-After each effect the run's context is written to a checkpoint, with the simulated world beside it
-(`CheckpointWriter`). The journal says which effect was under way (`interrupted_run`). The executive that resumes
-gets the context and nothing of the world: it opens the hands, parks the arms, and looks again.
+`CheckpointWriter` writes the run's context after each effect, with the simulated world beside it.
+`interrupted_run` finds the interrupted effect in the journal. The executive of the resumed run gets the context
+but nothing of the simulated world: it opens the hands, parks the arms and looks again.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ WORLD = "world.npz"
 
 @dataclass(frozen=True, eq=False)
 class Interrupted:
-    """A run to be gone on with. context: what it believed, and where it is entered again; world: the simulated one
-    as it stood, else None."""
+    """A run to resume. context: its knowledge, with the event to resume with; world: the saved simulated world,
+    None on hardware."""
 
     run: str
     request: FoldRequest
@@ -44,50 +44,52 @@ class Interrupted:
 
 
 class CheckpointWriter:
-    """Puts down what a run is gone on with from. world: gives the simulated one as it stands, None on hardware."""
+    """Writes the checkpoint of a run. world: saves the simulated world, None on hardware."""
 
     def __init__(self, folder: Path, world: Callable[[], bytes] | None) -> None:
         self._folder, self._world = folder, world
         self._frames = FrameStore(folder / FRAMES)
 
     def keep(self, context: RunContext) -> None:
-        """On disk when the call returns. Raises StorageError."""
+        """Write the checkpoint. It is on disk when the call returns. Raises StorageError."""
         if self._world is not None:
             write_whole(self._folder / WORLD, self._world())
         write_checkpoint(self._folder / CHECKPOINT, context, self._frames)
 
     def forget(self) -> None:
-        """There is nothing to go on with any more. What cannot be removed stays."""
+        """Remove the checkpoint, because the run cannot be resumed any more. Files that cannot be removed stay."""
         with suppress(OSError):
             (self._folder / WORLD).unlink(missing_ok=True)
         shutil.rmtree(self._folder / CHECKPOINT, ignore_errors=True)
 
 
 def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
-    """The run `name` as it can be gone on with (`last`: one that was refused before it did anything does not
-    count); changes: of its request. Raises ConfigurationError for a run that
-    cannot be, StorageError for one whose files are damaged."""
+    """The run to resume. name: its id, or `last` for the newest run that came so far as to act; changes: to its
+    request.
+
+    Raises ConfigurationError for a run that cannot be resumed, StorageError if its files are damaged.
+    """
     record = journal.run(last_begun(journal) if name == "last" else name)
     check_resumable(journal, record.id)
     request = load_request(record.directory, logs, **changes)
-    asked = request.settings.fingerprint(), request.seed, request.driver
-    if asked != (record.settings_hash, record.seed, record.driver):
+    kept = request.settings.fingerprint(), request.seed, request.driver
+    if kept != (record.settings_hash, record.seed, record.driver):
         raise ConfigurationError(
-            f"settings or request of the run {record.id} are not those that the journal knows",
-            f"put {record.directory / 'cell.yaml'} back as it was, or start a new run",
+            f"settings or request of the run {record.id} do not match the journal",
+            f"restore {record.directory / 'cell.yaml'}, or start a new run",
         )
     context = read_checkpoint(record.directory / CHECKPOINT, FrameStore(record.directory / FRAMES))
     if context.through:
         raise ConfigurationError(
-            f"the run {record.id} is through its plan, and left folds out",
+            f"the run {record.id} has finished its plan, with folds skipped",
             "lay the garment flat and start a new one",
         )
     event = reentry_event([State(entry.state) for entry in journal.entries(record.id)], context)
-    world = _world(record.directory / WORLD) if is_simulated(record.driver) else None
+    world = _read_world(record.directory / WORLD) if is_simulated(record.driver) else None
     return Interrupted(record.id, request, reentered(context, event), world)
 
 
-def _world(path: Path) -> bytes:
+def _read_world(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as e:

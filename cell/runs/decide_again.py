@@ -1,8 +1,7 @@
-"""Deciding a run again: today's program, given what was read then, is compared with what was decided then.
+"""Replays the decisions of a recorded run with the present program and finds the first deviation.
 
-The same runner, effects and skills go through the run; the ports answer from the transcript. Everything that the
-executive asks and sends has to be what it was then, bit for bit, and so has every line of the journal. The first
-difference ends it.
+The runner, effects and skills are the same; the ports answer from the transcript. Every request and command of the
+executive, and every line of the journal, must be bit for bit as recorded. The first difference ends the replay.
 """
 
 from __future__ import annotations
@@ -41,15 +40,15 @@ from robots.errors import ConfigurationError, FailureKind, StorageError
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
 UNREPEATED = frozenset({"wall", "traceback", "not_kept"})
-"""In the journal's payloads: what is of the wall's clock, of our own lines, and of the disk."""
+"""Payload keys that are not compared: they depend on the wall clock, the source lines or the disk."""
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Where a run that is decided again leaves what was decided then. cell_time_s: of the cell's clock.
+    """First difference between the replay and the recorded run. cell_time_s: time of the cell's clock [s].
 
-    place: in the journal or the transcript; state, effect: what was under way (no effect: between two); then, now:
-    what was done and what would be done, in words.
+    place: in the journal or the transcript; state, effect: present at that moment (None: between two effects);
+    then, now: what was done and what would be done now, in words.
     """
 
     cell_time_s: float
@@ -62,11 +61,11 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of deciding a run again. deviation: None where all that was compared is the same.
+    """Result of a replay. deviation: None if everything compared is the same.
 
-    cell_time_s: as far as that goes. broken_off: why it does not go to the end of the run, where there is no
-    deviation. effects, set_points, pictures, exchanges: how many were compared and the same. wall_time_s: what
-    deciding took.
+    cell_time_s: cell time up to which the run was compared [s]; broken_off: why the comparison ends before the
+    run's end without a deviation, else None. effects, set_points, pictures, exchanges: numbers of those compared
+    and found the same. wall_time_s: duration of the replay [s].
     """
 
     deviation: Deviation | None
@@ -90,11 +89,11 @@ def decide_again(
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
 ) -> Verdict:
-    """Take the decisions of a run that has ended again, from where it began. entries: its lines in the journal.
-    tell, progress: as `cell.hardware.assembly.assemble` has them.
+    """Replay a run that has ended, from its beginning. entries: its lines in the journal. tell, progress: as in
+    `cell.hardware.assembly.assemble`.
 
-    Raises ConfigurationError where the run cannot be set up as it was, StorageError where its transcript or a
-    picture is missing or damaged.
+    Raises ConfigurationError if the run cannot be set up as it was, StorageError if its transcript or a picture is
+    missing or damaged.
     """
     if run.status == "running":
         raise ConfigurationError(f"the run {run.id} has not ended (pid {run.pid})", "try again when it has")
@@ -104,23 +103,23 @@ def decide_again(
         request = restored_request(run.directory, Path(scratch))
         try:
             answers = Answers(transcript)
-            again, where = _taken_again(request, _Beginning.of(run, entries), answers, observers, tell, progress)
-        except Halt as halt:  # before anything was asked
+            lines, replay = _replay(request, _Beginning.of(run, entries), answers, observers, tell, progress)
+        except Halt as halt:  # before the first request
             assert halt.trouble is not None
             raise halt.trouble from None
-    if where.unrecorded is not None:
-        raise where.unrecorded
-    to_the_end = where.end is not None and answers.next is not None and answers.next.channel is Channel.END
-    line = first_difference(entries, again, whole=to_the_end)
+    if replay.unrecorded is not None:
+        raise replay.unrecorded
+    completed = replay.end is not None and answers.next is not None and answers.next.channel is Channel.END
+    difference = first_difference(entries, lines, whole=completed)
     deviation = broken_off = None
-    if line is not None:
-        deviation = line[1]
-    elif where.halt is not None and where.halt.trouble is not None:
-        raise where.halt.trouble
-    elif not to_the_end:
-        ledger_over = _was_cut_off(run) and len(again) > len(entries)
-        deviation, broken_off = _how_it_left(where, answers, ledger_over)
-    compared = again if line is None else again[: line[0]]
+    if difference is not None:
+        deviation = difference[1]
+    elif replay.halt is not None and replay.halt.trouble is not None:
+        raise replay.halt.trouble
+    elif not completed:
+        beyond_journal = _was_cut_off(run) and len(lines) > len(entries)
+        deviation, broken_off = _why_incomplete(replay, answers, beyond_journal)
+    compared = lines if difference is None else lines[: difference[0]]
     return Verdict(
         deviation=deviation,
         broken_off=broken_off,
@@ -136,36 +135,36 @@ def decide_again(
 def first_difference(
     then: Sequence[Entry], now: Sequence[Entry], whole: bool = True
 ) -> tuple[int, Deviation] | None:
-    """Index of the first line in which two journals of a run differ, and the difference. whole: both go to the
-    run's end; otherwise lines that only one of them has are not compared."""
+    """The first line in which two journals of a run differ: its index and the difference, or None. whole: both
+    journals reach the run's end; otherwise lines that only one of them has are not compared."""
     effect = None
     for i, (a, b) in enumerate(zip_longest(then, now) if whole else zip(then, now, strict=False)):
         if a is not None and b is not None and _essence(a) == _essence(b):
             effect = a.name if a.kind == "intent" else effect
             continue
-        there = a or b
-        between = there.kind == "event" and "from" in there.payload
-        state = there.payload["from"] if between else there.state
-        during = None if between else effect if there.kind == "event" else there.name
-        return i, Deviation(there.cell_time, f"line {i + 1} of the journal", state, during, *_lines(a, b))
+        entry = a or b
+        transition = entry.kind == "event" and "from" in entry.payload
+        state = entry.payload["from"] if transition else entry.state
+        during = None if transition else effect if entry.kind == "event" else entry.name
+        return i, Deviation(entry.cell_time, f"line {i + 1} of the journal", state, during, *_lines(a, b))
     return None
 
 
 def changed_versions(then: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Packages of another version than when a run was made: name -> (then, now)."""
+    """Packages whose version has changed since a run was made: name -> (then, now)."""
     now = {name: _version(name) for name in then}
     return {name: (old, now[name]) for name, old in then.items() if now[name] != old}
 
 
-class _Where:
-    """Where a run that is decided again is, and how it ended: by its own rules, or with the answers."""
+class _ReplayState:
+    """The replay's present state and effect, and its end: `end` by the state machine, `halt` by the ports."""
 
     def __init__(self) -> None:
         self.state, self.effect = State.IDLE.value, ""
         self.end: RunEnd | None = None
         self.halt: Halt | None = None
         self.unrecorded: StorageError | None = None
-        """There was no room for the lines that are to be compared."""
+        """Set if the replay's own journal could not be written."""
 
     def entered(self, t: float, step: Step) -> None:
         self.state, self.effect = step.target.value, step.effect.value
@@ -178,7 +177,8 @@ class _Where:
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """How a run began. lines: in its journal before the machine's first; context, first: what the runner had."""
+    """How a run began. lines: of its journal before the machine's first line; context, first: the runner's first
+    context and event."""
 
     lines: tuple[Entry, ...]
     context: RunContext
@@ -186,42 +186,42 @@ class _Beginning:
 
     @classmethod
     def of(cls, run: RunRecord, entries: Sequence[Entry]) -> Self:
-        """Raises StorageError, ConfigurationError where what it began with cannot be read."""
+        """Raises StorageError or ConfigurationError if the run's initial checkpoint cannot be read."""
         lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
         checkpoint = initial_checkpoint(run.directory)
         if lines and checkpoint is None:
             raise StorageError(
-                f"the run {run.id} goes on with another one, and what it began with is missing",
-                "have the other one decided again, or a new one",
+                f"the run {run.id} resumed another one, and its initial checkpoint is missing",
+                "decide the other run again, or a new one",
             )
         return (
             cls(lines, RunContext(), Event.START) if checkpoint is None else cls(lines, checkpoint, Event.REENTER)
         )
 
 
-def _taken_again(
+def _replay(
     request: FoldRequest,
     beginning: _Beginning,
     answers: Answers,
     observers: tuple[Observer, ...],
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
-) -> tuple[list[Entry], _Where]:
-    """The decisions as they are taken now: the lines of a journal of their own, and how far it went."""
-    where = _Where()
+) -> tuple[list[Entry], _ReplayState]:
+    """Run the present program on the recorded answers: the lines of its own journal, and how it ended."""
+    replay = _ReplayState()
     with Journal.open(journal_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
         try:
             for line in beginning.lines:
                 run.event(line.cell_time, line.state, line.name, line.payload)
             with _workcell(request, answers, tell, progress) as (cell, commands):
-                runner = Runner(cell, EFFECTS, run, commands, (where, *observers))
-                where.end = runner.run(beginning.context, beginning.first)
+                runner = Runner(cell, EFFECTS, run, commands, (replay, *observers))
+                replay.end = runner.run(beginning.context, beginning.first)
         except Halt as halt:
-            where.halt = halt
+            replay.halt = halt
         finally:
             run.abandon()
-        return journal.entries(run.id), where
+        return journal.entries(run.id), replay
 
 
 @contextmanager
@@ -231,35 +231,37 @@ def _workcell(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> Iterator[tuple[Workcell, CommandQueue]]:
-    """The cell of the run, with answers in place of ports."""
+    """The workcell of the run, with ports that answer from the transcript."""
     commands, robot = answers.commands(), load_robot(request.settings)
     with ThreadPoolExecutor(1, "skill") as workers:
         try:
             cell = assemble(request, robot, answers.ports(), Recorder.silent(), commands, workers, tell, progress)
             yield replace(cell, watched_stop=answers.watched_stop()), commands
         finally:
-            answers.abandoned = True  # what still computes ends soon
+            answers.abandoned = True  # ends a skill that still computes
 
 
-def _how_it_left(where: _Where, answers: Answers, ledger_over: bool) -> tuple[Deviation | None, str | None]:
-    """Where not all of a run was gone along: what was decided otherwise, or why there is no more to compare.
+def _why_incomplete(
+    replay: _ReplayState, answers: Answers, beyond_journal: bool
+) -> tuple[Deviation | None, str | None]:
+    """Why a replay ended before the run's end: a deviation, or the reason that there is no more to compare.
 
-    ledger_over: the run's own journal has no line for what is decided here.
+    beyond_journal: the replay has more journal lines than the run.
     """
-    there = answers.next
-    if there is None:
+    recorded = answers.next
+    if recorded is None:
         return None, "the transcript breaks off here"
-    if ledger_over:  # it took no more lines then, and the run was ended for that
+    if beyond_journal:  # the journal took no more lines, which ended the run
         return None, "the journal of the run breaks off here"
-    then, now = asked_in_words(there), f"the end of the run: {where.state}"
-    if where.halt is not None:
-        then, now = where.halt.then, where.halt.now
+    then, now = asked_in_words(recorded), f"the end of the run: {replay.state}"
+    if replay.halt is not None:
+        then, now = replay.halt.then, replay.halt.now
     place = f"exchange {answers.count + 1} of the transcript"
-    return Deviation(answers.cell_time, place, where.state, where.effect, then, now), None
+    return Deviation(answers.cell_time, place, replay.state, replay.effect, then, now), None
 
 
 def _was_cut_off(run: RunRecord) -> bool:
-    """Whether the journal of a run took no more lines before it had ended, as far as it could tell."""
+    """Whether the journal of a run may lack its last lines."""
     failure = run.summary.get("failure") or {}
     return run.status == "interrupted" or failure.get("kind") == FailureKind.UNRECORDED
 
@@ -275,17 +277,18 @@ def _version(name: str) -> str:
 
 
 def _essence(entry: Entry) -> tuple[Any, ...]:
-    return entry.cell_time, entry.state, entry.kind, entry.name, entry.answers, _repeated(entry.payload)
+    return entry.cell_time, entry.state, entry.kind, entry.name, entry.answers, _repeatable(entry.payload)
 
 
-def _repeated(value: Any) -> Any:
+def _repeatable(value: Any) -> Any:
+    """The value without the keys that are not compared."""
     if isinstance(value, Mapping):
-        return {k: _repeated(v) for k, v in value.items() if k not in UNREPEATED}
+        return {k: _repeatable(v) for k, v in value.items() if k not in UNREPEATED}
     return value
 
 
 def _lines(then: Entry | None, now: Entry | None) -> tuple[str, str]:
-    """Two lines in words, with the first figures in which they differ."""
+    """Two lines in words, with the first four figures in which they differ."""
     a, b = _figures(then), _figures(now)
     differ = [key for key in a if key in b and a[key] != b[key]][:4]
     return _line(then, a, differ), _line(now, b, differ)
@@ -306,17 +309,17 @@ def _line(entry: Entry | None, figures: Mapping[str, Any], differ: Sequence[str]
 
 
 def _figures(entry: Entry | None) -> dict[str, Any]:
-    """All that a line says beyond its name, flat: keys with dots."""
+    """The time and figures of a line, flattened: nested keys are joined by dots."""
     if entry is None:
         return {}
-    flat = dict(_flat("", _repeated(entry.payload)))
-    told = {"schema", "event", "kind", "what", "hint"}
-    return {"cell time": entry.cell_time, **{k: v for k, v in flat.items() if k not in told}}
+    flat = dict(_flattened("", _repeatable(entry.payload)))
+    in_text = {"schema", "event", "kind", "what", "hint"}
+    return {"cell time": entry.cell_time, **{k: v for k, v in flat.items() if k not in in_text}}
 
 
-def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
+def _flattened(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _flat(f"{prefix}.{key}" if prefix else key, item)
+            yield from _flattened(f"{prefix}.{key}" if prefix else key, item)
     else:
         yield prefix, value

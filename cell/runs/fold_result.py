@@ -1,4 +1,4 @@
-"""What became of a run, as its result has it: made once, when the machine has ended."""
+"""Builds the result of a run after the machine has ended."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def fold_result(
     recording: dict[str, Any],
     resumed_from: str | None,
 ) -> FoldResult:
-    """began: time.monotonic() when the request came [s]; score: None where nobody scored; received: signals."""
+    """The result. began: time.monotonic() at the request [s]; score: None if the run was not scored; received:
+    signals received."""
     context = end.context
     failure = context.failure if end.state is not State.FOLDED else None
     return FoldResult(
@@ -61,12 +62,12 @@ def fold_result(
 
 
 def failure_to_dict(failure: Failure) -> dict[str, str]:
-    """A failure as it stands in results."""
+    """A failure in the form of results."""
     return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 
 
 def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
-    """Every planned fold: what was made of it. A fold that is not done has figures, too, if it came so far."""
+    """One entry per planned fold. A fold that is not done also has figures, as far as it got."""
     notes, done = context.notes(), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         note = notes.get(step.name)
@@ -88,7 +89,8 @@ def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
 
 
 def _accepted(note: StepNote | None, done: bool) -> bool | None:
-    """None: nobody judged it, or the run ended before what was seen counted."""
+    """Whether the inspection accepted the fold. None: it was not inspected, or the run ended before it was
+    done."""
     if note is None or note.inspected is None or (note.accepted and not done):
         return None
     return note.accepted

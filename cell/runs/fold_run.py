@@ -1,7 +1,7 @@
-"""One run, from a request to a result: open the cell, run the machine, score, report, close.
+"""Performs one run, from a request to a result: open the cell, run the machine, score, report, close.
 
-Whatever happens, the journal is ended, the recording closed and the result written. Ctrl-C and a termination
-signal trigger the stop circuit, and the machine ends in a declared state.
+In any case the run is ended in the journal, the recording closed and the result written. Ctrl-C and a termination
+signal trigger the stop circuit, and the machine ends in a terminal state.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from cell.runs.fold_result import failure_to_dict, fold_result
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
-from cell.runs.run_inputs import keep_surroundings
+from cell.runs.run_inputs import keep_run_inputs
 from cell.simulation import SimulationSettings
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest, FoldResult
@@ -60,40 +60,40 @@ if TYPE_CHECKING:
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
-"""Gets cell and command queue before the first effect; may give back other ports for the executive."""
+"""Called with the cell and the command queue before the first effect. May return other ports for the executive."""
 
 
 def fold_once(
     request: FoldRequest,
     on_open: OnOpen | None = None,
-    bystanders: Sequence[Observer] = (),
+    observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run, or go on with an interrupted one. on_open, bystanders: of tests and HIL scripts; these
-    observe the run as the view does.
+    """Perform one run, or resume an interrupted one. on_open, observers (in addition to the run's own): for
+    tests and HIL scripts.
 
-    Raises ConfigurationError and StorageError before anything moves. A journal that takes no more lines later on
-    ends the run as a fault, the arms held.
+    Raises ConfigurationError and StorageError before anything moves. If the journal takes no more lines later, the
+    run ends in a fault with the arms held.
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
-    asks = request.approve or not is_simulated(request.driver)
-    if asks and request.terminal and not request.page:
+    needs_operator = request.approve or not is_simulated(request.driver)
+    if needs_operator and request.terminal and not request.page:
         check_terminal(sys.stdin)
     with owned_cell(request.logs) as (interrupts, journal), _listener(request) as listener:
-        if interrupted:  # nobody else can go on with it from here on
+        if interrupted:  # checked under the lock: no other process can resume it from here on
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
         with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
-            ended = _perform(request, run, began, on_open, bystanders, listener, interrupted, interrupts)
-            result = _ended_in_ledger(run, ended.result)
+            ended = _perform(request, run, began, on_open, observers, listener, interrupted, interrupts)
+            result = _end_in_journal(run, ended.result)
         if result.result == "folded" or ended.end.context.through:
             CheckpointWriter(run.directory, None).forget()
         return _with_files(run.directory, request, replace(ended, result=result))
 
 
-def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
-    """The result, once it is in the journal. What cannot be put there has not ended well: a fault."""
+def _end_in_journal(run: RunJournal, result: FoldResult) -> FoldResult:
+    """Write the result to the journal. If that fails the result becomes a fault."""
     try:
         run.end(result.result, result.as_json())
     except StorageError as e:
@@ -106,7 +106,7 @@ def _ended_in_ledger(run: RunJournal, result: FoldResult) -> FoldResult:
 
 
 def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult:
-    """The result with its files beside the recording. The run has ended: what cannot be written is told."""
+    """Write result.json and report. Files that cannot be written are listed in the returned result."""
     result = ended.result
     try:
         write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
@@ -121,7 +121,7 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """A run that has ended: its result, and what the report is made of."""
+    """A run that has ended: its result and the input of the report."""
 
     end: RunEnd
     result: FoldResult
@@ -131,7 +131,8 @@ class _Ended:
 
 
 def _listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
-    """Of the operator's page, where there is one: a port that is taken is told before there is a run."""
+    """The listener of the operator's page, or None. It is opened first, so that a port in use fails before the run
+    begins."""
     if not request.page:
         return nullcontext()
     from cell.operator.console.server import open_listener
@@ -144,14 +145,14 @@ def _perform(
     run: RunJournal,
     began: float,
     on_open: OnOpen | None,
-    bystanders: Sequence[Observer],
+    more_observers: Sequence[Observer],
     listener: socket | None,
     interrupted: Interrupted | None,
     interrupts: Interrupts,
 ) -> _Ended:
     keep_request(run.directory, request)
     if request.record:
-        keep_surroundings(run.directory, request, interrupted.context if interrupted else None)
+        keep_run_inputs(run.directory, request, interrupted.context if interrupted else None)
     robot = load_robot(request.settings)
     recorder = _recorder(request, run)
     port_recorder = PortRecorder(run.directory if request.record else None)
@@ -161,8 +162,8 @@ def _perform(
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
-    # the board before who reads it out: an answer may come at once
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *bystanders)
+    # run_status before the lines that show it: an answer may come at once
+    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *more_observers)
 
     try:
         with (
@@ -173,37 +174,39 @@ def _perform(
             supervision.page(recorder, opened.ports.stop, say) if supervision else nullcontext(),
         ):
             ports = opened.ports
-            used = (on_open(opened, commands) if on_open is not None else None) or ports
+            executive_ports = (on_open(opened, commands) if on_open is not None else None) or ports
             if isinstance(ports.attendant, PersonAttendant):
-                ports.attendant.clock = used.clock
-            heard = port_recorder.between(used, commands)
+                ports.attendant.clock = executive_ports.clock
+            recorded = port_recorder.between(executive_ports, commands)
             cell = assemble(
-                request, robot, heard.ports, recorder, heard.commands, workers, notifier.note, notifier.computing
-            )
-            cell = replace(cell, watched_stop=used.stop)
+                request, robot, recorded.ports, recorder, recorded.commands, workers,
+                notifier.note, notifier.computing,
+            )  # fmt: skip
+            cell = replace(cell, watched_stop=executive_ports.stop)
             truth_recorder = _truth_recorder(request, opened, recorder)
-            asked = request.approve or not ports.simulated
-            if asked and request.terminal and (in_foreground(sys.stdin) or not request.page):
+            attended = request.approve or not ports.simulated
+            if attended and request.terminal and (in_foreground(sys.stdin) or not request.page):
                 alone = not request.page
                 TerminalOperator(commands, sys.stdin, sys.stderr, alone, run_status.allowed).start()
             checkpoint_writer = CheckpointWriter(
                 run.directory, opened.simulated.checkpoint.save if opened.simulated else None
             )
             context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
-            if interrupted:  # first what it would itself be gone on with from: a death here loses nothing
+            if interrupted:  # the checkpoint first: if the process dies here, this run can be resumed in turn
                 checkpoint_writer.keep(context)
                 run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
-            end = Runner(cell, EFFECTS, run, heard.commands, observers, checkpoint_writer.keep).run(context, first)
+            runner = Runner(cell, EFFECTS, run, recorded.commands, observers, checkpoint_writer.keep)
+            end = runner.run(context, first)
             port_recorder.end()
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
                 run_status.finish(end.state, failure, run.directory)
             score = _score(truth_recorder)
     finally:
-        kept, unkept = recorder.close(), port_recorder.close()
-    errors = [f"recording: {error}" for error in kept.errors] + ([unkept] if unkept else [])
-    live = {"live_dropped": kept.live_dropped, "live_errors": list(kept.live_errors)}
-    recording = {"dropped": kept.dropped, "errors": errors, **live}
+        summary, transcript_error = recorder.close(), port_recorder.close()
+    errors = [f"recording: {error}" for error in summary.errors] + ([transcript_error] if transcript_error else [])
+    live = {"live_dropped": summary.live_dropped, "live_errors": list(summary.live_errors)}
+    recording = {"dropped": summary.dropped, "errors": errors, **live}
     result = fold_result(
         request, run.directory, began, end, score, interrupts.received, recording,
         interrupted.run if interrupted else None,
@@ -214,7 +217,7 @@ def _perform(
 
 @contextmanager
 def _opened(request: FoldRequest, interrupted: Interrupted | None, person: PersonAt) -> Iterator[OpenCell]:
-    """The cell; a simulated one that is gone on with stands where it stood, before anybody can stop it."""
+    """Open the cell. The saved world of a resumed simulated run is restored before the stop can be triggered."""
     with opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as cell:
         if interrupted and interrupted.world is not None and cell.simulated is not None:
             cell.simulated.checkpoint.restore(interrupted.world)
@@ -238,7 +241,7 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
 
     try:
         visual = baxter_visual()
-    except StorageError:  # no place to keep the converted meshes: a view without the robot is better than no run
+    except StorageError:  # the converted meshes cannot be cached: run with a view without the robot
         visual = None
     path, table = run.directory / "run.rrd", request.settings.table
     recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
@@ -260,7 +263,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
 
 
 def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) -> Any:
-    """Who records and scores the truth of a simulated cell."""
+    """The recorder and scorer of a simulated cell's true state, or None."""
     if not request.record_truth or cell.simulated is None:
         return None
     from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
@@ -269,7 +272,7 @@ def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) ->
 
 
 def _score(truth_recorder: Any) -> dict[str, Any] | None:
-    """None where there is nothing to score, or nobody left who knows what is true."""
+    """The score, or None if the true state is not recorded or no longer available."""
     try:
         return truth_recorder.score() if truth_recorder else None
     except CellError as e:

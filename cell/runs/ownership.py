@@ -1,4 +1,4 @@
-"""The frame of what moves a cell, a fold or a calibration: the cell is this process's, and the journal has it."""
+"""Contexts of a fold or calibration run: exclusive ownership of the cell, and the run's entry in the journal."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ VERSIONED = (
     "foldcell", "pin", "coal", "ruckig", "toppra", "numpy", "scipy", "numba", "opencv-python-headless", "pybullet",
     "transitions", "rerun-sdk",
 )  # fmt: skip
-"""Packages whose versions a run is kept with."""
+"""Packages whose versions are written to the journal with each run."""
 
 
 @contextmanager
 def owned_cell(logs: Path) -> Iterator[tuple[Interrupts, Journal]]:
-    """Signals may be taken (`Interrupts.stop`), and `logs` is nobody else's, until it ends. Raises
-    ConfigurationError when the cell is in use, StorageError for a journal that cannot be opened."""
+    """Own the cell of this log folder exclusively: signals may be handled (`Interrupts.stop`) and the journal is
+    open. Raises ConfigurationError if the cell is in use, StorageError if the journal cannot be opened."""
     with (
         taking_signals() as interrupts,
         OwnerLock(logs / "cell.lock"),
@@ -44,8 +44,8 @@ def begun_run(
     settings: CellSettings,
     packages: Sequence[str] = VERSIONED,
 ) -> Iterator[RunJournal]:
-    """A new run in the journal. A CellError before its first line (the cell does not answer) ends it as not begun,
-    with the reason; whatever else is raised before its end leaves it open: it shows as interrupted."""
+    """Begin a run in the journal. A CellError before its first line (the cell does not answer) ends it as not
+    begun, with the reason. Any other exception leaves it open: it counts as interrupted."""
     run = journal.begin_run(
         garment=garment,
         seed=seed,

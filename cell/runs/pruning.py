@@ -1,4 +1,4 @@
-"""Which recordings of old runs may go when the disk is wanted."""
+"""Removes the recordings of old runs to free disk space."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ from robots.errors import StorageError
 __all__ = ["PrunableRun", "prunable_runs", "prune"]
 
 HEAVY = ("run.rrd", "run.transcript", FRAMES, CHECKPOINT, BEGAN_WITH, WORLD)
-"""Of a run's folder: recording, transcript, pictures, what it would have been gone on with from, and what it had
-itself gone on from, which the transcript needs. What remains
-(report, result, settings, and the journal) tells what became of it."""
+"""Removable files of a run: recording, transcript, pictures, checkpoint, saved world, and initial checkpoint
+(which only the transcript needs). Report, result, settings and the journal stay."""
 
 
 @dataclass(frozen=True)
 class PrunableRun:
-    """A run whose recordings may go. paths: these; bytes: what they take."""
+    """A run whose recordings may be removed. paths: their files and folders; bytes: their total size."""
 
     run: RunRecord
     paths: tuple[Path, ...]
@@ -34,42 +33,44 @@ class PrunableRun:
 
 
 def prunable_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[PrunableRun, ...]:
-    """All runs in the folder and in its campaigns that have recordings, oldest first, but the newest `keep`, those
-    under way, and, unless `unfinished`, those that can be gone on with. Raises StorageError, or ConfigurationError
-    for a bad journal."""
+    """The runs with recordings in the folder and its campaigns, oldest first. Excluded are the newest `keep` runs,
+    those that are running and, without `unfinished`, those that can be resumed.
+
+    Raises StorageError, or ConfigurationError for a bad journal.
+    """
     runs = sorted(_runs(logs, unfinished), key=lambda run: run[0])
-    found = []
+    prunable = []
     for _, record, needed in runs[: max(0, len(runs) - keep)]:
         paths = tuple(path for path in (record.directory / name for name in HEAVY) if path.exists())
         if paths and not needed:
-            found.append(PrunableRun(record, paths, sum(_size(path) for path in paths)))
-    return tuple(found)
+            prunable.append(PrunableRun(record, paths, sum(_size(path) for path in paths)))
+    return tuple(prunable)
 
 
-def prune(heavy: PrunableRun) -> None:
+def prune(run: PrunableRun) -> None:
     """Remove the recordings of one run. Raises StorageError."""
     try:
-        for path in heavy.paths:
+        for path in run.paths:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     except OSError as e:
         raise StorageError(
             f"cannot remove {e.filename}: {e.strerror}",
-            "see whose file it is, and whether its disk may be written",
+            "check the file's owner and whether the disk is writable",
         ) from e
 
 
 def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool]]:
-    """Every run, with when it began [s since 1970] and whether its recordings are needed. In a journal each began
-    after those before it, whatever the clock said."""
+    """Every run: (start [s since 1970], record, whether its recordings are needed). Within a journal the start
+    never decreases, even if the clock was set back."""
     for journal_file in [logs / LEDGER, *sorted(logs.glob(f"*/{LEDGER}")), *sorted(logs.glob(f"*/*/{LEDGER}"))]:
         if journal_file.is_file():
             with Journal.open(journal_file, readonly=True) as journal:
                 began = 0.0
                 for record in journal.runs():
-                    going = record.status == "running"
-                    hopeful = not unfinished and has_checkpoint(record.directory)
+                    running = record.status == "running"
+                    may_resume = not unfinished and has_checkpoint(record.directory)
                     began = max(began, record.started)
-                    yield began, record, going or (hopeful and resumable(journal, record.id))
+                    yield began, record, running or (may_resume and resumable(journal, record.id))
 
 
 def _size(path: Path) -> int:

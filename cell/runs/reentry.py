@@ -1,4 +1,4 @@
-"""Where an interrupted run is resumed, and what it still believes then."""
+"""The event and the context with which an interrupted run is resumed."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ __all__ = ["reentered", "reentry_event"]
 
 
 def reentry_event(states: Sequence[State], context: RunContext) -> Event:
-    """The event that leads into a run that passed through `states` and left `context`."""
-    known = [REENTRIES[state] for state in states if state in REENTRIES]
-    event = known[-1] if known else context.reentry or Event.START_OVER  # resumed before, but no further
-    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # judged already, the next fold not begun
+    """The event with which to resume a run that passed through `states` and left `context`."""
+    events = [REENTRIES[state] for state in states if state in REENTRIES]
+    event = events[-1] if events else context.reentry or Event.START_OVER  # no state since it was resumed itself
+    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # inspected already, the next fold not begun
         return Event.LOOK_AGAIN
     return event
 
 
 def reentered(context: RunContext, event: Event) -> RunContext:
-    """The context to resume with: nothing is held, waited for or failed any more."""
+    """The context to resume with: without grasps, waiting time and failure."""
     if event is Event.START_OVER:
         return RunContext(reentry=event)
-    fold = replace(context.fold, held={}, zeros={})
-    if fold.attempt:  # carried also where the release was begun, and not ended
+    fold = replace(context.fold, held={}, biases={})
+    if fold.attempt:  # carried is also true if the release was begun but not ended
         fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
     return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)

@@ -1,7 +1,7 @@
-"""What a run was asked for, kept in its folder, so that it can be gone on with and decided again.
+"""The request of a run, kept in its folder so that the run can be resumed and decided again.
 
-`cell.yaml` holds the exact settings, `request.json` the rest, with the hashes of the calibration files that the
-settings name; a garment given as a file is copied beside them.
+`cell.yaml` holds the exact settings. `request.json` holds the rest, with the hashes of the calibration files that
+the settings name. A garment given as a file is copied beside them.
 """
 
 from __future__ import annotations
@@ -40,14 +40,16 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
             (folder / GARMENT).mkdir()
             write_whole(folder / GARMENT / source.name, source.read_bytes())
         except OSError as e:
-            raise StorageError(f"{source} cannot be kept with the run: {e.strerror}", "check path and disk") from e
+            raise StorageError(f"{source} cannot be copied to the run: {e.strerror}", "check path and disk") from e
     write_whole(folder / REQUEST, json.dumps(kept, indent=1) + "\n")
 
 
 def load_request(folder: Path, logs: Path, restored: Path | None = None, **changes: Any) -> FoldRequest:
-    """The request of the run in `folder`, with `changes`. restored: settings to be read in place of the kept ones;
-    who gives them answers for the calibrations that they name. Raises ConfigurationError where there is no
-    request, or where the settings or what they name are not what they were."""
+    """The request of the run in `folder`, with `changes`. restored: a settings file to read instead of the kept
+    one, whose calibrations are not checked.
+
+    Raises ConfigurationError if the request cannot be read, or if the settings or a calibration have changed.
+    """
     path = folder / REQUEST
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
@@ -55,9 +57,9 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
         if schema != SCHEMA or {name: type(value) for name, value in kept.items()} != KEPT:
             raise ValueError("it was changed, or written by another version of foldcell")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as e:
-        why = e.strerror if isinstance(e, OSError) else e
+        reason = e.strerror if isinstance(e, OSError) else e
         raise ConfigurationError(
-            f"the run {folder.name} does not say what it was asked for ({path}: {why})",
+            f"the request of the run {folder.name} cannot be read ({path}: {reason})",
             "start a new one: foldcell fold",
         ) from None
     if kept["garment"].startswith(f"{GARMENT}/"):
@@ -69,14 +71,14 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
     if changed:
         raise ConfigurationError(
             f"the calibration has changed since the run {folder.name}: {', '.join(changed)}",
-            "what it saw and planned is void: start a new one",
+            "its observations and plans are void: start a new run",
         )
     request = FoldRequest(settings=settings, settings_path=path, logs=logs, **kept)
     return replace(request, **changes)
 
 
 def _hashes(settings: CellSettings) -> dict[str, str]:
-    """The calibration files that the settings name, with the hash of each. Raises StorageError."""
+    """Path -> hash of the calibration files that the settings name. Raises StorageError."""
     try:
         return {str(path): sha256(path.read_bytes()).hexdigest() for path in settings.calibrations.values()}
     except OSError as e:

@@ -1,6 +1,6 @@
-"""What an operator (or a script) says to a running cell: one queue, whoever speaks.
+"""The queue of commands that an operator or a script gives to a running cell.
 
-The stop does not come this way: it is out of band (robots.ports.Stop).
+The stop does not pass through it: it is out of band (robots.ports.Stop).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robots.errors import Failure, FailureKind
 __all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
-"""Commands that answer a question, and are void for the next one."""
+"""Commands that answer one question. They do not count for the next question."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
 ABORTED = Failure(
     FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
@@ -25,57 +25,57 @@ ABORTED = Failure(
 
 @dataclass(eq=False)
 class QueuedCommand:
-    """A command that was given. taken: whether the machine has acted on it."""
+    """A command in the queue. taken: whether the executive has taken it."""
 
     command: Event
     taken: bool = False
 
 
 class CommandQueue:
-    """Commands in the order given. Any thread puts, the executive's takes."""
+    """Commands in the order given. Any thread may put them; the executive's thread takes them."""
 
     def __init__(self, heard: Callable[[Event], None] = lambda command: None) -> None:
-        """heard: is told of each command, on the thread of whoever gives it."""
+        """heard: called with each command, on the thread that puts it."""
         self._heard = heard
         self._queue: deque[QueuedCommand] = deque()
         self._lock = Condition()
         self.deserted = False
-        """Nobody is left who could say anything."""
+        """Whether the operator has left: no further commands will come."""
 
     def put(self, command: Event) -> QueuedCommand:
-        """Raises ValueError for what is not an operator's to say."""
+        """Raises ValueError for an event that is not an operator's command."""
         if command not in OPERATOR_EVENTS:
             raise ValueError(f"'{command}' is no command; there are {', '.join(sorted(OPERATOR_EVENTS))}")
         with self._lock:
-            said = QueuedCommand(command)
-            self._queue.append(said)
+            queued = QueuedCommand(command)
+            self._queue.append(queued)
             self._lock.notify_all()
         self._heard(command)
-        return said
+        return queued
 
     def close(self) -> None:
-        """Whoever spoke here has left: the run is told to end, and what is asked from now on stays unanswered."""
+        """The operator has left: put an ABORT. Later questions stay unanswered."""
         self.deserted = True
         self.put(Event.ABORT)
 
     def take(self, wanted: Set[Event]) -> Event | None:
-        """The first command in the queue that is wanted now; what came before it is out of date and dropped."""
+        """The first wanted command in the queue. The commands before it are outdated and dropped."""
         with self._lock:
-            for i, said in enumerate(self._queue):
-                if said.command in wanted:
+            for i, queued in enumerate(self._queue):
+                if queued.command in wanted:
                     for _ in range(i + 1):
                         self._queue.popleft()
-                    said.taken = True
-                    return said.command
+                    queued.taken = True
+                    return queued.command
         return None
 
     def drop(self, void: Set[Event]) -> None:
-        """Forget these commands: what was said before a question was asked does not answer it."""
+        """Remove these commands: those given before a question do not answer it."""
         with self._lock:
-            self._queue = deque(said for said in self._queue if said.command not in void)
+            self._queue = deque(queued for queued in self._queue if queued.command not in void)
 
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        """As `take`, but give a person `seconds` of real time to say it."""
+        """As `take`, but wait up to `seconds` of real time for a wanted command."""
         with self._lock:
-            self._lock.wait_for(lambda: any(said.command in wanted for said in self._queue), seconds)
+            self._lock.wait_for(lambda: any(queued.command in wanted for queued in self._queue), seconds)
         return self.take(wanted)

@@ -1,4 +1,4 @@
-"""What is known of the fold at hand. Each fold begins with a new one: nothing of the fold before is left in it."""
+"""The state of the present fold. Each fold begins with a new context, which keeps nothing of the previous fold."""
 
 from __future__ import annotations
 
@@ -22,52 +22,53 @@ __all__ = ["FoldContext"]
 
 @dataclass(frozen=True, eq=False)
 class FoldContext:
-    """index: of the step under way. trajectory: the arcs that were chosen; attempt: the try planned last."""
+    """The present fold. index: of its step; trajectory: the chosen arcs; attempt: the attempt planned last."""
 
     index: int = 0
     trajectory: GraspTrajectory | None = None
     attempt: Attempt | None = None
     grasps: int = 0
-    """How often the hands went to take hold."""
+    """Number of approaches to the grasps."""
     adjustments: tuple[Adjustment, ...] = ()
-    """What recoveries changed, in order."""
+    """Adjustments made by recoveries, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
-    """Hand postures that were tried: another search leaves them out."""
-    zeros: Mapping[Side, TactileBias] = field(default_factory=dict)
-    """The tactile cells' zero of each hand in use, taken above the garment."""
+    """Hand postures tried before: another search leaves them out."""
+    biases: Mapping[Side, TactileBias] = field(default_factory=dict)
+    """Tactile bias of each hand in use, tared above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
-    """What each hand was confirmed to hold."""
+    """Confirmed grasp of each hand that holds the garment."""
 
     @property
     def carried(self) -> bool:
-        """Whether the garment was carried through the fold, and nobody has judged yet what came of it."""
+        """Whether the hands completed the fold (`Attempt.carried`)."""
         return self.attempt is not None and self.attempt.carried
 
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)
 
     def note(self) -> StepNote | None:
-        """The fold as far as it came; None before it was predicted. What nobody looked at is NaN or empty."""
-        made = self.attempt
-        if made is None:
+        """The fold for the report; None before it was predicted. Values of a missing inspection are NaN or
+        empty."""
+        attempt = self.attempt
+        if attempt is None:
             return None
-        seen = made.inspection
+        inspection = attempt.inspection
         return StepNote(
-            name=made.step.name,
-            accepted=seen is not None and seen.diagnosis is None,
-            source=made.trajectory.source,
-            dissimilarity_m=made.dissimilarity_m,
-            aligned_iou=seen.iou_aligned if seen else math.nan,
-            observed_iou=seen.iou if seen else math.nan,
-            drift_m=seen.drift_m if seen else math.nan,
-            height_m=seen.height_m if seen else math.nan,
+            name=attempt.step.name,
+            accepted=inspection is not None and inspection.diagnosis is None,
+            source=attempt.trajectory.source,
+            dissimilarity_m=attempt.dissimilarity_m,
+            aligned_iou=inspection.iou_aligned if inspection else math.nan,
+            observed_iou=inspection.iou if inspection else math.nan,
+            drift_m=inspection.drift_m if inspection else math.nan,
+            height_m=inspection.height_m if inspection else math.nan,
             grasps=self.grasps,
-            pressed=made.pressed,
-            inspected=seen,
-            predicted=made.predicted,
-            observed=seen.contour if seen else np.zeros((0, 2)),
-            trajectory=made.trajectory,
-            plan_frames=made.plan_frames,
-            pictures=made.pictures,
-            carrying_s=made.motion.fold.duration,
+            pressed=attempt.pressed,
+            inspected=inspection,
+            predicted=attempt.predicted,
+            observed=inspection.contour if inspection else np.zeros((0, 2)),
+            trajectory=attempt.trajectory,
+            plan_frames=attempt.plan_frames,
+            pictures=attempt.pictures,
+            carrying_s=attempt.motion.fold.duration,
         )

@@ -1,4 +1,4 @@
-"""What a run is asked for, and what it gives back: the contract of `foldcell fold`."""
+"""Request and result of a run: the contract of `foldcell fold`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ EXIT_CODES = {"folded": 0, "not_folded": 2, "fault": 3}
 
 @dataclass(frozen=True)
 class FoldRequest:
-    """garment: a name, a file, or 'auto'. approve: somebody is there, is shown each fold and asked after failures;
-    terminal: letters typed here are commands. page: the operator's page is served, with the
-    live view, on page_port (0: a free one). quiet: no progress lines. witness: record and score the truth of a
-    simulated cell; without it a run takes the same decisions. record: keep recording and report."""
+    """garment: a name, a file, or 'auto'. approve: an operator approves each fold and is asked after failures.
+    terminal: letters typed in the terminal are commands. page: serve the operator's page, with the live view, on
+    page_port (0: a free port). quiet: no progress lines. record: keep recording and report. record_truth: record
+    and score the true state of a simulated cell, which does not change the run's decisions."""
 
     garment: str
     seed: int
@@ -43,9 +43,9 @@ class FoldRequest:
 
 @dataclass(frozen=True)
 class FoldResult:
-    """How a run ended: the fields of `fold --json`. state: the machine's last; signal: what interrupted it.
-    world: what the simulated garment's cloth was, None on hardware. robot_time_s: without waiting for an operator;
-    stage_times_s: cell time spent in each state, with it."""
+    """How a run ended: the fields of `fold --json`. state: last state of the machine; signal: the signal that
+    interrupted the run. world: cloth model of the simulated garment, None on hardware. robot_time_s: excludes
+    waiting for an operator; stage_times_s: cell time spent in each state, including it."""
 
     garment: str
     seed: int
@@ -64,9 +64,9 @@ class FoldResult:
     signal: int | None = None
     recording: Mapping[str, Any] = field(default_factory=dict)
     resumed_from: str | None = None
-    """The run that this one went on with: `steps` has the folds of both, the times are its own."""
+    """The run that this one resumed: `steps` has the folds of both runs, the times are of this run only."""
     unwritten: tuple[str, ...] = ()
-    """What could not be kept of the run when it had ended, with the reason."""
+    """What could not be written after the run's end, with the reason."""
 
     @property
     def exit_code(self) -> int:

@@ -1,4 +1,4 @@
-"""Who is told what happens in a run: the observers' protocol, and what they are told of the machine."""
+"""The protocol of a run's observers, and the step of the machine that they are notified of."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT, Event.U
 
 @dataclass(frozen=True)
 class Step:
-    """One turn of the machine."""
+    """One transition of the machine, with the effect to perform."""
 
     source: State
     event: Event
@@ -24,7 +24,7 @@ class Step:
 
 
 class Observer(Protocol):
-    """Is told what happens. Must return at once and never raise."""
+    """Is notified of each state entered and each effect performed. Must return at once and never raise."""
 
     def entered(self, t: float, step: Step) -> None: ...
 

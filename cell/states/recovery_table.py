@@ -1,8 +1,8 @@
-"""The fallback table as data: what failed, and how often by now -> what to try next. No code but the look-up.
+"""The recovery table: (failure kind, number of failures so far) -> what to try next.
 
-The tries of a row are taken one after the other, counted per fold step and failure kind; after the last
-one the cell asks the operator, or gives up when nobody attends. To carry on is no try that could be used up: what
-is good enough once is so when it is looked at again.
+The recoveries of a row are tried in order, counted per fold step and failure kind. After the last one the cell
+asks the operator, or gives up if none attends. CARRY_ON never runs out: a fold that is good enough once stays
+so.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ __all__ = ["RECOVERIES", "Adjustment", "Recovery", "choose_recovery"]
 
 
 class Adjustment(StrEnum):
-    """How the next try differs from the one that failed."""
+    """How the next attempt differs from the failed one."""
 
     NONE = "none"
     LOWER = "lower"  # press the tips deeper into the garment
     INWARD = "inward"  # take hold further inside the edge
     STRONGER = "stronger"  # squeeze harder
-    OPTIMISE = "optimise"  # do not take the library's trajectory
+    OPTIMISE = "optimise"  # do not accept the library's trajectory as it is
     PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
-    OTHER_SEARCH = "other_search"  # another draw of the motion planner
-    OTHER_VARIANT = "other_variant"  # the plan's next way to make the fold, which begins anew
+    OTHER_SEARCH = "other_search"  # another random seed of the motion planner
+    OTHER_VARIANT = "other_variant"  # the fold's next variant in the garment file; its attempts count anew
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """The event that leads on from RECOVERING, what to change, how long to wait before [s of cell time].
+    """The event that leaves RECOVERING, the adjustment, and the wait before it [s of cell time].
 
-    between_folds: not for the last fold, whose result is the run's. least_overlap: with the predicted shape,
-    below which it is not tried.
+    between_folds: not allowed for the last fold, whose result is the run's result. min_overlap: smallest IoU of
+    observed and predicted shape for which it is allowed.
     """
 
     event: Event
     adjust: Adjustment = Adjustment.NONE
     dwell_s: float = 0.0
     between_folds: bool = False
-    least_overlap: float = 0.0
+    min_overlap: float = 0.0
 
 
 K, A = FailureKind, Adjustment
@@ -60,7 +60,7 @@ _OTHER_WAY = (
     Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT),
 )
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, least_overlap=0.85),)
+_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, min_overlap=0.85),)
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
@@ -86,7 +86,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SLIPPED: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON),),  # the right shape in another place, which the plan follows: folded
+    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape in another place: the plan follows, and the fold counts
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,
@@ -101,20 +101,18 @@ def choose_recovery(
     attended: bool,
     last_fold: bool = False,
     overlap: float = 1.0,
-    several_ways: bool = True,
+    several_variants: bool = True,
 ) -> Recovery:
-    """What to do after the `attempt`-th failure (from 1) of this kind in this step.
+    """The recovery after failure number `attempt` (from 1) of this kind in this step.
 
-    overlap: of the observed with the predicted shape, where an inspection failed. several_ways: whether the plan
-    has more than one for this step.
-
-    What stands in no row (a stop, a hardware fault, a garment that is not the one expected) is never
-    retried by itself.
+    overlap: IoU of observed and predicted shape, if an inspection failed. several_variants: whether the garment
+    file has more than one variant of this step. A kind without a row (a stop, a hardware fault, an unexpected
+    garment) is never retried automatically.
     """
-    tries = RECOVERIES.get(kind, ())
-    if tries and (attempt <= len(tries) or tries[-1].event is Event.CARRY_ON):
-        recovery = tries[min(attempt, len(tries)) - 1]
-        possible = several_ways or recovery.adjust is not Adjustment.OTHER_VARIANT
-        if possible and overlap >= recovery.least_overlap and not (last_fold and recovery.between_folds):
+    row = RECOVERIES.get(kind, ())
+    if row and (attempt <= len(row) or row[-1].event is Event.CARRY_ON):
+        recovery = row[min(attempt, len(row)) - 1]
+        possible = several_variants or recovery.adjust is not Adjustment.OTHER_VARIANT
+        if possible and overlap >= recovery.min_overlap and not (last_fold and recovery.between_folds):
             return recovery
     return Recovery(Event.ASK if attended else Event.GIVE_UP)

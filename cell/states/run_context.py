@@ -1,8 +1,7 @@
-"""What the executive believes during a run: one frozen value, replaced by each effect.
+"""The executive's knowledge during a run: one frozen value, replaced by each effect.
 
-Nothing in it comes from anywhere but the ports, the files of the cell, and the skills. What a stage came to is a
-value of its own (cell/states/stages.py), there once the stage was gone through; what belongs to one fold is in its
-fold context, which is made anew for each.
+It comes only from the ports, the cell's files and the skills. Each stage adds a value of its own
+(cell/states/stages.py). Values that belong to one fold are in the fold context, which each fold begins anew.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ __all__ = ["Result", "RunContext", "Sight"]
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What the camera has given so far.
+    """The camera's pictures so far.
 
-    reference: the empty table. refined: the camera's pose corrected by that picture, where it showed the table
-    well enough. frame: the latest picture; previous: the one before (a camera that repeats itself is frozen).
+    reference: the empty table. refined: the calibration refined from that picture, if it showed the table well
+    enough. frame: the latest picture; previous: the one before (a camera that repeats a picture is frozen).
     """
 
     reference: CameraFrame | None = None
@@ -35,7 +34,7 @@ class Sight:
     previous: CameraFrame | None = None
 
     def calibration(self, nominal: CameraCalibration) -> CameraCalibration:
-        """The refined calibration where there is one."""
+        """The refined calibration if there is one, else the nominal."""
         return self.refined or nominal
 
 
@@ -49,21 +48,21 @@ class RunContext:
     fold: FoldContext = field(default_factory=FoldContext)
     failure: Failure | None = None
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)
-    """How often a failure kind was met in a step: (step index, kind) -> count."""
+    """Number of failures of a kind in a step: (step index, kind) -> count."""
     recoveries: tuple[tuple[int, str], ...] = ()
-    """Every recovery so far: (step index, failure -> what was tried)."""
+    """Every recovery so far: (step index, "failure kind -> event")."""
     done: tuple[StepNote, ...] = ()
-    """The folds that count as made."""
+    """The completed folds."""
     through: bool = False
-    """Whether the plan is at its end: a fold that was left out is not made any more."""
+    """Whether the plan has ended with skipped folds: the run cannot be resumed."""
     waited_s: float = 0.0
-    """Cell time spent waiting for an operator."""
+    """Cell time spent waiting for an operator [s]."""
     reentry: Event | None = None
-    """Where this run was entered, if it goes on with an interrupted one."""
+    """The event with which this run resumed an interrupted one, else None."""
 
     @property
     def steps(self) -> tuple[FoldStep, ...]:
-        """The folds as far as they are planned: none before the garment was recognised."""
+        """The planned folds; empty before the garment was recognised."""
         return self.plan.steps if self.plan else ()
 
     @property
@@ -71,26 +70,25 @@ class RunContext:
         return sum(1 for index, _ in self.recoveries if index == self.fold.index)
 
     def notes(self) -> dict[str, StepNote]:
-        """By name, the folds that count as made, and the one at which the run stands. A fold that was skipped has
-        none."""
-        notes, now = {note.name: note for note in self.done}, self.fold.note()
-        return notes if now is None or now.name in notes else {**notes, now.name: now}
+        """Fold name -> note, of the completed folds and the present one. Skipped folds have none."""
+        notes, present = {note.name: note for note in self.done}, self.fold.note()
+        return notes if present is None or present.name in notes else {**notes, present.name: present}
 
     def with_attempt(self, attempt: Attempt) -> RunContext:
         return replace(self, fold=replace(self.fold, attempt=attempt))
 
     def with_failure(self, failure: Failure) -> RunContext:
-        """The failure noted and counted."""
+        """The context with this failure, counted in `attempts`."""
         key = (self.fold.index, failure.kind.value)
         return replace(self, failure=failure, attempts={**self.attempts, key: self.attempts.get(key, 0) + 1})
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """How an effect ended: the event for the machine, the new belief, and figures for the record."""
+    """How an effect ended: the event for the machine, the new context, and figures for the journal."""
 
     event: Event
     context: RunContext
     record: Mapping[str, object] = field(default_factory=dict)
     within: tuple[tuple[float, str], ...] = ()
-    """What the runner was told of on the way, in the journal by then: (cell time [s], name)."""
+    """Events noted within the effect, already in the journal: (cell time [s], name)."""

@@ -1,4 +1,4 @@
-"""Where a run ended."""
+"""The end of a run: its terminal state and last context."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["RunEnd"]
 
 @dataclass(frozen=True, eq=False)
 class RunEnd:
-    """Where a run ended, with what was believed then."""
+    """Terminal state and last context of a run. started, ended: cell time [s]."""
 
     state: State
     context: RunContext

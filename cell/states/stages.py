@@ -1,4 +1,4 @@
-"""What the stages of a run come to, each a value that the next ones take: recognition, plan, attempt, pressing."""
+"""The results of a run's stages, which the next stages take as input: recognition, plan, attempt, press plan."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ __all__ = ["Attempt", "Plan", "PressPlan", "Recognition"]
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """The garment as it was recognised lying flat. overlay: (h, w, 3) the picture with it drawn over."""
+    """The garment recognised lying flat. overlay: (h, w, 3) the picture with the recognised garment drawn on
+    it."""
 
     perception: Perception
     overlay: NDArray[np.uint8]
@@ -29,11 +30,11 @@ class Recognition:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The folds of the garment, and where it is believed to lie before the fold at hand.
+    """The folds of the garment, and its believed shape before the present fold.
 
-    nominal: the garment as its file describes it; garment: with the material that earlier folds have shown it to
-    have. flat: the garment as it lay flat, where it would lie so now: what the rest of the plan is made from.
-    mesh: the predictor's own, from the perceived contour; vertices: (n, 3) where they lie, in the table frame [m].
+    nominal: the garment as its file describes it; garment: with the material learned from earlier folds. flat: the
+    flat garment, moved by the drift since: the remaining folds are planned from it. mesh: the predictor's mesh of
+    the observed contour; vertices: (n, 3) believed positions in the table frame [m].
     """
 
     nominal: Garment
@@ -46,9 +47,10 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class PressPlan:
-    """How a fold is to be pressed: what was seen of it, the hands' paths and the arms' motion."""
+    """How to press a fold. inspection: before the pressing; paths, motion: of hands and arms; dabs: their
+    number."""
 
-    seen: Inspection
+    inspection: Inspection
     paths: Mapping[GraspId, ToolPath]
     motion: FoldMotion
     dabs: int
@@ -56,12 +58,12 @@ class PressPlan:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One try at a fold: as it was planned, and what has come of it so far.
+    """One attempt at a fold: its plan and its outcome so far.
 
-    step: as this try makes it (recoveries move its grasps), paths: its tool paths; tool_speed: cap of the tools'
-    speed while they hold the garment [m/s]. predicted: the garment after it, with the tool paths that the arms
-    execute; dissimilarity_m: D of that from the ideal fold. plan_frames: (k, n, 3) the predicted motion at evenly
-    spaced moments, for the report.
+    step: the step with its grasps as moved by recoveries; paths: its tool paths; tool_speed: largest tool speed
+    with the garment in hand [m/s]. predicted: the garment's shape after the motion that the arms execute;
+    dissimilarity_m: D of that shape from the ideal fold. plan_frames: (k, n, 3) the predicted motion at evenly
+    spaced moments, in the table frame [m], for the report.
     """
 
     trajectory: GraspTrajectory
@@ -73,20 +75,20 @@ class Attempt:
     dissimilarity_m: float
     plan_frames: Array
     before: CameraFrame | None = None
-    """The picture before it: against it shows what the fold laid on top."""
+    """The picture before the fold: compared with it, the next one shows the cloth that the fold laid on top."""
     pictures: tuple[CameraFrame, ...] = ()
-    """What the camera saw at the moments of plan_frames."""
+    """The pictures at the moments of plan_frames."""
     carried: bool = False
-    """Whether the garment was carried through, and nobody has judged yet what came of it."""
+    """Whether the hands completed the fold."""
     inspection: Inspection | None = None
     pressed: tuple[Inspection, ...] = ()
-    """How the camera saw it each time before it was pressed."""
+    """The inspection before each pressing."""
     press_tries: int = 0
-    """How often that was tried."""
+    """Number of attempts to press."""
     press_plan: PressPlan | None = None
     unpressed: bool = False
-    """Whether the operator wants it left as it is."""
+    """Whether the operator skipped the pressing."""
 
     def grasp_of(self, arm: Side) -> Grasp:
-        """The grasp that an arm takes: the motion planner may have swapped them."""
+        """The arm's grasp: the motion planner may have swapped the grasps between the arms."""
         return self.step.grasps[self.motion.postures[arm].path]

@@ -1,4 +1,4 @@
-"""The chart of the states as a picture for pages, with the states of a run marked on it.
+"""The state chart as SVG for pages, with the states of a run marked on it.
 
 `foldcell chart` draws `state_chart.svg` from the table (cell/executive/draw_state_chart.py).
 """
@@ -17,12 +17,12 @@ CHART = Path(__file__).with_name("state_chart.svg")
 
 
 def marked_chart(present: State | None = None, passed: Collection[State] = ()) -> str:
-    """The chart as SVG for a page. Its groups have the class `state`, that of the present state also `present`,
-    those that a run passed `passed`."""
+    """The chart as SVG. Each state's group has the class `state`; the present one also `present`, those that a run
+    has passed also `passed`."""
 
-    def mark(group: re.Match[str]) -> str:
+    def with_mark(group: re.Match[str]) -> str:
         state = State(group[1])
-        more = " present" if state is present else " passed" if state in passed else ""
-        return f'id="state-{state.value}" class="state{more}"'
+        mark = " present" if state is present else " passed" if state in passed else ""
+        return f'id="state-{state.value}" class="state{mark}"'
 
-    return re.sub(r'id="state-(\w+)" class="state"', mark, CHART.read_text(encoding="utf-8"))
+    return re.sub(r'id="state-(\w+)" class="state"', with_mark, CHART.read_text(encoding="utf-8"))

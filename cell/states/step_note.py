@@ -1,4 +1,4 @@
-"""A fold as it was made, for the report."""
+"""The record of one fold, for the report."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ __all__ = ["StepNote"]
 
 @dataclass(frozen=True, eq=False)
 class StepNote:
-    """One fold as it was made, for the report. Shapes (k, 2) contours and (n, 3) meshes in the table frame. What
-    nobody looked at is NaN or empty: a fold that failed on its way."""
+    """The record of one fold. Contours are (k, 2) and meshes (n, 3), in the table frame [m]. Values of a missing
+    inspection are NaN or empty."""
 
     name: str
     accepted: bool
@@ -22,22 +22,23 @@ class StepNote:
     source: str
     dissimilarity_m: float
     aligned_iou: float
-    """Of what was seen with the prediction, once that is laid on it as well as it goes,"""
+    """IoU of the observed shape with the prediction rigidly aligned to it."""
     observed_iou: float
-    """and where the prediction lies."""
+    """IoU of the observed shape with the prediction as it is."""
     drift_m: float
     height_m: float
-    """How high the camera saw the stack stand, away from the fold lines (NaN: not seen)."""
+    """Observed height of the stack away from the fold lines [m] (NaN: not visible)."""
     grasps: int
+    """Number of approaches to the grasps."""
     pressed: tuple[Inspection, ...]
-    """How it was seen to stand each time before it was pressed,"""
+    """The inspection before each pressing."""
     inspected: Inspection | None
-    """and at last."""
+    """The last inspection."""
     predicted: PredictedShape
     observed: Array
     trajectory: GraspTrajectory
     plan_frames: Array
     pictures: tuple[CameraFrame, ...]
     carrying_s: float = float("nan")
-    """How long the arms' last motion with the garment takes, from the lifted grasps to the release, pauses left
-    out [s] (NaN: none was planned)."""
+    """Duration of the arms' last motion with the garment, from the lifted grasps to the release, without pauses
+    [s] (NaN: none was planned)."""

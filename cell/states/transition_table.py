@@ -1,12 +1,10 @@
-"""The executive on one page: states, events, effects, and the table that ties them. No code.
+"""The executive on one page: states, events, effects, and the transition table. No code.
 
-A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one
-event. DONE says that it worked; FAILED that it did not (the failure travels beside it); the others
-are choices that were made before the event.
+A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one event: DONE
+if it succeeded, FAILED if not (the context carries the failure), or the choice that it made.
 
-Four rows hold in every working state and are added by `cell/executive/machine.py`: STOP -> STOPPED (HOLD),
-CRASH -> MAKING_SAFE (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): without a journal
-nothing moves any more.
+`cell/executive/machine.py` adds four rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
+(MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): nothing moves without a journal.
 """
 
 from __future__ import annotations
@@ -19,11 +17,11 @@ __all__ = ["HANDS_ON_CLOTH", "REENTRIES", "TERMINAL", "TRANSITIONS", "Effect", "
 
 
 class State(StrEnum):
-    """Where a run stands. An operator reads these names."""
+    """The states of a run. An operator reads these names."""
 
     IDLE = "idle"
     PREPARING = "preparing"  # enable, calibrate grippers, park
-    RESUMING = "resuming"  # an interrupted run: enable, let go, park, go on where the hands are off the cloth
+    RESUMING = "resuming"  # an interrupted run: enable, open the hands, park
     PHOTOGRAPHING = "photographing"  # the empty table, as reference
     AWAITING_GARMENT = "awaiting_garment"
     LOOKING = "looking"
@@ -41,8 +39,8 @@ class State(StrEnum):
     LOOKING_AFTER = "looking_after"
     INSPECTING = "inspecting"
     AWAITING_PRESSING = "awaiting_pressing"  # the operator's approval of it
-    PRESSING = "pressing"  # a fold that stands high is dabbed flat, and looked at again
-    CLEARING = "clearing"  # after a failure: let go, rise, park
+    PRESSING = "pressing"  # dab a fold that stands high flat, then look again
+    CLEARING = "clearing"  # after a failure: open the hands, rise, park
     RECOVERING = "recovering"  # choose what to try next
     ASKING = "asking"  # the operator decides
     PAUSED = "paused"
@@ -57,7 +55,7 @@ class State(StrEnum):
 
 class Event(StrEnum):
     START = "start"
-    REENTER = "reenter"  # instead of START: go on with a run that was interrupted
+    REENTER = "reenter"  # instead of START: resume an interrupted run
     DONE = "done"
     FAILED = "failed"
     # choices
@@ -90,7 +88,7 @@ class Event(StrEnum):
 
 
 class Effect(StrEnum):
-    """What the runner does on entering a state (cell/executive/effects)."""
+    """The actions of the runner on entering a state (cell/executive/effects)."""
 
     NOTHING = "nothing"
     PREPARE = "prepare"
@@ -134,7 +132,7 @@ TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 HANDS_ON_CLOTH = frozenset(
     {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
 )
-"""States whose failure leaves the hands near the garment: they are cleared before anything else."""
+"""States whose failure leaves the hands near the garment: the hands are cleared before anything else."""
 
 TRANSITIONS: tuple[Row, ...] = (
     # see and plan
@@ -150,7 +148,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
     Row(S.AWAITING_APPROVAL, E.APPROVE, S.APPROACHING, Do.APPROACH),
     Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
-    # go on with an interrupted run
+    # resume an interrupted run
     Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
     Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
     Row(S.RESUMING, E.LAY, S.AWAITING_GARMENT, Do.AWAIT_GARMENT),
@@ -172,8 +170,8 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PRESSING, E.DONE, S.RETREATING, Do.RETREAT),
     Row(S.INSPECTING, E.NEXT_FOLD, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
     Row(S.INSPECTING, E.ALL_FOLDED, S.FOLDED, Do.NOTHING),
-    Row(S.INSPECTING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),  # a fold was left out
-    # what fails while the hands are off the cloth
+    Row(S.INSPECTING, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),  # a fold was skipped
+    # failures while the hands are off the cloth
     Row(S.PREPARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.RESUMING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.PHOTOGRAPHING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
@@ -185,7 +183,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
-    # what fails while they are on it
+    # failures while the hands are on the cloth
     Row(S.APPROACHING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.GRASPING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.LIFTING, E.FAILED, S.CLEARING, Do.CLEAR),
@@ -195,7 +193,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PRESSING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
-    # what fails while the cell waits: an arm was pushed, or nobody can say where it stands
+    # failures while the cell waits: an arm was pushed, or its position is unknown
     Row(S.RECOVERING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.ASKING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.AWAITING_APPROVAL, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
@@ -226,7 +224,7 @@ REENTRIES: Mapping[State, Event] = {
     S.PREPARING: E.START_OVER,
     S.PHOTOGRAPHING: E.START_OVER,
     S.AWAITING_GARMENT: E.LAY,
-    # the garment lies as it did, or was let go on the way: look where it is
+    # the garment was not touched, or was released during the fold: look where it is
     **dict.fromkeys(
         (
             S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
@@ -234,10 +232,11 @@ REENTRIES: Mapping[State, Event] = {
         ),
         E.LOOK_AGAIN,
     ),
-    # it was carried to where it belongs: look what came of the fold
+    # the hands completed the fold: inspect it
     **dict.fromkeys(
         (S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING, S.AWAITING_PRESSING, S.PRESSING), E.LOOK_AFTER
     ),
 }  # fmt: skip
-"""Where a run that was interrupted in a state is entered again, never in the middle of a motion. What is missing
-(clearing, asking, paused, making safe, the ends) says nothing of the garment: the state before it counts."""
+"""Interrupted state -> event with which the run is resumed, never in the middle of a motion. States without an
+entry (clearing, asking, paused, making safe, terminal states) say nothing about the garment: the state before
+counts."""

@@ -261,7 +261,7 @@ def test_a_missing_transcript_is_told_of(seen: Any, copied: RunRecord) -> None:
 
 def test_a_missing_request_is_told_of(seen: Any, copied: RunRecord) -> None:
     (copied.directory / "request.json").unlink()
-    with pytest.raises(ConfigurationError, match="does not say what it was asked for"):
+    with pytest.raises(ConfigurationError, match="the request of the run"):
         decided(seen, copied)
 
 

@@ -50,7 +50,7 @@ class Operator(threading.Thread):
     def _word(self, board: dict[str, Any]) -> str | None:
         if board["question"]:
             return "approve" if board["question"]["number"] == 1 else "abort"
-        if board["state"] != "folding" or board["note"] == "going on":
+        if board["state"] != "folding" or board["note"] == "resumed":
             return None
         return "resume" if board["note"].startswith("paused") else "pause"
 

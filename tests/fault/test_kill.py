@@ -163,4 +163,4 @@ def test_the_run_can_be_gone_on_with(killed: dict[str, Any]) -> None:
     assert states[:3] == ["idle", "resuming", "looking"], "no picture of a table that is not empty any more"
     assert not (folder.parent / Path(result["run_dir"]).name / "world.npz").exists()
     again = foldcell("resume", folder.name, "--logs", str(logs))
-    assert again.returncode == 64 and "was gone on with as" in again.stderr
+    assert again.returncode == 64 and "was already resumed as" in again.stderr

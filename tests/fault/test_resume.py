@@ -85,7 +85,7 @@ def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
     assert after.same and after.broken_off is None, "from what it believed when it went on"
     assert after.set_points == len(resumed.set_points)
     shutil.rmtree(Path(result.run_dir) / "began_with")
-    with pytest.raises(StorageError, match="what it began with is missing"):
+    with pytest.raises(StorageError, match="its initial checkpoint is missing"):
         decided_again(request.logs)
 
 

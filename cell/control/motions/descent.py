@@ -1,4 +1,4 @@
-"""Guarded descent as a motion: hands go straight down until their tips touch."""
+"""Guarded descent as a motion: hands move straight down until their tips touch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["GuardedHand", "guarded_descent"]
 
 @dataclass(frozen=True, eq=False)
 class GuardedHand:
-    """A hand that goes down: its set-point, and what its controller knows at the start."""
+    """A descending hand: its set-point and the initial state of its controller."""
 
     lowering: Lowering
     state: DescentState
@@ -34,15 +34,15 @@ def guarded_descent(
     settles: bool = False,
     felt: Callable[[HandReading], None] = lambda reading: None,
 ) -> Motion[dict[Side, Contact]]:
-    """Ends when all hands have touched, or with the first one's failure (skills.grasping.descend).
+    """Ends when all hands have touched, or with the first failure (skills.grasping.descend).
 
-    settles: a hand ends once its set-point has come to rest where it was at the touch; else it ends at the
-    touch, and its set-point goes to where the hand was measured while the other one still descends. felt: is
-    told of every reading up to the touch.
+    settles: a hand ends when its set-point has come to rest at its height of contact. Otherwise it ends at the
+    contact, and its set-point moves to the measured height while the other hand still descends. felt: called with
+    every reading up to the contact.
     """
     lowering = {side: hand.lowering for side, hand in descending.items()}
     goals = {side: (hand.state.target, 0.0) for side, hand in descending.items()}
-    """Height of each hand's goal [m], and how fast it falls [m/s]."""
+    """(height [m], downward speed [m/s]) of each hand's goal."""
     ended: dict[Side, Outcome[Contact]] = {}
     q0 = start.q + last_command.offset(start.q)
 

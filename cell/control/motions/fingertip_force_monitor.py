@@ -1,4 +1,4 @@
-"""How hard fingertips are pushed while a hand presses on something."""
+"""Monitors the forces on the fingertips while hands press on something."""
 
 from __future__ import annotations
 
@@ -17,21 +17,24 @@ __all__ = ["FingertipForceMonitor"]
 
 
 class FingertipForceMonitor:
-    """zeros: of the hands that press. now, strongest: the greater of each hand's tips' rises over its zero, at the
-    last look and at any so far [N]."""
+    """Monitors the forces on the fingertips of pressing hands.
 
-    def __init__(self, hands: Hands, settings: GraspSettings, zeros: Mapping[Side, TactileBias]) -> None:
-        self._hands, self._settings, self._zeros = hands, settings, zeros
-        self.now = dict.fromkeys(zeros, 0.0)
+    biases: tactile bias of each hand. now: largest force on a tip of each hand at the last look [N], strongest:
+    largest of all looks so far [N].
+    """
+
+    def __init__(self, hands: Hands, settings: GraspSettings, biases: Mapping[Side, TactileBias]) -> None:
+        self._hands, self._settings, self._biases = hands, settings, biases
+        self.now = dict.fromkeys(biases, 0.0)
         self.strongest = 0.0
 
     def look(self, state: JointState) -> Failure | None:
-        """Read the tips; why nobody can say how hard they are pushed, or None."""
-        for side, zeroed in self._zeros.items():
+        """Read the tips. Returns a failure if a force cannot be measured."""
+        for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
-            bad = fault(reading, self._settings)
-            if bad:
-                return bad
-            self.now[side] = float(np.max(reading.tactile.tip - zeroed.tip))
+            failure = fault(reading, self._settings)
+            if failure:
+                return failure
+            self.now[side] = float(np.max(reading.tactile.tip - bias.tip))
             self.strongest = max(self.strongest, self.now[side])
         return None

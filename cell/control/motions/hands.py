@@ -1,7 +1,7 @@
-"""Both hands at work as a motion: on every tick each hand is read, and its controller decides.
+"""Hand controllers as a motion: on every tick each hand is read, and its controller takes the reading.
 
-The controllers of skills.grasping are pure; this is where they meet the ports. Such a motion ends when every hand
-has ended, or with the first failure. It is not paused in the midst.
+It connects the pure controllers of skills.grasping with the ports. The motion ends when every hand has ended, or
+with the first failure. It cannot be paused.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LONGEST_LOOP_S = 30.0
 
 
 class Telemetry(Protocol):
-    """Takes what was read, for the recording."""
+    """Takes the readings for the recording."""
 
     def joints(self, state: JointState) -> None: ...
 
@@ -44,7 +44,7 @@ class Telemetry(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Hands:
-    """Both hands: their sensors, their pads, and how high they are."""
+    """Both hands: their sensors, pads and heights."""
 
     ports: Ports
     robot: RobotModel
@@ -52,17 +52,17 @@ class Hands:
     telemetry: Telemetry
 
     def height(self, side: Side, q: Array) -> float:
-        """Of a tool centre point over the table [m] at joints q (14,)."""
+        """Height of a tool centre point over the table [m] at joints q (14,)."""
         return float(tool_pose(self.robot.chains[side], q[arm_slice(side)])[2, 3] - self.table.height)
 
-    def depth(self, side: Side, way: Descent, q: Array) -> float:
-        """How far down its way a hand stands [m] at joints q (14,)."""
+    def depth(self, side: Side, descent: Descent, q: Array) -> float:
+        """Depth of a hand below the top of its descent [m] at joints q (14,)."""
         top = np.zeros(14)
-        top[arm_slice(side)] = way.q[0]
+        top[arm_slice(side)] = descent.q[0]
         return self.height(side, top) - self.height(side, q)
 
     def read(self, side: Side, state: JointState) -> HandReading:
-        """One hand's sensors, recorded. state: of the arms at the same moment."""
+        """Read and record one hand's sensors. state: of the arms at the same moment."""
         tactile, gripper = self.ports.tactile[side].reading(), self.ports.grippers[side].state()
         self.telemetry.tactile(tactile)
         self.telemetry.gripper(gripper)
@@ -74,7 +74,7 @@ class Hands:
         gripper.command(min(command.opening, gripper.max_opening), command.force)
 
     def recording(self, watch: Watch | None = None) -> Watch:
-        """A watch that records the arms and both hands, and then watches as `watch` does."""
+        """A watch that records the arms and both hands, then calls `watch`."""
 
         def look(tick: Tick) -> Failure | None:
             self.telemetry.joints(tick.state)
@@ -87,13 +87,13 @@ class Hands:
 
 
 Control = Callable[[Side, HandReading, S], S | Outcome[V]]
-"""One tick of a hand: (side, reading, state) -> its next state, or how it ended."""
+"""One tick of a hand: (side, reading, state) -> its next state, or its outcome."""
 
 
 def commanding(
     hands: Hands, controller: Callable[[HandReading, S], tuple[GripCommand, S | Outcome[V]]]
 ) -> Control[S, V]:
-    """A hand whose controller also says what its gripper shall do."""
+    """Control of a hand whose controller also commands its gripper."""
 
     def control(side: Side, reading: HandReading, state: S) -> S | Outcome[V]:
         command, after = controller(reading, state)
@@ -106,9 +106,9 @@ def commanding(
 def each_hand(
     loop: ControlLoop, hands: Hands, states: Mapping[Side, S], control: Control[S, V]
 ) -> Outcome[dict[Side, V]]:
-    """Run one controller a hand until all have ended, while the arms stand still. states: of the hands that work.
+    """Run one controller per hand until all have ended, with the arms standing still. states: initial, by hand.
 
-    Failures: those of the loop; the first hand's that fails; GRIPPER_FAULT for one that never ends.
+    Failures: those of the loop; the first failure of a hand; GRIPPER_FAULT if a hand does not end.
     """
     return loop.run(lambda start: control_hands(hands, loop.last_command, start, states, control))
 
@@ -121,9 +121,9 @@ def control_hands(
     control: Control[S, V],
     arms: Callable[[], Array] | None = None,
 ) -> Motion[dict[Side, V]]:
-    """The motion. arms: the set-point (14,) to command, asked once a tick; None: the arms stand still.
+    """The motion. arms: called once a tick for the set-point (14,); None: the arms stand still.
 
-    It begins where the arms hang when they are sent to its first set-point.
+    It starts where the arms settle if they are sent to its first set-point.
     """
     running, values = dict(states), dict[Side, V]()
     still = start.q
@@ -132,11 +132,11 @@ def control_hands(
     q = first + offset
     for k in range(round(LONGEST_LOOP_S / TICK_S) - 1):
         goal = (still if not arms else first if k == 0 else arms()) + blend(k) * offset
-        fed = yield SetPoint(goal, (goal - q) / TICK_S if arms else np.zeros_like(q), begins)
+        feedback = yield SetPoint(goal, (goal - q) / TICK_S if arms else np.zeros_like(q), begins)
         q = goal
-        hands.telemetry.joints(fed.state)
+        hands.telemetry.joints(feedback.state)
         for side in tuple(running):
-            after = control(side, hands.read(side, fed.state), running[side])
+            after = control(side, hands.read(side, feedback.state), running[side])
             if not isinstance(after, Outcome):
                 running[side] = after
                 continue

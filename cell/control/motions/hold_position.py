@@ -1,4 +1,4 @@
-"""Holding as a motion: the arms stand for some time, watched as in any other."""
+"""Holding position as a motion: the arms stand for some time, watched as in any other motion."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["stand", "wait"]
 
 
 def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failure | None:
-    """Hold where the arms stand for some cell time. Ends early on a failure of the loop, or what `watch` returned.
+    """Hold the arms for some cell time. Ends early with a failure of the loop or of `watch`.
 
-    Arms of which nothing recent is known are told nothing: the next motion refuses them.
+    No set-points are sent if the arms' state is stale at the start; the next motion then fails.
     """
     return loop.run(lambda start: stand(loop.last_command, start, seconds, watch), standing=True).failure
 

@@ -1,4 +1,5 @@
-"""One hand's set-point on its straight way down: it follows a goal that may jump, and does not jump itself."""
+"""One hand's set-point in a descent: it follows a goal that may jump, within speed, acceleration and jerk
+limits."""
 
 from __future__ import annotations
 
@@ -15,20 +16,21 @@ from skills.motion.timing.jerk_limiter import JerkLimiter, follow
 __all__ = ["Lowering", "lowered_joints"]
 
 HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
-"""Of the set-point [m/s], [m/s2], [m/s3]: what the controller asks for may jump."""
+"""Limits of the set-point [m/s], [m/s2], [m/s3]."""
 
 
 @dataclass(eq=False)
 class Lowering:
-    """way: the joints by depth. top: height of depth 0 over the table [m]. hand: depth of the set-point [m]."""
+    """descent: the joints by depth; top: height of depth 0 over the table [m]; hand: depth of the set-point
+    [m]."""
 
-    way: Descent
+    descent: Descent
     top: float
     hand: JerkLimiter = field(default_factory=lambda: JerkLimiter(0.0))
 
     @property
     def height(self) -> float:
-        """Of the set-point over the table [m]."""
+        """Height of the set-point over the table [m]."""
         return self.top - self.hand.position
 
     @property
@@ -37,20 +39,20 @@ class Lowering:
 
     @property
     def brakes_at(self) -> float:
-        """About the depth at which the set-point comes to rest when it brakes from now on [m]."""
+        """Approximate depth at which the set-point comes to rest if it brakes now [m]."""
         v = self.hand.velocity
         return self.hand.position + 0.5 * v * (abs(v) / HAND_ACCELERATION + HAND_ACCELERATION / HAND_JERK)
 
     def follow(self, depth: float, speed: float) -> None:
-        """A tick on, on the way to a depth [m] that grows at `speed` [m/s]."""
+        """Advance by a tick towards a depth [m] that grows at `speed` [m/s]."""
         self.hand = follow(
             self.hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK
         )
 
 
 def lowered_joints(q: Array, hands: Mapping[Side, Lowering]) -> Array:
-    """q (14,) with each of the hands where its set-point is on its way."""
+    """q (14,) with the joints of the lowered hands at the depths of their set-points."""
     q = np.array(q)
     for side, hand in hands.items():
-        q[arm_slice(side)] = hand.way.at(hand.hand.position)
+        q[arm_slice(side)] = hand.descent.at(hand.hand.position)
     return q

@@ -1,4 +1,4 @@
-"""Pressing to take hold as a motion: hands go down from their touch, no deeper once a tip is pushed too hard."""
+"""Pressing before a grasp as a motion: hands move down from the contact and brake if a tip is pushed too hard."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ def press_down(
     start: JointState,
     lowering: Mapping[Side, Lowering],
     strokes: Mapping[Side, tuple[float, float]],
-    pushes: FingertipForceMonitor,
-    most: float,
+    monitor: FingertipForceMonitor,
+    max_force: float,
 ) -> Motion[JointState]:
-    """lowering: where each hand's set-point is, kept up to date. strokes: from which depth to which [m]. most:
-    push on a tip after which its hand brakes [N].
+    """lowering: each hand's set-point, which is moved. strokes: (start, end) depth of each hand [m]. max_force:
+    force on a tip from which its hand brakes [N].
 
-    Ends after PRESS_S, or with the failure of what reads the tips.
+    Ends after PRESS_S, or with a failure of `monitor`.
     """
     last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
-    enough: dict[Side, float] = {}
-    """The depth at which each hand brakes that is pushed hard enough [m]."""
+    braking: dict[Side, float] = {}
+    """Depth at which a braking hand comes to rest [m]."""
     for k in range(1, round(PRESS_S / TICK_S) + 1):
         left, left_before = blend(k, PRESS_S), blend(k - 1, PRESS_S)
         for side, hand in lowering.items():
-            way = strokes[side][1] - strokes[side][0]
-            depth, speed = strokes[side][1] - left * way, (left_before - left) * way / TICK_S
-            hand.follow(enough.get(side, depth), 0.0 if side in enough else speed)
+            stroke = strokes[side][1] - strokes[side][0]
+            depth, speed = strokes[side][1] - left * stroke, (left_before - left) * stroke / TICK_S
+            hand.follow(braking.get(side, depth), 0.0 if side in braking else speed)
         q = lowered_joints(last, lowering)
         state = (yield SetPoint(q, (q - last) / TICK_S)).state
         last = q
         record(Tick(k * TICK_S, state))
-        bad = pushes.look(state)
-        if bad:
-            return Outcome(failure=bad)
-        for side, push in pushes.now.items():
-            if push > most:
-                enough.setdefault(side, lowering[side].brakes_at)
+        failure = monitor.look(state)
+        if failure:
+            return Outcome(failure=failure)
+        for side, force in monitor.now.items():
+            if force > max_force:
+                braking.setdefault(side, lowering[side].brakes_at)
     return Outcome(state)

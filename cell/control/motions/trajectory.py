@@ -1,4 +1,4 @@
-"""A checked trajectory as a motion: followed along its path, at rest wherever it is held up."""
+"""Following a checked trajectory as a motion: it can pause anywhere on its path."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["follow", "stream"]
 def stream(
     loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
 ) -> Outcome[JointState]:
-    """Send the trajectory and see it through. Returns the state in which the arms came to rest.
+    """Execute the trajectory. Returns the state in which the arms came to rest.
 
-    Failures: those of the loop, or what `watch` returned. A pause runs the motion's clock down: the arms rest on
-    the path, still watched, and go on when told to, if they stand where they came to rest. A watched failure, a
-    state that is too old and an abort bring the motion to rest on the path in the same way before it ends.
+    Failures: those of the loop and of `watch`. A pause runs the motion's clock down: the arms rest on the path,
+    still watched, and continue on command if they have not been moved meanwhile. A failure of `watch`, a stale
+    state and an abort also bring the motion to rest on the path before it ends.
     """
     return loop.run(lambda _: follow(loop, trajectory, watch, control), control)
 
@@ -35,20 +35,20 @@ def follow(
     settling, failure, k = 0.0, None, 0
     while True:
         q, qd = path.setpoint()
-        fed = yield SetPoint(q + blend(k) * offset, qd, trajectory.q[0], path.t, path.resting, failure)
+        feedback = yield SetPoint(q + blend(k) * offset, qd, trajectory.q[0], path.t, path.resting, failure)
         k += 1
-        if fed.order is Order.REST:
+        if feedback.order is Order.REST:
             path.stop()
-        if fed.order is Order.GO:
+        if feedback.order is Order.GO:
             path.go()
         arrived = path.arrived
-        if not (fed.late and path.begin_again()):
+        if not (feedback.late and path.begin_again()):
             path.advance()
-        if not fed.fresh:
+        if not feedback.fresh:
             continue
-        failure = watch(Tick(path.t, fed.state)) if watch else None  # also while it is brought to rest
+        failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while it is brought to rest
         settling += TICK_S if arrived and not failure else 0.0
-        off = float(np.abs(fed.state.q - trajectory.q[-1]).max())
-        near = off < loop.limits.settled or settling >= loop.limits.settle_s
-        if arrived and near and not failure:
-            return Outcome(fed.state)
+        error = float(np.abs(feedback.state.q - trajectory.q[-1]).max())
+        settled = error < loop.limits.settled or settling >= loop.limits.settle_s
+        if arrived and settled and not failure:
+            return Outcome(feedback.state)

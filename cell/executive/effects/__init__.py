@@ -1,7 +1,7 @@
-"""What the runner does on entering a state: one function an effect, (workcell, context) -> result.
+"""The effects: the functions that the runner calls on entering a state, (workcell, context) -> result.
 
-An effect takes what it works with as arguments that are there. The table says what each needs of the run's
-context; one that is entered before the stage that gives it is a bug of the machine, and ends as one.
+An effect gets the values it needs from the run's context as arguments. `EFFECTS` takes them out of the context and
+raises InternalError if one is missing, because the effect was then entered too early: a bug of the state machine.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ def _nothing(cell: Workcell, context: RunContext) -> Result:
     return Result(Event.DONE, context)
 
 
-def _there(value: T | None, what: str) -> T:
+def _required(value: T | None, name: str) -> T:
     if value is None:
-        raise InternalError(f"there is no {what} yet")
+        raise InternalError(f"there is no {name} yet")
     return value
 
 
 def _frame(context: RunContext) -> CameraFrame:
-    return _there(context.sight.frame, "picture")
+    return _required(context.sight.frame, "picture")
 
 
 def _plan(context: RunContext) -> Plan:
-    return _there(context.plan, "plan")
+    return _required(context.plan, "plan")
 
 
 def _attempt(context: RunContext) -> Attempt:
-    return _there(context.fold.attempt, "planned motion")
+    return _required(context.fold.attempt, "planned motion")
 
 
 EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.NOTHING: _nothing,
     Effect.PREPARE: moving.prepare,
-    Effect.REENTER: lambda cell, c: moving.reenter(cell, c, _there(c.reentry, "way in")),
+    Effect.REENTER: lambda cell, c: moving.reenter(cell, c, _required(c.reentry, "re-entry event")),
     Effect.PHOTOGRAPH_TABLE: seeing.photograph_table,
     Effect.AWAIT_GARMENT: seeing.await_garment,
     Effect.LOOK: seeing.look,
     Effect.RECOGNISE: lambda cell, c: seeing.recognise(cell, c, _frame(c)),
-    Effect.PLAN_FOLDS: lambda cell, c: planning.plan_steps(cell, c, _there(c.recognition, "garment")),
+    Effect.PLAN_FOLDS: lambda cell, c: planning.plan_steps(cell, c, _required(c.recognition, "garment")),
     Effect.CHOOSE_TRAJECTORY: lambda cell, c: planning.choose_trajectory(cell, c, _plan(c)),
     Effect.PLAN_MOTION: lambda cell, c: planning.plan_motion(
-        cell, c, _plan(c), _there(c.fold.trajectory, "trajectory")
+        cell, c, _plan(c), _required(c.fold.trajectory, "trajectory")
     ),
     Effect.ASK_APPROVAL: deciding.ask_approval,
     Effect.APPROACH: lambda cell, c: moving.approach(cell, c, _attempt(c)),
@@ -67,11 +67,11 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.RETREAT: moving.retreat,
     Effect.INSPECT: lambda cell, c: inspecting.inspect_fold(cell, c, _plan(c), _attempt(c), _frame(c)),
     Effect.PRESS: lambda cell, c: pressing.press(
-        cell, c, _attempt(c), _there(_attempt(c).press_plan, "plan to press it")
+        cell, c, _attempt(c), _required(_attempt(c).press_plan, "plan for pressing")
     ),
     Effect.NEXT_STEP: inspecting.next_step,
     Effect.CLEAR: moving.clear,
-    Effect.CHOOSE_RECOVERY: lambda cell, c: deciding.choose_next(cell, c, _there(c.failure, "failure")),
+    Effect.CHOOSE_RECOVERY: lambda cell, c: deciding.choose_next(cell, c, _required(c.failure, "failure")),
     Effect.ASK_OPERATOR: deciding.ask_operator,
     Effect.WAIT: deciding.pause,
     Effect.HOLD: moving.hold_still,

@@ -1,10 +1,9 @@
-"""Learning from a fold that was made: what it did against what was predicted, and what that says of the fabric.
+"""Learns the fabric's friction from a fold: compares the observed with the predicted outline.
 
-What lies there is compared with what the simulation predicted. Where the two outlines agree nothing is to be
-learned and nothing is computed. Where they do not, the fold is simulated again as it was executed on more and on
-less slippery tables, and the friction moves towards the one that explains what is seen (calibration/identify.py):
-by as much as was learned, within half and one and a half times what the garment file says. The next fold is looked
-up, judged and optimised with it.
+If the two outlines agree there is nothing to learn, and nothing is computed. If they differ, the executed fold is
+simulated again with several friction coefficients, and the friction estimate moves towards the coefficient that
+explains the observed outline (calibration/identify.py). It stays within 0.5 and 1.5 times the value of the garment
+file. The next fold is looked up, judged and optimised with the new friction.
 """
 
 from __future__ import annotations
@@ -25,25 +24,25 @@ from skills.perception.rectification.table_view import TableView
 __all__ = ["adapt"]
 
 FACTORS = (0.5, 0.7, 1.0, 1.4)
-"""Candidates of the friction, in units of what is believed."""
+"""Candidates of the friction, as multiples of the present estimate."""
 
 
 def adapt(
-    cell: Workcell, index: int, plan: Plan, made: Attempt, seen: Inspection
+    cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection
 ) -> tuple[Garment, dict[str, object]]:
-    """The garment with its material as this fold showed it to be, and figures for the record."""
-    contour, view, noise = seen.contour, seen.view, Noise()
-    garment, predicted = plan.garment, made.predicted
-    if not cell.settings.optimiser.adapt or index + 1 >= len(plan.steps):  # after the last fold for nobody
+    """The garment with the material learned from this fold, and figures for the journal."""
+    contour, view, noise = inspection.contour, inspection.view, Noise()
+    garment, predicted = plan.garment, attempt.predicted
+    if not cell.settings.optimiser.adapt or index + 1 >= len(plan.steps):  # no fold is left to use it
         return garment, {}
-    residual = outline_residual(contour, _as_seen(view, predicted.vertices), predicted.triangles)
+    residual = outline_residual(contour, _on_table(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:
         return garment, {"outline_residual_m": residual}
-    paths = simulated_paths(cell, made.motion)
+    paths = simulated_paths(cell, attempt.motion)
 
     def learn() -> MaterialEstimate:
         candidates = predict_candidates(
-            plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _as_seen(view, x)
+            plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _on_table(view, x)
         )
         return identify_material([contour], candidates, garment.material, noise)
 
@@ -62,6 +61,6 @@ def adapt(
     return replace(garment, material=material), record
 
 
-def _as_seen(view: TableView, vertices: Array) -> Array:
-    """(n, 3) vertices where the camera sees them on the table: what stands high appears further out."""
+def _on_table(view: TableView, vertices: Array) -> Array:
+    """(n, 3) vertices projected onto the table along the camera's rays, in the table frame [m]."""
     return np.column_stack([view.shadow_on_table(vertices), np.zeros(len(vertices))])

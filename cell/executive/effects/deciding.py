@@ -1,4 +1,4 @@
-"""Effects that only decide: what to try after a failure, by table or by the operator."""
+"""Effects that only decide: the recovery table or the operator chooses what to try after a failure."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 
 
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
-    """The recovery for the failure at hand: the table's, where it is a try within the bounds of the settings."""
+    """Choose the recovery from the table, within the number of attempts that the settings allow."""
     kind, fold = failed.kind, context.fold
     attempt = context.attempts[(fold.index, kind.value)]
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
     overlap = float(failed.values.get("iou_aligned", 1.0))
-    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_ways(context))
-    if recovery.event is Event.CARRY_ON:  # no try that could be used up, but it takes a fold that was made
+    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
+    if recovery.event is Event.CARRY_ON:  # not an attempt that counts, but it needs a completed fold
         possible = fold.carried
     else:
         possible = (
@@ -51,7 +51,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     event: Event = recovery.event
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
     if event is Event.LOOK_AGAIN or on_cloth:
-        event = _where_to_look(cell, context)  # what was held was let go wherever it was
+        event = _look_event(cell, context)  # the garment was released wherever it was
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
@@ -61,71 +61,72 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     return Result(event, replace(context, recoveries=recoveries, fold=again), record)
 
 
-def _several_ways(context: RunContext) -> bool:
-    """Whether the plan knows more than one way for the fold at hand."""
+def _several_variants(context: RunContext) -> bool:
+    """Whether the garment file has more than one variant of the present fold."""
     return context.plan is not None and len(context.plan.garment.plan[context.fold.index].variants) > 1
 
 
 def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
-    """The next try changed by `adjust`, too. Made in another way a fold is a new one: nothing of it was tried."""
+    """The fold's context with one more adjustment for the next attempt. Another variant of the fold starts without
+    the adjustments and postures of the one before."""
     if adjust is Adjustment.NONE:
         return fold
     if adjust is not Adjustment.OTHER_VARIANT:
         return replace(fold, adjustments=(*fold.adjustments, adjust))
-    ways = tuple(a for a in fold.adjustments if a is Adjustment.OTHER_VARIANT)
-    return replace(fold, adjustments=(*ways, adjust), avoided=())
+    variant_changes = tuple(a for a in fold.adjustments if a is Adjustment.OTHER_VARIANT)
+    return replace(fold, adjustments=(*variant_changes, adjust), avoided=())
 
 
-def _where_to_look(cell: Workcell, context: RunContext) -> Event:
-    """To look again is to look at what one wanted to see: the empty table, the garment, or what came of a fold."""
-    if _table_unseen(cell, context):
+def _look_event(cell: Workcell, context: RunContext) -> Event:
+    """The event that leads to the picture that is due: of the empty table, the garment, or a completed fold."""
+    if _reference_missing(cell, context):
         return Event.START_OVER
     return Event.LOOK_AFTER if context.fold.carried else Event.LOOK_AGAIN
 
 
-def _table_unseen(cell: Workcell, context: RunContext) -> bool:
-    """Whether the empty table is still to be photographed: the garment is laid after that."""
+def _reference_missing(cell: Workcell, context: RunContext) -> bool:
+    """Whether the empty table is still to be photographed. The garment is laid on it afterwards."""
     return cell.settings.camera.reference != "none" and context.sight.reference is None
 
 
 def ask_approval(cell: Workcell, context: RunContext) -> Result:
-    """Of a fold, or of pressing one that was made, which may also be left as it is."""
-    answers, made = {Event.APPROVE, Event.RETRY, Event.ABORT}, context.fold.attempt
-    if made is None or not made.carried:
-        return _await_command(cell, context, answers)
-    said = _await_command(cell, context, answers | {Event.SKIP})
-    if said.event is not Event.SKIP:
-        return said
-    return replace(said, context=said.context.with_attempt(replace(made, unpressed=True)))
+    """Ask the operator to approve a fold, or the pressing of a completed fold. Pressing may also be skipped."""
+    commands, attempt = {Event.APPROVE, Event.RETRY, Event.ABORT}, context.fold.attempt
+    if attempt is None or not attempt.carried:
+        return _await_command(cell, context, commands)
+    answer = _await_command(cell, context, commands | {Event.SKIP})
+    if answer.event is not Event.SKIP:
+        return answer
+    return replace(answer, context=answer.context.with_attempt(replace(attempt, unpressed=True)))
 
 
 def ask_operator(cell: Workcell, context: RunContext) -> Result:
-    said = _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
-    if said.event is not Event.RETRY:
-        return said
-    event = Event.START_OVER if _table_unseen(cell, context) else Event.RETRY
-    # whoever says so has laid the garment as it was before the fold
-    fold = replace(said.context.fold, attempt=None)
-    return replace(said, event=event, context=replace(said.context, fold=fold))
+    answer = _await_command(cell, context, {Event.RETRY, Event.SKIP, Event.ABORT})
+    if answer.event is not Event.RETRY:
+        return answer
+    event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
+    # before saying retry the operator lays the garment as it was before the fold
+    fold = replace(answer.context.fold, attempt=None)
+    return replace(answer, event=event, context=replace(answer.context, fold=fold))
 
 
 def pause(cell: Workcell, context: RunContext) -> Result:
     return _await_command(cell, context, {Event.RESUME, Event.ABORT})
 
 
-def _await_command(cell: Workcell, context: RunContext, wanted: set[Event]) -> Result:
-    """Hold still until the operator says one of `wanted`. Waiting is not charged to the robot's time."""
+def _await_command(cell: Workcell, context: RunContext, expected: set[Event]) -> Result:
+    """Hold still until the operator gives one of the expected commands. Robot time excludes the wait."""
     start = cell.ports.clock.now()
     while True:
         failure = stopped(cell.ports)
         if failure:
-            return Result(Event.FAILED, _waited(cell, context.with_failure(failure), start))
-        command = cell.commands.wait(frozenset(wanted), TICK_S)
+            return Result(Event.FAILED, _add_waiting_time(cell, context.with_failure(failure), start))
+        command = cell.commands.wait(frozenset(expected), TICK_S)
         if command is not None:
             context = context.with_failure(ABORTED) if command is Event.ABORT else context
-            return Result(command, _waited(cell, context, start), {"command": command.value})
+            return Result(command, _add_waiting_time(cell, context, start), {"command": command.value})
         cell.ports.clock.sleep_until(cell.ports.clock.now() + TICK_S)
 
 
-def _waited(cell: Workcell, context: RunContext, start: float) -> RunContext:
+def _add_waiting_time(cell: Workcell, context: RunContext, start: float) -> RunContext:
     return replace(context, waited_s=context.waited_s + cell.ports.clock.now() - start)

@@ -1,4 +1,4 @@
-"""A garment that lies elsewhere than it was predicted takes the belief of it along."""
+"""Moves the plan along with a garment that lies elsewhere than predicted."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from skills.planning.plan import rigid_motion, translate_plan
 __all__ = ["apply_drift"]
 
 
-def apply_drift(plan: Plan, seen: Inspection) -> Plan:
-    """The plan that is left, the believed shape and its material coordinates, moved along with the garment."""
+def apply_drift(plan: Plan, inspection: Inspection) -> Plan:
+    """The plan with remaining steps, believed shape and material coordinates moved by the observed drift."""
 
     def move(xy: Array) -> Array:
-        return frozen(rigid_motion(xy, seen.drift, seen.drift_rad, seen.drift_about))
+        return frozen(rigid_motion(xy, inspection.drift, inspection.drift_rad, inspection.drift_about))
 
     keypoints = {name: move(p) for name, p in plan.flat.keypoints.items()}
     return replace(
         plan,
         flat=replace(plan.flat, contour=move(plan.flat.contour), keypoints=keypoints),
-        steps=translate_plan(plan.steps, seen.drift, seen.drift_rad, seen.drift_about),
+        steps=translate_plan(plan.steps, inspection.drift, inspection.drift_rad, inspection.drift_about),
         mesh=replace(plan.mesh, rest=move(plan.mesh.rest)),
         vertices=frozen(np.column_stack([move(plan.vertices[:, :2]), plan.vertices[:, 2]])),
     )

@@ -1,4 +1,4 @@
-"""Effects that take hold, fold and let go: where the arms and the hands' controllers work together."""
+"""Effects that grasp, lift, fold and release: arms and hand controllers work together."""
 
 from __future__ import annotations
 
@@ -39,44 +39,45 @@ from skills.vocabulary import CameraCalibration, Grasp, Outcome
 __all__ = ["fold", "grasp", "lift", "release_garment"]
 
 RELEASE_OPENING = 0.020
-"""Wide enough to let go, too narrow to sweep the stack [m]."""
+"""Pad opening that releases the garment without sweeping the stack [m]."""
 PRESS = 0.001
-"""Past the touch, so that the pads close under the cloth [m]."""
+"""Depth beyond the first contact, so that the pads close under the cloth [m]."""
 DEEPER = 0.002
-"""How much lower each further try presses [m]."""
+"""Further depth per adjustment LOWER [m]."""
 STRONGER = 1.4
+"""Factor on the grip force per adjustment STRONGER."""
 
 
 def grip_settings(cell: Workcell, fold: FoldContext) -> GraspSettings:
-    """The settings, with the force that recoveries have raised."""
+    """The grasp settings with the grip force as raised by recoveries."""
     return replace(cell.grasp, grip_force=cell.grasp.grip_force * STRONGER ** fold.count(Adjustment.STRONGER))
 
 
 def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
-    """Down until the tips touch, press into the stack, close, and feel what is held."""
-    fold, ways = context.fold, attempt.motion.descend
+    """Descend until the tips touch, press into the stack, close, and confirm what is held."""
+    fold = context.fold
     settings = grip_settings(cell, fold)
-    tares = {s: start_tare(settings) for s in ways}
-    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
-    if zeros.failure:
-        return Result(Event.FAILED, context.with_failure(zeros.failure))
-    fold = replace(fold, zeros=zeros.unwrap())
+    tares = {s: start_tare(settings) for s in attempt.motion.descend}
+    biases = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
+    if biases.failure:
+        return Result(Event.FAILED, context.with_failure(biases.failure))
+    fold = replace(fold, biases=biases.unwrap())
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
-    contacts = _descend(cell, attempt, fold.zeros, settings, lowering)
+    contacts = _descend(cell, attempt, fold.biases, settings, lowering)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
-    pushes = FingertipForceMonitor(cell.hands, cell.grasp, fold.zeros)
+    monitor = FingertipForceMonitor(cell.hands, cell.grasp, fold.biases)
     deeper = DEEPER * fold.count(Adjustment.LOWER)
-    failure = _press(cell, attempt.motion.postures, deeper, lowering, pushes)
+    failure = _press(cell, attempt.motion.postures, deeper, lowering, monitor)
     record: dict[str, object] = {
         "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
         "contact_by": {s.value: c.by for s, c in contacts.unwrap().items()},
-        "strongest_push_n": pushes.strongest,
+        "strongest_push_n": monitor.strongest,
     }
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), record)
-    held = _close_and_confirm(cell, attempt, fold.zeros, plan.garment.material.thickness, settings)
+    held = _close_and_confirm(cell, attempt, fold.biases, plan.garment.material.thickness, settings)
     if held.failure:
         return Result(Event.FAILED, context.with_failure(held.failure), record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
@@ -84,7 +85,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
 
 
 def lift(cell: Workcell, context: RunContext) -> Result:
-    """A little way straight up; what was held must still be held."""
+    """Rise a little; every hand must still hold what it held."""
     fold, q = context.fold, cell.ports.arms.state().q
     up = plan_lift(
         cell.robot,
@@ -99,15 +100,15 @@ def lift(cell: Workcell, context: RunContext) -> Result:
     context = with_waiting_time(context, control)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
-    checks = {s: start_lift_check(cell.grasp, fold.zeros[s], held) for s, held in fold.held.items()}
-    kept = each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s))
-    if kept.failure:
-        return Result(Event.FAILED, context.with_failure(kept.failure))
-    return Result(Event.DONE, replace(context, fold=replace(fold, held=kept.unwrap())))
+    checks = {s: start_lift_check(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
+    still_held = each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s))
+    if still_held.failure:
+        return Result(Event.FAILED, context.with_failure(still_held.failure))
+    return Result(Event.DONE, replace(context, fold=replace(fold, held=still_held.unwrap())))
 
 
 def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Along the arc, from where the hands really are, watching for a slip and taking the key pictures."""
+    """Follow the arc from the hands' measured pose, watch for slip, and take the pictures for the report."""
     arc = plan_arc(
         cell.robot, cell.execution_checker, cell.table, attempt.paths, attempt.motion.postures,
         cell.ports.arms.state().q, limits=cell.limits, tool_speed=attempt.tool_speed, rng=cell.rng(),
@@ -121,7 +122,7 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
     control = pausable(cell)
     moved = stream(cell.loop, trajectory, cell.hands.recording(watch), control)
-    executed = replace(attempt.motion, arc=arc.unwrap())  # what is learned from the fold is learned from this way
+    executed = replace(attempt.motion, arc=arc.unwrap())  # friction is learned from the executed arc
     attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
     context = with_waiting_time(context.with_attempt(attempt), control)
     if moved.failure:
@@ -130,7 +131,7 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 
 def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Open just wide enough above the stack."""
+    """Open the pads just wide enough to release the garment."""
     context, hands = context.with_attempt(replace(attempt, carried=True)), cell.hands
     state = cell.ports.arms.state()
     states = {s: start_release(cell.grasp, RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
@@ -143,19 +144,18 @@ def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Re
 def _descend(
     cell: Workcell,
     attempt: Attempt,
-    zeros: Mapping[Side, TactileBias],
+    biases: Mapping[Side, TactileBias],
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
 ) -> Outcome[dict[Side, Contact]]:
-    """lowering: gets each hand's set-point on its way down."""
-    ways = attempt.motion.descend
+    """lowering: filled with each hand's descent set-point."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
-        for s, way in ways.items():
-            lowering[s] = Lowering(way, cell.hands.height(s, start.q))
-            goal = _goal(attempt.grasp_of(s), lowering[s].top - float(way.depth[-1]))
-            state = start_descent(settings, goal, zeros[s], cell.hands.read(s, start))
+        for s, descent in attempt.motion.descend.items():
+            lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
+            goal = _goal(attempt.grasp_of(s), lowering[s].top - float(descent.depth[-1]))
+            state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
 
@@ -163,7 +163,7 @@ def _descend(
 
 
 def _goal(grasp: Grasp, lowest: float) -> DescentGoal:
-    """Contact is expected on top of the stack under the hand; the bottom is what the arm can reach."""
+    """Contact is expected on top of the stack under the hand. The descent ends at the lowest reachable height."""
     return DescentGoal(grasp.height, bottom=min(max(lowest, -0.008), grasp.height), through=grasp.height)
 
 
@@ -172,48 +172,48 @@ def _press(
     postures: Mapping[Side, Posture],
     deeper: float,
     lowering: Mapping[Side, Lowering],
-    pushes: FingertipForceMonitor,
+    monitor: FingertipForceMonitor,
 ) -> Failure | None:
-    """From the touch of the first tip to where both tips press, and as much deeper as this try goes.
+    """Press from the first tip's contact until both tips press, and `deeper` [m] beyond that.
 
-    Measured from the touch: the table's height is known to a few millimetres only. A hand that leans has one
-    open tip lower than the other; the arm gives way to the table as the pads close.
+    Depths count from the contact, because the table's height is known to a few millimetres only. In a tilted hand
+    one open tip is lower than the other; the arm gives way to the table as the pads close.
     """
 
     def begin(start: JointState) -> Motion[JointState]:
         strokes = {}
         for s, hand in lowering.items():
-            touched = cell.hands.depth(s, hand.way, start.q)
-            lean = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
-            strokes[s] = touched, touched + float(lean) + PRESS + deeper
-        most = cell.settings.grasp.press_force
-        return press_down(cell.hands, cell.last_command, start, lowering, strokes, pushes, most)
+            contact = cell.hands.depth(s, hand.descent, start.q)
+            tip_offset = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
+            strokes[s] = contact, contact + float(tip_offset) + PRESS + deeper
+        max_force = cell.settings.grasp.press_force
+        return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 
     return cell.loop.run(begin).failure
 
 
 def _close_and_confirm(
-    cell: Workcell, attempt: Attempt, zeros: Mapping[Side, TactileBias], thickness: float, settings: GraspSettings
+    cell: Workcell, attempt: Attempt, biases: Mapping[Side, TactileBias], thickness: float, settings: GraspSettings
 ) -> Outcome[dict[Side, Held]]:
     hands, state = cell.hands, cell.ports.arms.state()
-    states = {s: start_close(settings, tare, hands.read(s, state)) for s, tare in zeros.items()}
+    states = {s: start_close(settings, bias, hands.read(s, state)) for s, bias in biases.items()}
     closed = each_hand(cell.loop, hands, states, commanding(hands, close))
     if closed.failure:
         return Outcome(failure=closed.failure)
     confirmations = {
-        s: start_confirm(settings, tare, _expected(attempt.grasp_of(s), thickness)) for s, tare in zeros.items()
+        s: start_confirm(settings, bias, _expected(attempt.grasp_of(s), thickness)) for s, bias in biases.items()
     }
     return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
 
 
 def _expected(grasp: Grasp, thickness: float) -> Expectation:
-    """The planned layers; a hand that goes under the whole stack takes what the stack has."""
+    """Expect the planned number of layers, or more if the hand goes under the whole stack."""
     whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
     return Expectation(thickness, grasp.layers, or_more=whole_stack)
 
 
 def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
-    watches = {s: start_slip_watch(cell.grasp, fold.zeros[s], held) for s, held in fold.held.items()}
+    watches = {s: start_slip_watch(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
 
     def look(tick: Tick) -> Failure | None:
         for side, watch in watches.items():
@@ -229,7 +229,7 @@ def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
 def _photographer(
     cell: Workcell, calibration: CameraCalibration, moments: Array, pictures: list[CameraFrame]
 ) -> Watch:
-    """Takes a picture at each moment, for the record only: a camera that fails does not end the fold."""
+    """Takes a picture at each moment, for the recording only: a camera failure does not end the fold."""
     due = list(moments)
 
     def look(tick: Tick) -> Failure | None:

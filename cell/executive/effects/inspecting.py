@@ -1,4 +1,4 @@
-"""Effects that judge a fold: what lies there against what the simulation predicted, and what follows from it."""
+"""Effects that judge a fold: they compare the observed with the predicted shape and choose what follows."""
 
 from __future__ import annotations
 
@@ -24,110 +24,113 @@ from skills.vocabulary import FoldStep, Outcome, PredictedShape
 __all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
-"""An outline that pressing displaced by so much is judged as any other [m]: corners that turn up move more."""
+"""Displacement of the outline by pressing from which the outline is judged anew [m]: corners that turn up move
+more."""
 
 HINTS = {
-    FailureKind.DRIFT: "the garment moved as a whole: a rougher table or a slower fold",
-    FailureKind.PILING: "cloth is heaped up: a lower arc near the target",
-    FailureKind.SAG: "the part between the hands hung: hold it wider apart",
-    FailureKind.DROPPED_CORNER: "a corner was lost on the way: grip lower or harder",
-    FailureKind.MISSED_LAYER: "not all layers were taken: grip lower",
+    FailureKind.DRIFT: "the garment moved as a whole: use a rougher table or fold more slowly",
+    FailureKind.PILING: "cloth is heaped up: lower the arc near the target",
+    FailureKind.SAG: "the part between the hands sagged: hold it wider apart",
+    FailureKind.DROPPED_CORNER: "a corner was dropped during the fold: grip lower or harder",
+    FailureKind.MISSED_LAYER: "not all layers were grasped: grip lower",
 }
 
 
-def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, made: Attempt, frame: CameraFrame) -> Result:
-    """Accept the fold, or name what went wrong with it."""
+def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
+    """Accept the fold, or diagnose its failure."""
     step = plan.steps[context.fold.index]
-    outcome = _compare(cell, context, frame, made.predicted, step, made.before)
+    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
-    seen = outcome.unwrap()
-    if made.pressed:
-        seen = judged_as_before(made.pressed[0], seen, step, cell.inspection)
-    made = replace(made, inspection=seen)
-    context = context.with_attempt(made)
-    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
-    if seen.diagnosis is None or told_by_height(seen, cell.inspection):
-        press_plan = plan_pressing(cell, context.fold.index, plan, made, seen)
+    inspection = outcome.unwrap()
+    if attempt.pressed:
+        inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
+    attempt = replace(attempt, inspection=inspection)
+    context = context.with_attempt(attempt)
+    cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
+    if inspection.diagnosis is None or told_by_height(inspection, cell.inspection):
+        press_plan = plan_pressing(cell, context.fold.index, plan, attempt, inspection)
         if press_plan is not None:
             event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
-            context = context.with_attempt(replace(made, press_plan=press_plan))
-            return Result(event, context, {**figures(seen), "dabs": press_plan.dabs})
-    if seen.diagnosis is None:
-        garment, learned = adapt(cell, context.fold.index, plan, made, seen)
+            context = context.with_attempt(replace(attempt, press_plan=press_plan))
+            return Result(event, context, {**figures(inspection), "dabs": press_plan.dabs})
+    if inspection.diagnosis is None:
+        garment, learned = adapt(cell, context.fold.index, plan, attempt, inspection)
         context = replace(context, plan=replace(plan, garment=garment))
-        ended = next_step(cell, context)
-        return replace(ended, record={**figures(seen), **learned, **ended.record})
+        advanced = next_step(cell, context)
+        return replace(advanced, record={**figures(inspection), **learned, **advanced.record})
     failure = Failure(
-        seen.diagnosis,
-        f"fold {step.name}: {', '.join(beyond_limits(seen, cell.inspection))}",
-        HINTS.get(seen.diagnosis, "compare the observed with the predicted shape in the recording"),
-        figures(seen),
+        inspection.diagnosis,
+        f"fold {step.name}: {', '.join(beyond_limits(inspection, cell.inspection))}",
+        HINTS.get(inspection.diagnosis, "compare the observed with the predicted shape in the recording"),
+        figures(inspection),
     )
-    return Result(Event.FAILED, context.with_failure(failure), figures(seen))
+    return Result(Event.FAILED, context.with_failure(failure), figures(inspection))
 
 
 def judged_as_before(
-    before: Inspection, seen: Inspection, step: FoldStep, settings: InspectionSettings
+    before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
-    """What is seen after a fold was pressed, judged anew, but for an outline that was good and lies as it lay: a
-    crease that is pressed reaches further out than the unpressed one that was predicted."""
-    displaced, _ = edge_deviation(before.contour, seen.contour)
+    """The inspection after pressing, judged again. A good outline that pressing did not displace keeps its
+    verdict: a pressed crease reaches further out than the unpressed one that was predicted."""
+    displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
-        return seen
-    kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
-    return replace(seen, diagnosis=kind, confidence=confidence)
+        return after
+    kind, confidence = diagnose(replace(after, edge_deviation_m=before.edge_deviation_m), step, settings)
+    return replace(after, diagnosis=kind, confidence=confidence)
 
 
 def next_step(cell: Workcell, context: RunContext) -> Result:
-    """Past the fold at hand: what was predicted is now believed, moved to where it is seen. After the last one the
-    garment is folded, unless the operator left folds out."""
+    """Advance to the next fold. The predicted shape, moved to where it is seen, becomes the believed one. After
+    the last fold the garment is folded, unless the operator skipped folds."""
     ending, index, steps = context.failure, context.fold.index, context.steps
-    past = replace(_noted(context), failure=None)
+    advanced = replace(_with_step_note(context), failure=None)
     if index + 1 < len(steps):
-        return Result(Event.NEXT_FOLD, replace(past, fold=FoldContext(index + 1)))
-    past = replace(past, fold=FoldContext(index))
-    made = {note.name for note in past.done}
-    left_out = [step.name for step in steps if step.name not in made]
-    if steps and not left_out:
-        return Result(Event.ALL_FOLDED, past)
-    if left_out:
-        ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(left_out)}")
-    return Result(Event.GIVE_UP, replace(past, failure=ending, through=bool(steps)))
+        return Result(Event.NEXT_FOLD, replace(advanced, fold=FoldContext(index + 1)))
+    advanced = replace(advanced, fold=FoldContext(index))
+    done = {note.name for note in advanced.done}
+    skipped = [step.name for step in steps if step.name not in done]
+    if steps and not skipped:
+        return Result(Event.ALL_FOLDED, advanced)
+    if skipped:
+        ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(skipped)}")
+    return Result(Event.GIVE_UP, replace(advanced, failure=ending, through=bool(steps)))
 
 
 def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFrame) -> Result:
-    """Between two folds: the garment is where the believed shape lies best over what is seen."""
+    """Locate the garment between two folds by aligning the believed shape with the picture."""
     believed = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
     outcome = _compare(cell, context, frame, believed, None, None)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
-    seen = outcome.unwrap()
-    cell.recorder.observed(cell.ports.clock.now(), seen.contour)
-    if seen.iou_aligned < cell.settings.inspection.iou:
+    inspection = outcome.unwrap()
+    cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
+    if inspection.iou_aligned < cell.settings.inspection.iou:
         failure = Failure(
             FailureKind.NOT_FLAT,
-            f"the garment does not lie as the last fold left it (overlap {seen.iou_aligned:.2f})",
-            "lay it back as it was and go on (foldcell resume last), or lay it flat and start again",
-            figures(seen),
+            f"the garment does not lie as the last fold left it (overlap {inspection.iou_aligned:.2f})",
+            "lay it back as it was and resume (foldcell resume last), or lay it flat and start again",
+            figures(inspection),
         )
-        return Result(Event.FAILED, context.with_failure(failure), figures(seen))
-    return Result(Event.DONE, replace(context, plan=apply_drift(plan, seen)), figures(seen))
+        return Result(Event.FAILED, context.with_failure(failure), figures(inspection))
+    return Result(Event.DONE, replace(context, plan=apply_drift(plan, inspection)), figures(inspection))
 
 
-def figures(seen: Inspection) -> dict[str, float]:
-    """An inspection as plain numbers; what nobody could see is left out."""
-    edge = {} if seen.edge is None else {"edge_corner_m": seen.edge.corner, "edge_sag_m": seen.edge.sag}
-    hard_to_see = {"height_m": seen.height_m, "missing_layer": seen.missing_layer, **edge}
+def figures(inspection: Inspection) -> dict[str, float]:
+    """An inspection as plain numbers, without those that could not be measured."""
+    edge = inspection.edge
+    measured = {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
+    if edge is not None:
+        measured |= {"edge_corner_m": edge.corner, "edge_sag_m": edge.sag}
     return {
-        "iou": seen.iou,
-        "iou_aligned": seen.iou_aligned,
-        "drift_m": seen.drift_m,
-        "drift_rad": seen.drift_rad,
-        "extra_height_m": seen.extra_height_m,
-        "edge_deviation_m": seen.edge_deviation_m,
-        "confidence": seen.confidence,
-        **{name: value for name, value in hard_to_see.items() if np.isfinite(value)},
+        "iou": inspection.iou,
+        "iou_aligned": inspection.iou_aligned,
+        "drift_m": inspection.drift_m,
+        "drift_rad": inspection.drift_rad,
+        "extra_height_m": inspection.extra_height_m,
+        "edge_deviation_m": inspection.edge_deviation_m,
+        "confidence": inspection.confidence,
+        **{name: value for name, value in measured.items() if np.isfinite(value)},
     }
 
 
@@ -136,27 +139,27 @@ def _compare(
     context: RunContext,
     frame: CameraFrame,
     shape: PredictedShape,
-    made: FoldStep | None,
+    step: FoldStep | None,
     before: CameraFrame | None,
 ) -> Outcome[Inspection]:
-    """What is seen against a shape. made: the fold that has just been made, None where none has; before: the
-    picture before it."""
+    """Compare the picture with a shape. step: the fold just made, None if none was; before: the picture taken
+    before that fold."""
     sight = context.sight
     flat_top = context.recognition.perception.top if context.recognition else None
     return cell.compute(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
-            made, cell.inspection, sight.previous, flat_top, before,
+            step, cell.inspection, sight.previous, flat_top, before,
         ),
     )  # fmt: skip
 
 
-def _noted(context: RunContext) -> RunContext:
-    """The fold on record, with the predicted shape as the belief of where the garment lies: a fold that was
-    carried through is believed, and made once somebody has seen what came of it, who also saw where it lies."""
+def _with_step_note(context: RunContext) -> RunContext:
+    """The context with the predicted shape of a completed fold as the believed one. An inspected fold is also
+    added to `done`, and the plan moves by the drift that the inspection measured."""
     note, plan = context.fold.note(), context.plan
-    if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator left it out
+    if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator skipped it
         return context
     plan = replace(plan, vertices=note.predicted.vertices)
     if note.inspected is None:

@@ -43,28 +43,28 @@ __all__ = [
 HEAD_TURN_S = 1.5
 OPENING_S = 0.8
 SLOW_OPENING_S = 2.0
-"""A gripper that still moves may open yet."""
+"""Further wait for a gripper that still moves [s]."""
 CALIBRATION_S = 12.0
 LET_GO = 0.010
-"""What the pads hold has fallen out of them when they are so far apart [m]."""
+"""Opening from which the pads no longer hold cloth [m]."""
 PREGRASP_OPENING = PadGeometry().stroke
 """The pads' opening in a descent [m]."""
 
 
 def pausable(cell: Workcell) -> PathControl:
-    """For motions that the operator may pause or end on their way."""
+    """Control of a motion that the operator may pause or abort."""
     return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note)
 
 
 def unpausable(cell: Workcell) -> PathControl:
-    """For motions that make the cell safe: only the stop ends them."""
+    """Control of a motion that makes the cell safe: only the stop ends it."""
     return PathControl(None, cell.robot.protective, cell.limits)
 
 
 def move(
     cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False, control: PathControl | None = None
 ) -> Failure | None:
-    """Check a trajectory against where the arms are now, then stream it. control: pausable(cell) when None."""
+    """Check a trajectory from the arms' present posture, then stream it. control: None means pausable(cell)."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
@@ -78,7 +78,7 @@ def move(
 
 
 def prepare(cell: Workcell, context: RunContext) -> Result:
-    """Motors on, grippers calibrated and open, head where the camera was calibrated, arms parked."""
+    """Turn the motors on, calibrate and open the grippers, turn the head to its calibrated pan, park the arms."""
     ports = cell.ports
     failure = stopped(ports)
     if failure is None:
@@ -95,8 +95,10 @@ def prepare(cell: Workcell, context: RunContext) -> Result:
 
 
 def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
-    """Make an interrupted run's cell ready again: motors on, whatever the hands may hold let go, head turned back,
-    arms parked. Grippers that lost their calibration or are in error are calibrated, which also opens them."""
+    """Make the cell of an interrupted run ready again: turn the motors on and the head back, open the hands, park.
+
+    Grippers in error or without calibration are calibrated, which also opens them.
+    """
     ports = cell.ports
     failure = stopped(ports)
     if failure is None:
@@ -115,40 +117,40 @@ def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
 
 
 def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """To above the grasps, the hands that grasp as wide open as the prediction has them."""
+    """Move above the grasps. The grasping hands open as wide as in the prediction."""
     for side in attempt.motion.postures:
         cell.hands.command(side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, attempt.motion.approach, control=control)
     attempt = replace(attempt, before=context.sight.frame, carried=False)
-    begun = replace(context, fold=replace(context.fold, attempt=attempt, grasps=context.fold.grasps + 1))
-    return _ended(with_waiting_time(begun, control), failure)
+    context = replace(context, fold=replace(context.fold, attempt=attempt, grasps=context.fold.grasps + 1))
+    return _ended(with_waiting_time(context, control), failure)
 
 
 def retreat(cell: Workcell, context: RunContext) -> Result:
-    """Straight up from the released garment, see that nothing clings, then park."""
-    zeros = context.fold.zeros
-    away = _plan_retreat(cell, tuple(zeros))
-    if away.failure:
-        return _ended(context, away.failure)
+    """Rise straight up from the released garment, check that it does not stick to a finger, then park."""
+    biases = context.fold.biases
+    planned = _plan_retreat(cell, tuple(biases))
+    if planned.failure:
+        return _ended(context, planned.failure)
     control = pausable(cell)
-    failure = move(cell, away.unwrap().retreat, fingertips=True, control=control)
+    failure = move(cell, planned.unwrap().retreat, fingertips=True, control=control)
     if failure is None:
-        checks = {s: start_stuck_check(cell.grasp, tare) for s, tare in zeros.items()}
+        checks = {s: start_stuck_check(cell.grasp, bias) for s, bias in biases.items()}
         failure = each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
-    failure = failure or move(cell, away.unwrap().park, control=control)
+    failure = failure or move(cell, planned.unwrap().park, control=control)
     return _ended(with_waiting_time(context, control), failure)
 
 
 def clear(cell: Workcell, context: RunContext) -> Result:
-    """After a failure near the garment: let go, rise, park."""
+    """Open the hands, rise and park after a failure near the garment."""
     control = pausable(cell)
     failure = _let_go_and_park(cell, control)
     return _ended(with_waiting_time(context, control), failure)
 
 
 def make_safe(cell: Workcell, context: RunContext) -> Result:
-    """Let go and park whatever happened; a driver that refuses ends in FAULT with the arms held."""
+    """Open the hands and park, whatever happened before. A driver error ends in FAULT with the arms held."""
     try:
         failure = _let_go_and_park(cell, unpausable(cell))
     except DriverError as e:
@@ -157,7 +159,7 @@ def make_safe(cell: Workcell, context: RunContext) -> Result:
 
 
 def hold_still(cell: Workcell, context: RunContext) -> Result:
-    """Speed zero. A stopped robot holds itself; what else can be told is told to hold."""
+    """Command the arms to hold. A stopped robot holds by itself and gets no command."""
     if not cell.ports.stop.state().stopped:
         try:
             hold(cell.ports, cell.execution)
@@ -178,7 +180,7 @@ def _open(cell: Workcell) -> None:
 
 
 def with_waiting_time(context: RunContext, control: PathControl) -> RunContext:
-    """What was spent in pauses is not the robot's time."""
+    """Add the time spent in pauses, which robot time excludes."""
     return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
 
 
@@ -191,7 +193,7 @@ def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OP
 
 
 def _calibrated(cell: Workcell) -> Failure | None:
-    """Wait for grippers that are still being calibrated: their pads go where they like."""
+    """Wait for grippers that are still calibrating: their pads move on their own."""
     deadline = cell.ports.clock.now() + CALIBRATION_S
     while True:
         busy = [side.value for side, g in cell.ports.grippers.items() if not g.state().calibrated]
@@ -201,7 +203,7 @@ def _calibrated(cell: Workcell) -> Failure | None:
             return Failure(
                 FailureKind.GRIPPER_FAULT,
                 f"the {' and the '.join(busy)} gripper is not calibrated after {CALIBRATION_S:.0f} s",
-                "see whether it is plugged in and free to move",
+                "check that it is plugged in and free to move",
             )
         failure = wait(cell.loop, TICK_S)
         if failure:
@@ -209,14 +211,14 @@ def _calibrated(cell: Workcell) -> Failure | None:
 
 
 def _still_closed(cell: Workcell) -> Failure | None:
-    """A hand that did not open may hold the garment, and would take it along. So may one of which nobody knows."""
+    """Failure if a hand did not open, or its opening is unknown: it may hold the garment and drag it along."""
     for side, gripper in cell.ports.grippers.items():
         state = gripper.state()
         opening, age = state.opening, cell.ports.clock.now() - state.stamp
         if not (age <= cell.grasp.gripper_stale and np.isfinite(opening)):
             return Failure(
                 FailureKind.GRIPPER_FAULT,
-                f"the {side.value} gripper has said nothing for {age:.1f} s: it may hold the garment",
+                f"the {side.value} gripper has sent no state for {age:.1f} s: it may hold the garment",
                 "check its cable, and free the garment by hand",
                 {"age_s": age},
             )
@@ -224,48 +226,52 @@ def _still_closed(cell: Workcell) -> Failure | None:
             return Failure(
                 FailureKind.GRIPPER_FAULT,
                 f"the {side.value} gripper does not open ({opening * 1e3:.0f} mm): it may hold the garment",
-                "free the garment by hand, then see to the gripper",
+                "free the garment by hand, then check the gripper",
                 {"opening_m": opening},
             )
     return None
 
 
 def _park(cell: Workcell, control: PathControl) -> Failure | None:
-    """Straight to the parked pose where the way is free, else first straight up."""
+    """Move to the parked posture: directly if a free motion is found, else after rising straight up."""
     q = cell.ports.arms.state().q
     if np.abs(q - cell.robot.q_park).max() < cell.execution.settled:
         return None
     if cell.checker.contact(q) is None:
-        way = plan_free_motion(cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng())
-        if way.ok:
-            return move(cell, way.unwrap(), control=control)
-    away = _plan_retreat(cell, tuple(Side))
-    if away.failure:
-        return away.failure
-    risen = move(cell, away.unwrap().retreat, fingertips=True, control=control)
-    return risen or move(cell, away.unwrap().park, control=control)
+        direct = plan_free_motion(
+            cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng()
+        )
+        if direct.ok:
+            return move(cell, direct.unwrap(), control=control)
+    planned = _plan_retreat(cell, tuple(Side))
+    if planned.failure:
+        return planned.failure
+    failure = move(cell, planned.unwrap().retreat, fingertips=True, control=control)
+    return failure or move(cell, planned.unwrap().park, control=control)
 
 
 def _plan_retreat(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Retreat]:
-    restless = come_to_rest(cell.ports, cell.execution, cell.last_command)
+    failure = come_to_rest(cell.ports, cell.execution, cell.last_command)
     state = fresh_state(cell.ports, cell.execution)
-    if restless or state.failure:
-        return Outcome(failure=restless or state.failure)
+    if failure or state.failure:
+        return Outcome(failure=failure or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
-    # with the margins that are planned with where that can be, else with those that brought the arms here
+    # with the planning margins if possible, else with the smaller margins of execution
     for checker in (cell.checker, cell.execution_checker):
-        away = plan_retreat(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
-        if away.ok:
-            return away
+        planned = plan_retreat(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
+        if planned.ok:
+            return planned
     if sides != tuple(Side):
-        return away
-    for side in Side:  # a hand that cannot rise stays where it is while the other one does
-        one = plan_retreat(cell.robot, cell.execution_checker, q, (side,), limits=cell.limits, rng=rng)
-        if one.ok:
-            return one
+        return planned
+    for side in Side:  # one hand rises alone if the other cannot
+        one_hand = plan_retreat(cell.robot, cell.execution_checker, q, (side,), limits=cell.limits, rng=rng)
+        if one_hand.ok:
+            return one_hand
     return Outcome(
         failure=Failure(
-            FailureKind.UNREACHABLE, f"no way up and home was found: {away.failure}", "jog the arms by hand"
+            FailureKind.UNREACHABLE,
+            f"no retreat to the parked posture was found: {planned.failure}",
+            "move the arms by hand",
         )
     )

@@ -1,4 +1,4 @@
-"""Effects that think: fold steps, the trajectory of a step, and the arms' motion with its predicted outcome."""
+"""Effects that plan: fold steps, the trajectory of a step, and the arms' motion with its predicted outcome."""
 
 from __future__ import annotations
 
@@ -35,28 +35,31 @@ from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outc
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths"]
 
 INWARD = 0.012
-"""How much further inside each further try takes hold [m]."""
+"""Distance that each adjustment INWARD moves the grasps towards the fold line [m]."""
 KEY_FRAMES = 6
 _ARC = np.linspace(0.0, 1.0, 40)
-"""Where on a curve the view's points lie."""
+"""Curve parameters of the points drawn in the view."""
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
-    """The fold steps, and the predictor's own mesh of what was seen. After the first fold what was made stands; so
-    does the rest of the plan, unless the fold at hand is to be made in another way."""
-    fold, before = context.fold, context.plan if context.fold.index > 0 else None
-    if before is not None and not fold.count(Adjustment.OTHER_VARIANT):
+    """Plan the fold steps, and mesh the observed outline for the predictor.
+
+    After the first fold the completed steps are kept. The remaining ones are planned again only if the present
+    fold is to use another variant.
+    """
+    fold, previous = context.fold, context.plan if context.fold.index > 0 else None
+    if previous is not None and not fold.count(Adjustment.OTHER_VARIANT):
         return Result(Event.DONE, context)
-    made = before.steps[: fold.index] if before else ()
-    garment = before.garment if before else _named_garment(cell, recognition)
-    flat = before.flat if before else recognition.perception.state
-    planned = plan_folds(flat, garment, _ways(fold, made, garment))
+    completed = previous.steps[: fold.index] if previous else ()
+    garment = previous.garment if previous else _named_garment(cell, recognition)
+    flat = previous.flat if previous else recognition.perception.state
+    planned = plan_folds(flat, garment, _variants(fold, completed, garment))
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
-    steps = (*made, *planned.unwrap()[fold.index :])
-    if before:
-        plan = replace(before, steps=steps)
+    steps = (*completed, *planned.unwrap()[fold.index :])
+    if previous:
+        plan = replace(previous, steps=steps)
     else:
         mesh = mesh_from_contour(flat.contour, garment.mesh_edge_m, garment.layers)
         plan = Plan(garment, garment, flat, steps, mesh, mesh.lay_flat(garment.material.thickness))
@@ -69,17 +72,18 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
     return Result(Event.DONE, context, record)
 
 
-def _ways(fold: FoldContext, made: Sequence[FoldStep], garment: Garment) -> dict[str, str]:
-    """How the folds so far were made, and the one at hand shall be: step name -> name of the plan's way."""
+def _variants(fold: FoldContext, completed: Sequence[FoldStep], garment: Garment) -> dict[str, str]:
+    """Step name -> variant, for the completed folds and the present one."""
     step = garment.plan[fold.index]
     chosen = step.variants[fold.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
-    return {**{s.name: s.variant for s in made}, step.name: chosen.name}
+    return {**{s.name: s.variant for s in completed}, step.name: chosen.name}
 
 
 def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
-    """The step's arcs: those of the library where they keep their promise, or else the best that is found.
+    """Choose the step's arcs: the library's if they reach the dissimilarity stored with them, else optimised ones.
 
-    Where a recovery asks for it the library's are only where the search begins, or nothing is searched at all.
+    A recovery may demand an optimisation that only starts from the library's arcs (OPTIMISE), or the initial arcs
+    without any optimisation (PLAIN_ARC).
     """
     fold, garment, nominal, settings = context.fold, plan.garment, plan.nominal, cell.settings.optimiser
     step = plan.steps[fold.index]
@@ -90,20 +94,20 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
     if found is not None:
         cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
     trusted = found is not None and not fold.count(Adjustment.OPTIMISE)
-    if found is None and settings.use_library and not plain:  # of a fabric that turned out otherwise: a beginning
+    if found is None and settings.use_library and not plain:  # start of the search after learning
         found = _look_up(cell, nominal, step)
     outcome = _optimise(cell, plan, step, method, found, trusted)
-    failure = stopped(cell.ports) or outcome.failure  # what a stop has cut short is no trajectory to keep
+    failure = stopped(cell.ports) or outcome.failure  # a stop invalidates the trajectory
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
-    searched = trajectory.source == "optimised" and method != "initial"  # a first guess promises nothing
-    if searched and garment.material == nominal.material:
+    optimised = trajectory.source == "optimised" and method != "initial"  # initial arcs are not worth keeping
+    if optimised and garment.material == nominal.material:
         try:
             cell.keep(trajectory, step, garment, outcome.notes)
-        except StorageError as e:  # the fold can be made all the same; it is searched for again next time
-            cell.tell(f"the trajectory is not kept: {e.what}")
+        except StorageError as e:  # the fold goes on; the next run optimises again
+            cell.tell(f"the trajectory was not added to the library: {e.what}")
             record["not_kept"] = e.what
     return Result(Event.DONE, replace(context, fold=replace(fold, trajectory=trajectory)), record)
 
@@ -111,7 +115,8 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
 def _optimise(
     cell: Workcell, plan: Plan, step: FoldStep, method: str, found: GraspTrajectory | None, trusted: bool
 ) -> Outcome[GraspTrajectory]:
-    """Optimise the step, from the arcs that were `found`; when they are trusted, only if they disappoint here."""
+    """Optimise the step, starting from the arcs `found` in the library. trusted: these arcs are taken as they are
+    if they reach their stored dissimilarity here."""
     garment, settings = plan.garment, cell.settings.optimiser
     now, each = cell.ports.clock.now(), cell.settings.computing.simulation_s
 
@@ -120,8 +125,8 @@ def _optimise(
 
     def watch(done: int, candidate: Candidate, best: Candidate) -> None:
         arcs = {grasp_id: evaluate(c, _ARC) for grasp_id, c in candidate.controls.items()}
-        own, so_far = ((c.dissimilarity, c.cost) for c in (candidate, best))
-        cell.recorder.candidate(now + done * each, done, arcs, own, so_far)
+        values, best_values = ((c.dissimilarity, c.cost) for c in (candidate, best))
+        cell.recorder.candidate(now + done * each, done, arcs, values, best_values)
 
     return cell.compute(
         lambda outcome: float(outcome.notes.get("simulations", 1)) * each,
@@ -138,7 +143,7 @@ def _optimise(
 
 
 def _until_stopped(cell: Workcell) -> Predictor:
-    """The cloth simulation; none is begun after a stop, so that a search whose result is void ends soon."""
+    """The cloth simulation. It raises DriverError after a stop, so that a void search ends soon."""
     simulate = ClothPredictor()
 
     def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /) -> Array:
@@ -151,12 +156,12 @@ def _until_stopped(cell: Workcell) -> Predictor:
 
 
 def _draws(cell: Workcell, search: int) -> np.random.Generator:
-    """The planner's draws, other ones for each further search: the same ones would fail again."""
+    """The motion planner's random generator, a different one for each further search."""
     return cell.rng().spawn(search)[-1] if search else cell.rng()
 
 
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
-    """Both arms' motion for the step, and the garment's shape that it is predicted to leave."""
+    """Plan both arms' motion for the step, and predict the garment's shape after it."""
     fold, speed = context.fold, _tool_speed(cell, plan.garment)
     inset = INWARD * fold.count(Adjustment.INWARD)
     inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
@@ -177,26 +182,26 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
     motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, plan, motion))
-    predicted, missed = _believed(plan, step, prediction)
-    attempt = Attempt(trajectory, step, paths, speed, motion, predicted, missed, prediction.keyframes)
-    tried = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures))
-    context = replace(context, fold=tried)
+    predicted, error = _predicted_shape(plan, step, prediction)
+    attempt = Attempt(trajectory, step, paths, speed, motion, predicted, error, prediction.keyframes)
+    fold = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures))
+    context = replace(context, fold=fold)
     cell.recorder.predicted(cell.ports.clock.now(), predicted)
     record = {
         "postures": {s.value: {"path": p.path.value, "turned": p.turned, "pitch_rad": p.pitch, "roll_rad": p.roll}
                      for s, p in motion.postures.items()},
         "fold_s": motion.fold.duration,
-        "dissimilarity_m": missed,
+        "dissimilarity_m": error,
         "search": dict(planned.notes),
     }  # fmt: skip
-    failure = judge_prediction(step.name, missed, acceptance_limit(plan.mesh.rest))
+    failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest))
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
 
 
 def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
-    """The garment that was named, or the one that was recognised, as its file describes it."""
+    """The garment named in the request, else the recognised one, as its file describes it."""
     if cell.expected is not None:
         return cell.expected
     return next(g for g in cell.garments if g.name == recognition.perception.garment)
@@ -224,7 +229,7 @@ def _described(trajectory: GraspTrajectory) -> dict[str, object]:
 
 
 def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple[GraspTrajectory, FoldStep]:
-    """The same fold with every grasp `inset` [m] nearer to the fold line, and its target likewise."""
+    """The fold with every grasp and its target `inset` [m] nearer to the fold line."""
     if inset == 0.0:
         return trajectory, step
     shift = inset * step.line.normal
@@ -238,7 +243,7 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
 
 
 def _predict(cell: Workcell, plan: Plan, motion: FoldMotion) -> FoldPrediction:
-    """The step simulated with the tool paths that the arms will execute: orientation and time law included."""
+    """Simulate the step with the tool paths that the arms will execute, including orientation and timing."""
     return predict_fold(
         plan.mesh, plan.vertices, plan.garment.material, simulated_paths(cell, motion),
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
@@ -246,14 +251,14 @@ def _predict(cell: Workcell, plan: Plan, motion: FoldMotion) -> FoldPrediction:
 
 
 def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPath]:
-    """The tool paths of a motion by grasp, as a simulation takes them: the lift, then the arc."""
+    """The tool paths of a motion by grasp, as input of a simulation: the lift, then the arc."""
     height = cell.settings.grasp.lift_height
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
-def _believed(plan: Plan, step: FoldStep, prediction: FoldPrediction) -> tuple[PredictedShape, float]:
-    """The predicted shape, and how far it is from the ideal fold: D [m]."""
+def _predicted_shape(plan: Plan, step: FoldStep, prediction: FoldPrediction) -> tuple[PredictedShape, float]:
+    """The predicted shape, and its dissimilarity D from the ideal fold [m]."""
     mesh = plan.mesh
     target = target_vertices(mesh, step.lines, plan.garment.material)
-    missed = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
-    return PredictedShape(prediction.vertices, mesh.triangles, mesh.rest), missed
+    error = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
+    return PredictedShape(prediction.vertices, mesh.triangles, mesh.rest), error

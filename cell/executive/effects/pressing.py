@@ -1,4 +1,4 @@
-"""Pressing: where a fold that was made stands high it is dabbed flat."""
+"""Pressing: fingers dab a completed fold flat where it stands high."""
 
 from __future__ import annotations
 
@@ -32,39 +32,41 @@ from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedSha
 __all__ = ["plan_pressing", "press"]
 
 YIELD_S = 0.06
-"""In which a hand that presses comes to rest when it is told to [s]: it must not go on to where it was sent."""
+"""Time in which a pressing hand comes to rest after a hard push [s]: short, so that it does not press on."""
 GAIN = 0.0015
-"""A fold that pressing did not lower by this much is not pressed again [m]."""
+"""Smallest drop in height for which a fold is pressed again [m]."""
 
 
-def plan_pressing(cell: Workcell, index: int, plan: Plan, made: Attempt, seen: Inspection) -> PressPlan | None:
+def plan_pressing(
+    cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection
+) -> PressPlan | None:
     """The hands' paths and the arms' motion that press the fold just inspected.
 
-    None where it lies flat enough, was pressed in vain, or no hand can press it: the fold stands as it is.
+    None if the fold lies flat enough, pressing did not help before, or no hand can press it. The fold is then
+    accepted or rejected as it is.
     """
     step = plan.steps[index]
-    if not _wanted(cell, step, plan, made, seen):
+    if not _should_press(cell, step, plan, attempt, inspection):
         return None
-    lying = apply_drift(replace(plan, vertices=made.predicted.vertices), seen)
-    where = lying.steps[index]
-    dabs, highest = _dabs(cell, where, lying, seen)
+    observed_plan = apply_drift(replace(plan, vertices=attempt.predicted.vertices), inspection)
+    observed_step = observed_plan.steps[index]
+    dabs, highest = _dabs(cell, observed_step, observed_plan, inspection)
     if not dabs:
         cell.tell(f"fold {step.name} is not pressed: its crease does not stand high where fingers have room")
         return None
-    planned = _planned(cell, where.line, dabs, highest)
+    planned = _planned(cell, observed_step.line, dabs, highest)
     if planned.failure:
         cell.tell(f"fold {step.name} is not pressed: {planned.failure.what}")
         return None
     paths, motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    return PressPlan(seen, paths, motion, len(dabs))
+    return PressPlan(inspection, paths, motion, len(dabs))
 
 
-def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -> Result:
-    """To above the fold, and dab it as it was planned. A push that is too hard ends it: the hands come to rest on
-    their way, and rise."""
-    motion, made = plan.motion, replace(made, press_tries=made.press_tries + 1)
-    context = context.with_attempt(made)
+def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan) -> Result:
+    """Move above the fold and dab it as planned. Too hard a push ends the pressing: the hands stop, and rise."""
+    motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1)
+    context = context.with_attempt(attempt)
     for side in motion.postures:
         cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))
     control = pausable(cell)
@@ -72,9 +74,9 @@ def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -
     if failure:
         return Result(Event.FAILED, with_waiting_time(context, control).with_failure(failure))
     tares = {s: start_tare(cell.grasp) for s in motion.postures}
-    zeros = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
-    if zeros.failure:
-        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(zeros.failure))
+    biases = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
+    if biases.failure:
+        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(biases.failure))
     context = with_waiting_time(context, control)
     arc = plan_arc(
         cell.robot, cell.execution_checker, cell.table, plan.paths, motion.postures, cell.ports.arms.state().q,
@@ -82,96 +84,93 @@ def press(cell: Workcell, context: RunContext, made: Attempt, plan: PressPlan) -
     )  # fmt: skip
     if arc.failure:
         return Result(Event.FAILED, context.with_failure(arc.failure))
-    guard, control = _Guard(cell, zeros.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
+    guard, control = _Guard(cell, biases.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
     moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
-    pressed = replace(made, pressed=(*made.pressed, plan.seen))
+    attempt = replace(attempt, pressed=(*attempt.pressed, plan.inspection))
     context = replace(
-        with_waiting_time(context, control), fold=replace(context.fold, zeros=zeros.unwrap(), attempt=pressed)
+        with_waiting_time(context, control), fold=replace(context.fold, biases=biases.unwrap(), attempt=attempt)
     )
-    ended = guard.pushed is not None
     record = {
         "hands": len(motion.postures),
-        "strongest_n": guard.pushes.strongest,
-        "stopped_by_force": ended,
+        "strongest_n": guard.monitor.strongest,
+        "stopped_by_force": guard.hard_push is not None,
     }
-    if moved.failure and moved.failure is not guard.pushed:
+    if moved.failure and moved.failure is not guard.hard_push:
         return Result(Event.FAILED, context.with_failure(moved.failure), record)
     return Result(Event.DONE, context, record)
 
 
-def _wanted(cell: Workcell, step: FoldStep, plan: Plan, made: Attempt, seen: Inspection) -> bool:
-    """Whether the fold is seen to stand higher than its layers, and pressing may help."""
-    settings, before = cell.settings.pressing, made.pressed
-    in_vain = bool(before) and before[-1].height_m - seen.height_m < GAIN
-    if made.unpressed or made.press_tries >= settings.tries or in_vain:
+def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
+    """Whether the fold was seen to stand higher than its layers, and pressing may help."""
+    settings, before = cell.settings.pressing, attempt.pressed
+    in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
+    if attempt.unpressed or attempt.press_tries >= settings.tries or in_vain:
         return False
-    flat = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
-    return bool(seen.height_m > flat + settings.above_flat)
+    flat_height = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
+    return bool(inspection.height_m > flat_height + settings.above_flat)
 
 
 def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
-    """The garment after this step if its creases had no height."""
+    """The garment after this step with perfectly flat creases."""
     mesh = plan.mesh
     target = target_vertices(mesh, step.lines, plan.garment.material)
     return PredictedShape(target, mesh.triangles, mesh.rest)
 
 
-def _dabs(cell: Workcell, step: FoldStep, lying: Plan, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
-    """Where to press, and how high the garment stands [m]. lying: the plan where the garment is seen to lie after
-    this step."""
-    mesh, thickness, above = lying.mesh, lying.garment.material.thickness, cell.settings.pressing.above_flat
-    found = standing(seen.height, seen.mask, seen.view, _flat(step, lying), thickness, above)
+def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) -> tuple[tuple[Dab, ...], float]:
+    """Where to press, and the garment's observed height [m]. step, plan: moved by the observed drift."""
+    mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.above_flat
+    found = standing(inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above)
     if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1
 
-    def flat(place: Array) -> float:
+    def flat_height(place: Array) -> float:
         return layers_at(step.lines, outline, place, sheets) * thickness
 
-    highest = float(np.nanquantile(seen.height[seen.mask], 0.995))  # single pixels lie
-    return crease_dabs(found.places, found.above, step.line, flat, found.inside), highest
+    # a quantile, because single pixels may be outliers
+    highest = float(np.nanquantile(inspection.height[inspection.mask], 0.995))
+    return crease_dabs(found.places, found.above, step.line, flat_height, found.inside), highest
 
 
 def _planned(
     cell: Workcell, line: FoldLine, dabs: tuple[Dab, ...], highest: float
 ) -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
-    """The hands' paths over the dabs and the arms' motion, for all of them or those that one hand reaches."""
+    """The hands' paths over the dabs and the arms' motion: for all dabs, else for those that one hand reaches."""
     q_now = cell.ports.arms.state().q
 
     def plan() -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
-        why: Failure | None = None
-        for some in (dabs, within_reach(dabs)):
-            paths = press_paths(line, some, highest)
+        first_failure: Failure | None = None
+        for subset in (dabs, within_reach(dabs)):
+            paths = press_paths(line, subset, highest)
             motion = plan_hands_motion(
                 cell.robot, cell.checker, cell.table, paths, q_now, limits=cell.limits,
                 tool_speed=cell.settings.motion.tool_speed, approach_height=0.0, rng=cell.rng(),
             )  # fmt: skip
             if motion.ok:
                 return Outcome((paths, motion.unwrap()))
-            why = why or motion.failure
-        return Outcome(failure=why)
+            first_failure = first_failure or motion.failure
+        return Outcome(failure=first_failure)
 
     return cell.compute(cell.settings.computing.motion_s, plan)
 
 
 class _Guard:
-    """Ends a pressing motion when a tip is pushed harder than the settings allow, or nobody can say how hard.
+    """Ends a pressing motion when a tip is pushed harder than the settings allow, or its force is unknown.
 
-    pushed: that one was pushed too hard, which is no failure of the run's.
+    hard_push: set after too hard a push. It ends the pressing motion but does not fail the run.
     """
 
-    def __init__(self, cell: Workcell, zeros: Mapping[Side, TactileBias]) -> None:
-        self.pushes, self._most = (
-            FingertipForceMonitor(cell.hands, cell.grasp, zeros),
-            cell.settings.pressing.force,
-        )
-        self.pushed: Failure | None = None
+    def __init__(self, cell: Workcell, biases: Mapping[Side, TactileBias]) -> None:
+        self.monitor = FingertipForceMonitor(cell.hands, cell.grasp, biases)
+        self.hard_push: Failure | None = None
+        self._max_force = cell.settings.pressing.force
 
     def look(self, tick: Tick) -> Failure | None:
-        bad = self.pushes.look(tick.state)
-        if bad:
-            return bad
-        if self.pushed is None and self.pushes.strongest > self._most:
-            what = f"a fingertip was pushed with {self.pushes.strongest:.0f} N"
-            self.pushed = Failure(FailureKind.IN_COLLISION, what, "see what lies under the garment")
-        return self.pushed
+        failure = self.monitor.look(tick.state)
+        if failure:
+            return failure
+        if self.hard_push is None and self.monitor.strongest > self._max_force:
+            what = f"a fingertip was pushed with {self.monitor.strongest:.0f} N"
+            self.hard_push = Failure(FailureKind.IN_COLLISION, what, "check what lies under the garment")
+        return self.hard_push

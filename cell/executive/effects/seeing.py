@@ -1,4 +1,4 @@
-"""Effects that look: the empty table, the garment, and what a fold has come to."""
+"""Effects that take pictures: of the empty table, the garment, and a completed fold."""
 
 from __future__ import annotations
 
@@ -19,24 +19,28 @@ from skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
-HEAD_TOLERANCE = 0.01  # [rad]: a turned head moves the picture by 10 mm on the table
-PICTURE_AGE = 0.5  # [s]: what is older shows another moment; a camera that hangs gives its last picture for ever
+HEAD_TOLERANCE = 0.01
+"""Largest deviation of the head's pan [rad]: it moves the picture by 10 mm on the table."""
+PICTURE_AGE = 0.5
+"""Largest age of a picture [s]: a camera that hangs repeats its last one."""
 
 
 def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome[CameraFrame]:
-    """A fresh picture, if the head stands where the camera was calibrated. refined: what is believed of the camera
-    by now, for the view."""
+    """A fresh picture, if the head stands at its calibrated pan. refined: the refined calibration, for the view.
+
+    Fails with CAMERA_FAULT if the head is turned or its pan unknown, or the picture is older than PICTURE_AGE.
+    """
     read = fresh_state(cell.ports, cell.execution)
     if read.failure:  # the head may have been turned since
-        what = f"where the head stands is not known: {read.failure.what}"
+        what = f"the head's direction is not known: {read.failure.what}"
         return Outcome(failure=replace(read.failure, kind=FailureKind.CAMERA_FAULT, what=what))
     pan = read.unwrap().head_pan
-    if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # also where nobody knows
+    if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # true for NaN, too
         return Outcome(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,
                 f"the head stands at {pan:.3f} rad; the camera was calibrated at {cell.calibration.head_pan:.3f}",
-                "turn the head back, or calibrate the camera where the head stands",
+                "turn the head back, or calibrate the camera with the head in this position",
                 {"head_pan_rad": pan},
             )
         )
@@ -47,7 +51,7 @@ def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome
         return Outcome(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,
-                f"the camera gives a picture of {age:.1f} s ago",
+                f"the camera's picture is {age:.1f} s old",
                 "check the camera's cable and driver, then look again",
                 {"age_s": age},
             )
@@ -56,7 +60,7 @@ def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome
 
 
 def photograph_table(cell: Workcell, context: RunContext) -> Result:
-    """The empty table, against which the garment is told from it."""
+    """Photograph the empty table: the reference for segmenting the garment."""
     if cell.settings.camera.reference == "none":
         return Result(Event.DONE, context)
     shot = capture(cell)
@@ -68,16 +72,16 @@ def photograph_table(cell: Workcell, context: RunContext) -> Result:
         return Result(Event.FAILED, context.with_failure(unusable))
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
     context = replace(context, sight=replace(context.sight, reference=frame, refined=refined.value))
-    if refined.failure:  # the table does not show well enough: the calibration stands as it is
+    if refined.failure:  # the table is not visible well enough: the calibration stays as it is
         return Result(Event.DONE, context, {"refined": False, "why": refined.failure.what})
     return Result(Event.DONE, context, {"refined": True, **refined.notes})
 
 
 def await_garment(cell: Workcell, context: RunContext) -> Result:
-    """Somebody lays the garment on the table."""
+    """Wait until a person has laid the garment on the table."""
     began = cell.ports.clock.now()
     cell.ports.attendant.lay_garment()
-    if cell.ports.simulated:  # takes the time that a person takes, as it is declared
+    if cell.ports.simulated:  # the declared time of laying counts as robot time
         return Result(Event.DONE, context)
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
 
@@ -87,19 +91,18 @@ def look(cell: Workcell, context: RunContext) -> Result:
     shot = capture(cell, sight.refined)
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
-    seen = replace(sight, frame=shot.unwrap(), previous=sight.frame)
-    return Result(Event.DONE, replace(context, sight=seen))
+    sight = replace(sight, frame=shot.unwrap(), previous=sight.frame)
+    return Result(Event.DONE, replace(context, sight=sight))
 
 
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
-    """Before the first fold: which garment, and where its key points are. Later: where the folded garment lies."""
+    """Recognise the garment and its key points before the first fold. Locate the folded garment later."""
     plan, sight = context.plan, context.sight
     if plan is not None and context.fold.index > 0:
         return find_folded(cell, context, plan, frame)
-    expected = cell.expected or (
-        plan.garment if plan else None
-    )  # what was recognised once is not taken for another one later
-    seen = cell.compute(
+    # a garment recognised before stays the same one
+    expected = cell.expected or (plan.garment if plan else None)
+    outcome = cell.compute(
         cell.settings.computing.perception_s,
         lambda: perceive(
             frame,
@@ -112,9 +115,9 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
             sight.previous,
         ),
     )
-    if seen.failure:
-        return Result(Event.FAILED, context.with_failure(seen.failure), {"wall": dict(seen.notes)})
-    perception = seen.unwrap()
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure), {"wall": dict(outcome.notes)})
+    perception = outcome.unwrap()
     state = perception.state
     overlay = draw_on_camera(perception, frame.rgb)
     cell.recorder.perception(cell.ports.clock.now(), perception, overlay)
@@ -123,6 +126,6 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
         "category": state.category,
         "confidence": state.confidence,
         "keypoints_m": {k: [round(float(c), 4) for c in p] for k, p in state.keypoints.items()},
-        "wall": dict(seen.notes),
+        "wall": dict(outcome.notes),
     }
     return Result(Event.DONE, replace(context, recognition=Recognition(perception, overlay)), record)

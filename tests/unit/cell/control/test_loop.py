@@ -234,7 +234,7 @@ def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> 
 def test_a_program_that_was_suspended_does_not_go_on(kind: str) -> None:
     b = bench(kind, lambda clock: Late(clock, LOST_S + 0.5))
     failure = b.run(kind).failure
-    assert failure is not None and failure.kind is K.STOPPED and "held up" in failure.what
+    assert failure is not None and failure.kind is K.STOPPED and "delayed" in failure.what
 
 
 @pytest.mark.parametrize("kind", KINDS)

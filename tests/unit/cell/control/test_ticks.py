@@ -63,4 +63,4 @@ def test_a_program_that_was_suspended_stops_the_robot() -> None:
     ticks = Ticks(cell)
     ticks.wait()
     ticks.wait()
-    assert len(cell.stop.reasons) == 1 and "held up" in cell.stop.reasons[0]
+    assert len(cell.stop.reasons) == 1 and "delayed" in cell.stop.reasons[0]

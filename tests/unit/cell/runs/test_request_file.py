@@ -50,7 +50,7 @@ def test_a_folder_that_does_not_tell_is_refused(tmp_path: Path, damage: str | No
     folder = kept(tmp_path, request)
     path = folder / "request.json"
     path.unlink() if damage is None else path.write_text(damage, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="does not say what it was asked for"):
+    with pytest.raises(ConfigurationError, match="the request of the run"):
         load_request(folder, request.logs)
 
 

@@ -106,7 +106,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     )
     grip = Held(3.0, 12.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
     unloaded = TactileBias(2.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
-    in_hand: Any = {"held": {Side.LEFT: grip}, "zeros": {Side.LEFT: unloaded}}
+    in_hand: Any = {"held": {Side.LEFT: grip}, "biases": {Side.LEFT: unloaded}}
     name = logs.cut_off(context_with(failed, index=1, waited_s=7.0, **in_hand))
     found = logs.resume("last", quiet=True)
     assert (found.run, found.world) == (name, b"the world")
@@ -114,7 +114,7 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
     assert found.context.fold.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
     assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
-    assert not found.context.fold.held and not found.context.fold.zeros, (
+    assert not found.context.fold.held and not found.context.fold.biases, (
         "the hands are opened before anything else"
     )
 
@@ -141,13 +141,13 @@ def test_a_run_that_has_folded_is_over(logs: Logs) -> None:
 def test_a_run_that_left_folds_out_is_over(logs: Logs) -> None:
     """Its last fold was made: to go on would be to make it twice."""
     logs.cut_off(replace(PLANNED, through=True))
-    with pytest.raises(ConfigurationError, match="through its plan"):
+    with pytest.raises(ConfigurationError, match="finished its plan"):
         logs.resume("last")
 
 
 def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
     run = logs.begin()
-    with pytest.raises(ConfigurationError, match="still going"):
+    with pytest.raises(ConfigurationError, match="still running"):
         logs.resume(run.id)
     run.abandon()
 
@@ -155,7 +155,7 @@ def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
 def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
     run = logs.begin()
     run.abandon()
-    with pytest.raises(ConfigurationError, match="kept nothing to go on with") as e:
+    with pytest.raises(ConfigurationError, match="has no checkpoint") as e:
         logs.resume(run.id)
     assert "foldcell fold" in e.value.hint
 
@@ -164,7 +164,7 @@ def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
     run = logs.begin()
     (run.directory / "checkpoint").mkdir()
     run.abandon()
-    with pytest.raises(ConfigurationError, match="kept nothing to go on with"):
+    with pytest.raises(ConfigurationError, match="has no checkpoint"):
         logs.resume(run.id)
 
 
@@ -190,7 +190,7 @@ def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> No
     changed = text.replace('"seed": 4', '"seed": 5') if file == "request.json" else text.replace("15.0", "55.0")
     assert changed != text
     path.write_text(changed, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="are not those that the journal knows"):
+    with pytest.raises(ConfigurationError, match="do not match the journal"):
         logs.resume(name)
 
 
@@ -202,7 +202,7 @@ def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
     later.event(0.0, S.IDLE, RESUMED_FROM, {"run": first})
     CheckpointWriter(later.directory, lambda: b"the world").keep(replace(PLANNED, reentry=E.LOOK_AFTER))
     later.abandon()
-    with pytest.raises(ConfigurationError, match=f"gone on with as {later.id}") as e:
+    with pytest.raises(ConfigurationError, match=f"already resumed as {later.id}") as e:
         logs.resume(first)
     assert e.value.hint == f"foldcell resume {later.id}"
     assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "it can be gone on with in turn"

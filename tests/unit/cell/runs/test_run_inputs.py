@@ -14,7 +14,7 @@ from cell.config.library.library_file import add_entry, load_library, shipped_li
 from cell.hardware.assembly import assemble
 from cell.recording.rerun import Recorder
 from cell.runs.request_file import keep_request
-from cell.runs.run_inputs import keep_surroundings, restored_request
+from cell.runs.run_inputs import keep_run_inputs, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from robots.baxter.model import load_model
@@ -26,7 +26,7 @@ def kept(tmp_path: Path, request: FoldRequest) -> Path:
     folder = tmp_path / "run"
     folder.mkdir()
     keep_request(folder, request)
-    keep_surroundings(folder, request)
+    keep_run_inputs(folder, request)
     return folder
 
 

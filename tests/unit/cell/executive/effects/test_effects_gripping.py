@@ -112,7 +112,7 @@ def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, RunCon
     unloaded = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
     held = Held(0.0, GRIP, THICK, LayerCount((0.0, 1.0), 1.0, 0.1))
     motion: Any = Motion()
-    context = context_with(motion=motion, zeros=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
+    context = context_with(motion=motion, biases=dict.fromkeys(Side, unloaded), held=dict.fromkeys(Side, held))
     return cell, fake_workcell(cell, robot=robot, limits=LIMITS), context
 
 

@@ -107,8 +107,8 @@ def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
     assert moved == ["up", "home"]
     moved.clear()
     other = Side.LEFT if free is Side.RIGHT else Side.RIGHT
-    zeros: Any = {other: None}
-    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), context_with(zeros=zeros))
+    biases: Any = {other: None}
+    result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), context_with(biases=biases))
     assert result.event is Event.FAILED and not moved, "a hand that did not work is not moved in its place"
 
 

@@ -128,7 +128,7 @@ def test_a_camera_that_hangs_is_noticed(effect) -> None:
     workcell.ports.clock.sleep_until(2.0)
     result = effect(replace(workcell, ports=replace(workcell.ports, camera=Camera(old))), RunContext())
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.CAMERA_FAULT
-    assert "2.0 s ago" in result.context.failure.what and result.context.sight.frame is None
+    assert "2.0 s old" in result.context.failure.what and result.context.sight.frame is None
 
 
 def test_a_black_picture_is_no_reference() -> None:

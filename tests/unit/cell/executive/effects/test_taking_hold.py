@@ -102,7 +102,7 @@ def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> Non
     assert result.event is Event.DONE
     assert {s: held.count.layers for s, held in result.context.fold.held.items()} == dict.fromkeys(Side, LAYERS)
     for side in Side:
-        assert result.context.fold.zeros[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
+        assert result.context.fold.biases[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
         assert result.context.fold.held[side].grip == pytest.approx(work.grasp.grip_force)
         touched = result.record["contact_height_m"][side]  # type: ignore[index]
         assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
