@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.ros.installation import find_ros
+from tests.optional_parts import ROS
 from tests.runs import decided_again
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(600),
-    pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed"),
+    ROS.required,
 ]
 
 SCRIPT = """

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from tests.optional_parts import GIT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -61,10 +61,9 @@ def test_a_circle_between_packages_is_found(tmp_path: Path) -> None:
 
 def tracked_texts() -> list[Path]:
     """What belongs to the repository: what git knows or would add."""
+    GIT.require()
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
-    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    if answer.returncode:
-        pytest.skip("not a git checkout")
+    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return [ROOT / name for name in answer.stdout.split("\0") if name and (ROOT / name).is_file()]
 
 

@@ -1,8 +1,8 @@
 """The independent cloth itself, where the optional extra is installed."""
 
-import pytest
+from tests.optional_parts import MUJOCO
 
-pytest.importorskip("mujoco")
+pytestmark = MUJOCO.required
 
 
 def test_mujocos_cloth_slides_and_hangs_as_the_closed_forms():

@@ -21,6 +21,7 @@ from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.vocabulary import Material
+from tests.optional_parts import MUJOCO
 
 MATERIAL = Material(0.4, 0.02, 0.015, 0.003, 0.6, 0.55, 0.5)
 MESH = mesh_from_contour(np.array([[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]), 0.02)
@@ -33,7 +34,7 @@ EDGE = np.array([0.0, 0.035, 0.0])
 @pytest.fixture(params=["xpbd", "mujoco"])
 def world(request: pytest.FixtureRequest) -> str:
     if request.param == "mujoco":
-        pytest.importorskip("mujoco")
+        MUJOCO.require()
     return str(request.param)
 
 

@@ -21,9 +21,10 @@ from cell.operator.console.server import PAGE
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
+from tests import optional_parts
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="there is no browser")
+pytestmark = optional_parts.BROWSER.required
 ACCEPT = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 PRESS_STOP_WHEN_LOST = """
 <script>setInterval(() => { if (!at("lost").hidden && !at("stop").disabled) at("stop").click(); }, 100);</script>

@@ -20,10 +20,11 @@ from robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, r
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame
+from tests.optional_parts import ROS
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:notifyAll"),  # rospy's own
-    pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed"),
+    ROS.required,
 ]
 HEIGHT, WIDTH = 3, 4
 

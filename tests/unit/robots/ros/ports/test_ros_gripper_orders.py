@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from wire import Wire
 
 from robots.baxter.ros.electric_gripper import FULL_FORCE, FULL_OPENING
-from robots.baxter.ros.installation import find_ros
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.ports.gripper import RosGripper
 from robots.errors import DriverError, FailureKind
 from robots.ports import Side
+from tests.optional_parts import ROS
 
-pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+pytestmark = ROS.required
 STATE_S = 0.05
 LONG = 40
 """States in which all that was ordered has been done."""

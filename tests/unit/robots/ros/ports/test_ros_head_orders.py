@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire import Wire
 
-from robots.baxter.ros.installation import find_ros
 from robots.baxter.ros.ports.head import RosHead
 from robots.errors import DriverError, FailureKind
 from robots.ports import JointState
+from tests.optional_parts import ROS
 
-pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+pytestmark = ROS.required
 LIMIT = 1.39
 
 
