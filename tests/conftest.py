@@ -1,8 +1,9 @@
-"""Settings of the whole suite: untimed properties, and the skips that are allowed."""
+"""Settings of the whole suite: untimed properties, the skips that are allowed, and the tests that take long."""
 
 from __future__ import annotations
 
 from collections.abc import Generator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,36 @@ from tests.optional_parts import ALLOWED_SKIPS, may_be_skipped, skip_summary
 # A busy machine is no defect: neither a property nor the drawing of its examples is timed.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
+
+UNIT = Path(__file__).parent / "unit"
+COMPUTES_CLOTH = (
+    "benchmarks/test_bench_cloth.py",
+    "benchmarks/test_ideal_folds.py",
+    "calibration/test_identify.py",
+    "calibration/test_material_tests.py",
+    "calibration/test_mujoco_peer.py",
+    "cell/campaigns/test_library_build.py",
+    "cell/commands/test_optimise_command.py",
+    "cell/executive/effects/test_effects_adapting.py",
+    "cell/executive/effects/test_effects_planning.py",
+    "cell/simulation/test_cloth_body.py",
+    "cell/simulation/test_honest_loop.py",
+    "cell/simulation/test_score.py",
+    "cell/simulation/test_world.py",
+    "skills/cloth",
+    "skills/trajectory",
+)
+DRAWS_PICTURES = ("cell/simulation/test_camera_sensor.py", "skills/perception")
+OPENS_A_BROWSER = ("cell/operator/console/test_page.py",)
+LONG = tuple(UNIT / place for place in (*COMPUTES_CLOTH, *DRAWS_PICTURES, *OPENS_A_BROWSER))
+assert all(place.exists() for place in LONG)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        talks_over_ros = "rosmaster" in getattr(item, "fixturenames", ())
+        if talks_over_ros or any(item.path.is_relative_to(place) for place in LONG):
+            item.add_marker(pytest.mark.long)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
