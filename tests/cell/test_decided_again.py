@@ -19,7 +19,7 @@ from cell.hardware.driver import OpenCell
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord
 from cell.recording.transcript.replay_ports import Halt
-from cell.recording.transcript.transcript import TRANSCRIPT, Transcript, write_transcript
+from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
 from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
@@ -29,6 +29,7 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
 from tests.runs import decided_again, fold_request
+from tests.transcripts import write_transcript
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -44,7 +45,7 @@ def copied(seen: Any, tmp_path: Path) -> RunRecord:
 def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
     """The transcript of a run, written anew."""
     transcript = Transcript(run.directory / TRANSCRIPT)
-    write_transcript(transcript.path, transcript.constants, alter(list(transcript)))
+    write_transcript(run.directory, transcript.constants, alter(list(transcript)))
 
 
 def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
