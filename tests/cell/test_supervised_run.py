@@ -55,7 +55,9 @@ class Operator(threading.Thread):
         return "resume" if board["note"].startswith("paused") else "pause"
 
 
-def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
     monkeypatch.setattr(

@@ -78,12 +78,12 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             "while_running": while_running}  # fmt: skip
 
 
-def test_while_it_lived_it_was_running(killed: dict[str, Any]) -> None:
+def test_a_run_is_listed_as_running_until_it_is_killed(killed: dict[str, Any]) -> None:
     (run,) = killed["while_running"]["runs"]
     assert (run["status"], run["pid"]) == ("running", killed["pid"])
 
 
-def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
+def test_the_journal_is_intact_after_a_kill(killed: dict[str, Any]) -> None:
     with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         assert journal.check() == "ok"
         (run,) = journal.runs()
@@ -93,7 +93,7 @@ def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
     assert {"prepare", "look", "recognise", "plan_motion", "approach"} <= {e.name for e in entries}
 
 
-def test_runs_tells_what_was_under_way(killed: dict[str, Any]) -> None:
+def test_the_runs_command_names_the_interrupted_effect(killed: dict[str, Any]) -> None:
     answer = foldcell("runs", "--json", "--logs", str(killed["logs"]))
     assert answer.returncode == 0
     (run,) = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])["runs"]
@@ -104,14 +104,14 @@ def test_runs_tells_what_was_under_way(killed: dict[str, Any]) -> None:
         assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"])).stdout
 
 
-def test_nothing_looks_finished_that_is_not(killed: dict[str, Any]) -> None:
+def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> None:
     (folder,) = [p for p in killed["logs"].iterdir() if p.is_dir()]
     names = {p.name for p in folder.iterdir()}
     assert "result.json" not in names and "report.html" not in names
     assert "cell.yaml" in names
 
 
-def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
+def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None:
     """All but the last moment before the kill: into the grasp."""
     answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
     figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
@@ -125,7 +125,7 @@ def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
     assert entries[-1].cell_time - figures["cell_time_s"] < 2.0
 
 
-def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
+def test_child_processes_end_with_the_killed_run(killed: dict[str, Any]) -> None:
     """The render process would else stay behind, one for every crash."""
     assert killed["helpers"]
     deadline = time.monotonic() + 10.0
@@ -137,7 +137,7 @@ def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
     assert left == []
 
 
-def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
+def test_the_next_run_can_open_the_cell(killed: dict[str, Any]) -> None:
     request = fold_request(killed["folder"])
     assert request.logs == killed["logs"]
     onlooker = Onlooker()
@@ -147,7 +147,7 @@ def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
         assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]
 
 
-def test_the_run_can_be_gone_on_with(killed: dict[str, Any]) -> None:
+def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -> None:
     """In another process, from what is on disk: it lets go, parks, looks again, and folds the garment."""
     logs = killed["logs"]
     folder = min(p for p in logs.iterdir() if p.is_dir())

@@ -43,7 +43,7 @@ def die(ports: Ports, commands: CommandQueue, n: int) -> None:
     raise Died
 
 
-def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
+def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path) -> None:
     """Nothing re-arms by itself; told to go on it lets go, parks, finds the half-folded towel and folds it."""
     request = fold_request(
         tmp_path, {}, record_truth=True
@@ -70,7 +70,7 @@ def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
     assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
 
 
-def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
+def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it(tmp_path: Path) -> None:
     """The fold was made and nobody had looked at it: that comes first, and it is not made again."""
     request = fold_request(tmp_path, {}, record=True)  # the usual arcs may lose a corner of the last fold
 
@@ -101,7 +101,7 @@ def moved(world: bytes, shift: float) -> bytes:
     return packed(**arrays)
 
 
-def test_the_executive_that_goes_on_knows_only_what_it_sees(tmp_path: Path) -> None:
+def test_a_resumed_run_finds_a_garment_that_was_moved(tmp_path: Path) -> None:
     """The garment is moved while nobody runs: it is folded where it lies now."""
     request = fold_request(tmp_path)
 
