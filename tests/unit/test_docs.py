@@ -117,7 +117,7 @@ def test_every_make_target_exists() -> None:
     assert {target for _, target in targets()} - rules() == set()
 
 
-def test_make_promises_no_target_that_it_lacks() -> None:
+def test_every_phony_target_is_defined() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     promised = {name for line in re.findall(r"^\.PHONY:(.*)$", text, flags=re.M) for name in line.split()}
     assert promised - rules() == set()
@@ -141,7 +141,7 @@ def holders() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("rule", "path"), holders())
-def test_what_holds_an_invariant_exists(rule: str, path: str) -> None:
+def test_files_named_by_the_invariants_exist(rule: str, path: str) -> None:
     place = ROOT / path
     assert place.is_file() or (place.is_dir() and list(place.rglob("test_*.py"))), (
         f"'{rule}...' is held by nothing"

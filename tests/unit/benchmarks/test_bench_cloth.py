@@ -130,7 +130,7 @@ def test_a_crease_is_as_wide_on_any_mesh(edge: float, radius: float) -> None:
     assert near[outside < wide - edge].all() and not near[outside > wide + edge].any()
 
 
-def test_what_is_rounder_than_a_crease_is_looked_at() -> None:
+def test_bends_rounder_than_a_crease_are_measured() -> None:
     mesh = mesh_from_contour(TOWEL, 0.020)
     assert np.rad2deg(turns(mesh, turned_over(mesh, 0.15)).max()) == pytest.approx(
         np.rad2deg(2.0 * reach(mesh) / 0.15), abs=np.rad2deg(0.020 / 0.15)

@@ -51,7 +51,7 @@ def test_a_turned_garment_is_neither_strained_nor_tangled_nor_flung(mesh: ClothM
     assert count_crossings(simulation.positions, mesh.triangles) == 0
 
 
-def test_what_lies_flat_is_put_exactly_on_its_target(mesh: ClothMesh) -> None:
+def test_flat_parts_lie_exactly_on_their_target(mesh: ClothMesh) -> None:
     turned = turned_over(mesh, (HALF, QUARTER), FABRIC, ideal_fold(mesh, (HALF,), FABRIC))
     goal = target_vertices(mesh, (HALF, QUARTER), FABRIC)
     far = np.minimum(*(np.abs(line.signed_distance(goal[:, :2])) for line in (HALF, QUARTER))) > 0.12

@@ -108,7 +108,7 @@ def test_stretch_is_learned_only_where_the_outline_shows_it():
     assert learned[1].value == pytest.approx(0.042, rel=0.12)
 
 
-def test_what_no_candidate_explains_widens_the_estimate():
+def test_an_unexplained_outline_widens_the_estimate():
     grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
     fitting, strange = shapely.box(-0.08, 0.0, 0.22, 0.3), shapely.box(-0.08, 0.0, 0.22, 0.45)
     a, b = (identify_material([np.asarray(s.exterior.coords)[:-1]], grid, BELIEVED) for s in (fitting, strange))
@@ -116,7 +116,7 @@ def test_what_no_candidate_explains_widens_the_estimate():
 
 
 @pytest.mark.parametrize("bad", ["nan", "count", "order"])
-def test_what_does_not_fit_is_refused(bad):
+def test_inconsistent_input_is_refused(bad):
     grid = moving((0.5, 0.3) if bad == "order" else (0.3, 0.5), (0.03,))
     square = np.array([[0.0, 0], [0.3, 0], [0.3, 0.3], [0, np.nan if bad == "nan" else 0.3]])
     with pytest.raises(ConfigurationError):

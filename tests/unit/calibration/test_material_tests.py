@@ -124,7 +124,7 @@ def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch,
 
 
 @pytest.mark.parametrize("middle", [0.01085, 0.0109, 0.0110, 0.0112])
-def test_what_is_wanted_within_a_jump_is_found_between_its_sides(monkeypatch, middle):
+def test_a_stretch_within_a_jump_is_found_between_its_two_sides(monkeypatch, middle):
     """From its starts one after another hangs the other way within a thousandth of the stiffness: fabrics that
     differ by more hang 0.08 percentage points too little or too much."""
 

@@ -45,7 +45,7 @@ def felt_as(felt: Touched, force: np.ndarray) -> Touched:
 
 
 @pytest.mark.parametrize("offset", [-0.5, 0.2, 0.3, 0.5])
-def test_what_the_tips_read_in_the_air_is_no_press(offset: float) -> None:
+def test_a_constant_tactile_offset_in_the_air_does_not_move_the_contact(offset: float) -> None:
     """Rubber that was pressed once reads something when it hangs free again."""
     felt = press(-0.1, 0.03)
     z, k = contact_height(felt_as(felt, felt.force + offset)).unwrap()

@@ -250,7 +250,7 @@ def test_a_garment_ends_at_the_step_that_fails_and_the_others_are_built() -> Non
     assert seen[-1].done == seen[-1].total == 3
 
 
-def test_what_a_report_raises_ends_all_searches() -> None:
+def test_an_exception_in_the_report_callback_ends_all_searches() -> None:
     calls = []
 
     def count(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]

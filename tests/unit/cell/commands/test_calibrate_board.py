@@ -100,7 +100,7 @@ def test_the_pdf_is_the_same_page(tmp_path: Path, capsys) -> None:
 
 
 @pytest.mark.parametrize(("name", "word"), [("board.svg", "PDF"), ("no/such/folder/board.pdf", "No such")])
-def test_what_cannot_be_written_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
+def test_an_unwritable_output_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
     assert main(["calibrate", "board", "--output", str(tmp_path / name), "--json"]) == 64
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert word in told["error"] and told["hint"] and list(tmp_path.iterdir()) == []

@@ -441,7 +441,7 @@ def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.Capture
     [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
      ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
 )  # fmt: skip
-def test_why_there_is_no_page(
+def test_report_says_why_a_run_has_no_page(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
 ) -> None:
     (run,) = journal_file.glob(f"{name}*")
@@ -507,7 +507,7 @@ def test_streams_that_are_closed_or_full_hinder_nothing(journal_file: Path, clos
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("line", ["runs --help", "garment list"])
-def test_who_waits_for_a_reader_can_be_ended(line: str, unbuffered: str) -> None:
+def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffered: str) -> None:
     """A pager that stands: by its signal, not with a traceback. What waits in a buffer is not waited for again."""
     reader, full = os.pipe()
     try:

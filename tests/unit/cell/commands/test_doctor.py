@@ -70,7 +70,7 @@ def test_constraints_are_read() -> None:
     }
 
 
-def test_what_developers_need_is_not_required_of_users() -> None:
+def test_developer_packages_are_not_required_of_users() -> None:
     packages = required_packages()
     assert "numpy" in packages and "rerun-sdk" in packages
     assert "pytest" not in packages

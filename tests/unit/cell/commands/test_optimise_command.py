@@ -85,7 +85,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path
     return json.loads(out.getvalue().splitlines()[-1]), folder
 
 
-def test_a_plan_of_ones_own_gets_steps_and_target_shapes(tmp_path: Path) -> None:
+def test_a_user_plan_gets_steps_and_target_shapes(tmp_path: Path) -> None:
     """Against the folded square by hand: corners at (0.58 +- 0.18, +- 0.18), mirrored in the diagonals."""
     garment = load_garment(write(tmp_path, napkin()))
     state = garment.flat_state(*garment.poses.middle)
@@ -110,7 +110,7 @@ def test_a_plan_of_ones_own_gets_steps_and_target_shapes(tmp_path: Path) -> None
     assert target[:, 2].max() == pytest.approx(3.5 * garment.material.thickness), "four layers"
 
 
-def test_and_trajectories_by_simulation(told: tuple[dict[str, Any], Path]) -> None:
+def test_a_new_plan_gets_trajectories_by_simulation(told: tuple[dict[str, Any], Path]) -> None:
     answer, _ = told
     assert answer["garment"] == "napkin" and answer["method"] == "initial"
     assert [s["name"] for s in answer["steps"]] == ["triangle", "smaller"]

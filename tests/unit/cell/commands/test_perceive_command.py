@@ -39,7 +39,9 @@ def test_a_photograph_is_measured_in_its_pixels(
     assert max(np.linalg.norm(found - c, axis=1).min() for c in corners) < 0.01 * size[0]
 
 
-def test_what_is_refused_says_why_under_the_same_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_refused_picture_has_the_same_json_keys_and_a_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     photograph(tmp_path / "table.png", (640, 480), garment=False)
     assert main(["perceive", str(tmp_path / "table.png"), "--unit", "px", "--json"]) == 2
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -69,6 +71,6 @@ def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, erro
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("thrown", 7), ("hung", 8)])
-def test_what_does_not_lie_flat_is_refused_with_what_helps(kind: str, seed: int) -> None:
+def test_a_garment_that_is_not_flat_is_refused_with_a_hint(kind: str, seed: int) -> None:
     failure = look_at(drawn(kind, seed), [load_garment(name) for name in list_garments()]).failure
     assert failure is not None and "spread" in failure.hint

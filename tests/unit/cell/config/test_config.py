@@ -128,7 +128,7 @@ def test_every_fault_of_a_file_is_told_at_once(tmp_path: Path) -> None:
     assert "tabel" in message and "motion.state_age" in message
 
 
-def test_of_several_faults_each_hint_names_its_key(tmp_path: Path) -> None:
+def test_each_hint_names_its_key_if_there_are_several_errors(tmp_path: Path) -> None:
     error = refusal(tmp_path, "table: {height: 5000}\noptimiser: {method: nope}\n")
     first, second = error.hint.splitlines()
     assert first.startswith("table.height: looks like millimetres")
@@ -308,13 +308,13 @@ def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", ["camera/rgb", "/", "/a//b", "/1a", "/a b", ""])
-def test_what_is_no_topic_is_refused(tmp_path: Path, topic: str) -> None:
+def test_an_invalid_topic_name_is_refused(tmp_path: Path, topic: str) -> None:
     (tmp_path / "cell.yaml").write_text(f"ros: {{camera_rgb: '{topic}'}}")
     with pytest.raises(ConfigurationError, match="camera_rgb"):
         load_settings(tmp_path / "cell.yaml")
 
 
-def test_every_key_is_read_by_somebody() -> None:
+def test_every_settings_key_is_used() -> None:
     """A setting that does nothing is a lie. (Groups with `settings()` go to their skill whole: tested above.)"""
     root = default_settings_path().parents[1]
     sources = [p for p in root.rglob("*.py") if p.name != "cell_settings.py"]

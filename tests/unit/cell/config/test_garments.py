@@ -67,7 +67,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("change", "expected"), BROKEN.values(), ids=BROKEN)
-def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
+def test_errors_in_a_garment_file_are_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
     text = refusal(tmp_path, towel() | change)
     assert all(word in text for word in expected), text
 
@@ -141,7 +141,7 @@ def test_friction_belongs_to_garment_and_surface(tmp_path: Path) -> None:
     assert "'glass'" in str(caught.value) and "bare_table, felt" in str(caught.value)
 
 
-def test_what_nobody_measured_is_the_papers_average_and_says_so(tmp_path: Path) -> None:
+def test_unmeasured_material_values_are_the_papers_average_and_listed_as_assumed(tmp_path: Path) -> None:
     data = towel()
     del data["material"]
     material = load_garment(write(tmp_path, data), "any_surface").material

@@ -79,7 +79,7 @@ def test_the_interpolant_is_the_closed_form() -> None:
         (lambda c: setattr(c, "follows", False), FailureKind.TRACKING_ERROR),
     ],
 )
-def test_what_goes_wrong_on_the_way_is_named(spoil, kind) -> None:
+def test_a_fault_during_a_motion_is_reported_by_its_kind(spoil, kind) -> None:
     cell = FakeCell()
     cell.at(0.3, lambda: spoil(cell))
     outcome = stream(loop(cell.ports()), ramp(duration=2.0), None, control())
@@ -109,7 +109,7 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) 
 
 
 @pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
-def test_arms_that_are_nowhere_are_not_moved(spoil) -> None:
+def test_arms_without_a_valid_state_are_not_moved(spoil) -> None:
     """Their state is old, or no numbers: nobody knows where a motion would begin."""
     cell = FakeCell()
     cell.now = 5.0
@@ -179,7 +179,7 @@ def paused(pause: float, resume: float) -> tuple[FakeCell, object, PathControl]:
     return cell, stream(loop(cell.ports()), ramp(duration=1.5), None, held), held
 
 
-def test_a_control_that_nobody_uses_changes_nothing() -> None:
+def test_an_unused_control_changes_no_set_point() -> None:
     plain, controlled = FakeCell(), FakeCell()
     stream(loop(plain.ports()), ramp(), None, control())
     stream(loop(controlled.ports()), ramp(), None, control(CommandQueue()))
@@ -348,7 +348,7 @@ def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: fl
     assert cell.commands == [], "they are sent there already"
 
 
-def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
+def test_waiting_for_dropped_arms_has_a_time_limit() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.zeros(14))) is None
     assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)

@@ -190,7 +190,7 @@ def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_the_motion_itself_watches_for_ends_it(kind: str) -> None:
+def test_a_failure_watched_by_the_motion_ends_it(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
     failure = b.run(kind).failure
@@ -266,7 +266,7 @@ def test_a_stop_ends_a_wait_of_arms_that_are_not_heard_of() -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "trajectory"])
-def test_what_has_no_path_to_rest_on_is_not_paused_in_the_midst(kind: str) -> None:
+def test_a_motion_without_a_path_defers_a_pause(kind: str) -> None:
     """The order waits in the queue until the run comes to a motion or a state that heeds it."""
     b, commands = bench(kind), CommandQueue()
     b.cell.at(AT, lambda: commands.put(Event.PAUSE))
@@ -412,7 +412,7 @@ def test_a_motion_may_end_before_its_first_set_point() -> None:
     assert b.loop.run(Script(ticks=0).begin).value == "done" and b.cell.commands == [] and b.cell.now == 0.0
 
 
-def test_what_a_motion_raises_is_raised() -> None:
+def test_an_exception_in_a_motion_propagates() -> None:
     """A driver that refuses, or a bug, is no failure of the motion's own."""
     b = bench("hold")
 

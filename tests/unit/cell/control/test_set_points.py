@@ -49,7 +49,7 @@ def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outc
     )
 
 
-def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
+def test_the_blend_weight_falls_from_one_to_zero() -> None:
     share = np.array([blend(k) for k in range(40)])
     assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
 
@@ -129,7 +129,7 @@ def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
     assert np.abs(cell.commands[0][1]).max() == 0.0
 
 
-def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
+def test_hands_do_not_start_without_a_valid_arm_state() -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0
     ended = still(fake_workcell(cell), lambda side, reading, state: state)

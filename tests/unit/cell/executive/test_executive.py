@@ -34,11 +34,11 @@ def test_every_state_is_reached_and_can_end() -> None:
         assert reachable(s) & TERMINAL, s
 
 
-def test_nothing_leaves_an_end() -> None:
+def test_terminal_states_have_no_transitions() -> None:
     assert not [r for r in ROWS if r.state in TERMINAL]
 
 
-def test_one_row_for_a_state_and_event() -> None:
+def test_each_state_and_event_has_one_row() -> None:
     assert len({(r.state, r.event) for r in ROWS}) == len(ROWS)
 
 
@@ -55,7 +55,7 @@ def test_stop_and_crash_are_known_everywhere(state: State) -> None:
     assert to.get(Event.PAUSE) == (None if waits else (State.PAUSED, Effect.WAIT))
 
 
-def test_whatever_way_leads_to_a_state_the_same_is_done_there() -> None:
+def test_the_effect_of_a_state_does_not_depend_on_the_way_into_it() -> None:
     done = {s: {r.effect for r in ROWS if r.target is s} for s in State if s is not State.IDLE}
     several = {
         State.INSPECTING: {Effect.INSPECT, Effect.NEXT_STEP},
@@ -88,13 +88,13 @@ def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
         assert target is State.CLEARING
 
 
-def test_no_way_into_motion_but_through_the_motion_plan() -> None:
+def test_every_way_into_motion_passes_motion_planning() -> None:
     """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there."""
     sources = {r.state for r in ROWS if r.target is State.APPROACHING}
     assert sources == {State.PLANNING_MOTION, State.AWAITING_APPROVAL}
 
 
-def test_the_straight_run() -> None:
+def test_a_run_without_failures_visits_the_nominal_states() -> None:
     machine = Executive()
     events = [Event.START] + [Event.DONE] * 15 + [Event.NEXT_FOLD] + [Event.DONE] * 9 + [Event.ALL_FOLDED]
     for e in events:

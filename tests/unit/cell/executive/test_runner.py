@@ -150,7 +150,7 @@ def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) 
     assert ended.payload["event"] == "done" and ended.payload["force_n"] == 3.5
 
 
-def test_the_ledger_tells_the_way_through_the_table(rig: Rig) -> None:
+def test_the_journal_records_every_transition(rig: Rig) -> None:
     end = rig.run()
     assert [e.name for e in rig.entries("intent")] == [e.value for e in STRAIGHT]
     assert rig.transitions()[0] == ("start", "preparing")
@@ -223,7 +223,7 @@ def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Ef
     assert rig.performed[at : at + 4] == [effect, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
 
 
-def test_what_was_not_taken_yet_is_grasped_again_without_a_look(rig: Rig) -> None:
+def test_a_garment_that_was_not_grasped_is_grasped_again_without_a_new_picture(rig: Rig) -> None:
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(Effect.CHOOSE_RECOVERY)
@@ -454,7 +454,7 @@ def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_one_approval_is_for_one_plan(rig: Rig) -> None:
+def test_an_approval_holds_for_one_plan_only(rig: Rig) -> None:
     """QueuedCommand twice at the first fold, it must not approve the second."""
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
@@ -478,7 +478,7 @@ def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
     assert rig.cell.commands == []
 
 
-def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_result(rig: Rig) -> None:
+def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -> None:
     def fold(cell: Any, context: RunContext) -> Result:
         cell.note("paused", {"path_s": 1.25})
         return Result(Event.DONE, context)
@@ -542,7 +542,7 @@ def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
     assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
-def test_whoever_ends_a_motion_on_its_way_is_not_asked_what_to_do(rig: Rig) -> None:
+def test_an_abort_during_a_motion_is_not_followed_by_a_question(rig: Rig) -> None:
     rig.attended()
     rig.special[Effect.FOLD] = failing(K.ABORTED)
     end = rig.run()
@@ -578,7 +578,7 @@ def lose(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("effect", STRAIGHT)
-def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
+def test_losing_the_journal_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
     rig.after[effect] = lambda: lose(rig)
     end = rig.run()
     assert end.state is State.FAULT
@@ -590,7 +590,7 @@ def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect:
     assert last.begun.name == effect.value and last.result is None
 
 
-def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
+def test_an_effect_does_not_start_if_its_intent_cannot_be_written(rig: Rig) -> None:
     class AtTheEntry:
         def entered(self, t: float, step: Step) -> None:
             seen.append(step.target)
@@ -608,7 +608,7 @@ def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
     assert seen[-2:] == [State.FOLDING, State.FAULT] and failures[-1].kind is K.UNRECORDED
 
 
-def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(rig: Rig) -> None:
+def test_losing_journal_and_arms_asks_for_the_emergency_stop(rig: Rig) -> None:
     def silent(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the robot is silent")
 
@@ -659,7 +659,7 @@ def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) 
     assert "reset the stop before" in end.context.failure.hint
 
 
-def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:
+def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) -> None:
     """Killed between the two, a run knows at least as much as its journal."""
     kept: list[tuple[str, bool]] = []
 
@@ -672,7 +672,7 @@ def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig)
     assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], "the last fold is judged again"
 
 
-def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
+def test_the_checkpoint_is_written_after_effects_without_a_journal_entry(rig: Rig) -> None:
     """A fold that the operator lets pass moves the plan on."""
     indices: list[int] = []
     rig.attended()
@@ -687,7 +687,7 @@ def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("error", [StorageError("the disk is full"), TypeError("cannot pickle")])
-def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
+def test_a_failing_checkpoint_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
     def keep(context: RunContext) -> None:
         if rig.performed[-1] is Effect.LIFT:
             raise error
@@ -699,7 +699,7 @@ def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error
 
 
 @pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
-def test_a_run_is_entered_again_where_it_is_told(rig: Rig, event: Event) -> None:
+def test_a_run_is_resumed_in_the_requested_state(rig: Rig, event: Event) -> None:
     rig.special[Effect.REENTER] = lambda c, x: Result(event, x)
     rig.run(RunContext(), Event.REENTER)
     first = {Event.START_OVER: Effect.PHOTOGRAPH_TABLE, Event.LAY: Effect.AWAIT_GARMENT}.get(event, Effect.LOOK)

@@ -51,6 +51,6 @@ def test_a_stop_abandons_the_computation(workers: ThreadPoolExecutor) -> None:
         free.set()
 
 
-def test_what_a_skill_raises_comes_out(workers: ThreadPoolExecutor) -> None:
+def test_an_exception_in_a_skill_propagates(workers: ThreadPoolExecutor) -> None:
     with pytest.raises(ZeroDivisionError):
         fake_workcell(FakeCell(), workers).compute(0.0, lambda: 1 // 0)

@@ -32,13 +32,13 @@ def test_every_key_is_an_operators_command() -> None:
     assert set(KEYS.values()) == OPERATOR_EVENTS
 
 
-def test_what_is_no_command_is_told_and_ignored() -> None:
+def test_an_unknown_command_is_reported_and_ignored() -> None:
     commands, answers = typed("\nfold it\n")
     assert "'fold it' is no command" in answers
     assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # only the end of the input
 
 
-def test_what_cannot_be_said_now_is_not_noted() -> None:
+def test_a_command_that_is_not_allowed_now_is_refused() -> None:
     """It would be void, and the operator believe that it was said: an answer before the question, a resume of
     nothing."""
     commands, answers = CommandQueue(), io.StringIO()
@@ -97,7 +97,7 @@ def test_the_bar_of_long_computing_makes_room_for_the_next_line() -> None:
     )
 
 
-def test_without_a_stream_nothing_is_said() -> None:
+def test_progress_without_a_stream_writes_nothing() -> None:
     lines = ProgressLines(None)
     lines.computing(3, 60, "simulations at most")
     lines.entered(2.0, STEP)

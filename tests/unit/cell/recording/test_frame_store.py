@@ -63,7 +63,7 @@ def test_another_picture_under_its_name_is_told(tmp_path: Path) -> None:
         FrameStore(tmp_path).get(one)
 
 
-def test_what_is_missing_or_cut_off_is_told(tmp_path: Path) -> None:
+def test_a_missing_or_truncated_picture_is_a_storage_error(tmp_path: Path) -> None:
     store = FrameStore(tmp_path)
     name = store.put(picture(1))
     path = tmp_path / f"{name}.npz"

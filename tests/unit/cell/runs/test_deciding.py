@@ -60,7 +60,7 @@ def test_another_transition_is_told_between_two_effects() -> None:
     assert (there.then, there.now) == ("done -> recognising", "failed -> recovering")
 
 
-def test_what_happens_within_an_effect_belongs_to_it() -> None:
+def test_a_difference_within_an_effect_names_the_effect() -> None:
     found = first_difference(THEN, other(3, name="resumed"))
     assert found is not None and (found[1].effect, found[1].then, found[1].now) == ("look", "paused", "resumed")
 

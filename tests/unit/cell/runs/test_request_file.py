@@ -66,6 +66,6 @@ def test_a_calibration_that_has_changed_since_is_refused(tmp_path: Path) -> None
         load_request(folder, request.logs)
 
 
-def test_what_is_kept_can_be_read_by_a_person(tmp_path: Path) -> None:
+def test_a_saved_request_is_readable_json(tmp_path: Path) -> None:
     told = json.loads((kept(tmp_path, fold_request(tmp_path, seed=3)) / "request.json").read_text("utf-8"))
     assert (told["garment"], told["seed"], told["driver"], told["world"]) == ("small_towel", 3, "sim", "xpbd")

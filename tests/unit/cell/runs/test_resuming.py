@@ -58,7 +58,9 @@ PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion
         ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
     ],
 )
-def test_where_a_run_is_entered_again(way: list[State], context: RunContext, event: Event) -> None:
+def test_a_resumed_run_enters_the_state_that_looks_first(
+    way: list[State], context: RunContext, event: Event
+) -> None:
     assert reentry_event(way, context) is event
 
 
@@ -100,7 +102,7 @@ def logs(tmp_path: Path) -> Iterator[Logs]:
     made.journal.close()
 
 
-def test_what_is_gone_on_with(logs: Logs) -> None:
+def test_a_resumed_run_has_the_saved_context(logs: Logs) -> None:
     failed = PLANNED.with_failure(Failure(FailureKind.SLIPPED, "lost")).with_failure(
         Failure(FailureKind.SLIPPED, "lost")
     )
@@ -240,7 +242,7 @@ def test_a_world_that_is_gone_is_told(logs: Logs) -> None:
         logs.resume(name)
 
 
-def test_what_has_folded_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
+def test_a_folded_run_leaves_no_checkpoint(tmp_path: Path) -> None:
     checkpoint_writer = CheckpointWriter(tmp_path, lambda: b"the world")
     checkpoint_writer.keep(PLANNED)
     checkpoint_writer.forget()

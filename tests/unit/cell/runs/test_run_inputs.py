@@ -50,7 +50,7 @@ def test_the_users_library_is_as_it_was(tmp_path: Path) -> None:
     assert len(garments) == len(load_library().library.entries) + 1
 
 
-def test_what_is_found_when_it_is_decided_again_goes_nowhere(tmp_path: Path) -> None:
+def test_a_replay_does_not_change_the_user_library(tmp_path: Path) -> None:
     request = fold_request(tmp_path)
     folder = kept(tmp_path, request)
     before = sorted(folder.iterdir())
@@ -82,7 +82,7 @@ def test_calibrations_are_as_they_were(tmp_path: Path, since: str) -> None:
     assert (settings.grasp.settings().contact_force, settings.grasp.settings().held_force) == (0.7, 1.3)
 
 
-def test_without_calibrations_the_settings_are_the_same(tmp_path: Path) -> None:
+def test_restored_settings_without_calibrations_are_equal(tmp_path: Path) -> None:
     request = fold_request(tmp_path, approve=True)
     again = restored(tmp_path, kept(tmp_path, request))
     assert again.settings.fingerprint() == request.settings.fingerprint()

@@ -72,7 +72,7 @@ def test_cloth_at_rest_stays(world: str) -> None:
     assert not cloth.held(0)
 
 
-def test_what_is_between_the_pads_hangs_from_the_hand(world: str) -> None:
+def test_cloth_between_the_pads_hangs_from_the_hand(world: str) -> None:
     cloth = lifted(world)
     assert cloth.held(0) and not cloth.held(1)
     top = cloth.positions[:, 2].max()

@@ -44,7 +44,7 @@ def test_lasts_as_long_as_it_says() -> None:
     assert lasting == [False, True, True, False]
 
 
-def test_without_a_side_it_happens_to_the_first_hand_that_meets_the_conditions_alone() -> None:
+def test_a_fault_without_a_side_affects_only_the_first_matching_hand() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.GRIPPER_STUCK, at=2.0, duration=3.0))
     seen = [

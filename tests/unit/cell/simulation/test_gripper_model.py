@@ -77,7 +77,7 @@ def test_stops_on_cloth_presses_and_lets_go_when_opened() -> None:
     assert bench.gripper.state().force == pytest.approx(0.0, abs=0.01)
 
 
-def test_what_slips_out_leaves_the_pads_closing_on() -> None:
+def test_pads_close_fully_after_the_cloth_slips_out() -> None:
     bench = Bench(thickness=0.004)
     bench.gripper.command(0.0, 12.0)
     bench.run(1.0)

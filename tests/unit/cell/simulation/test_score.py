@@ -273,7 +273,7 @@ def test_a_rigid_motion_changes_only_the_drift(x: float, y: float, angle: float)
 
 @settings(max_examples=15)
 @given(x=st.floats(-2.0, 2.0), y=st.floats(-2.0, 2.0), angle=st.floats(-math.pi, math.pi))
-def test_where_the_towel_was_laid_does_not_matter(x: float, y: float, angle: float) -> None:
+def test_the_score_does_not_depend_on_the_towels_pose(x: float, y: float, angle: float) -> None:
     flat, triangles = towel(0.03)
     final = sagged(flat, 0.02)
     a, b = score(garment(flat, triangles, final)), score(garment(flat, triangles, final, pose=(x, y, angle)))

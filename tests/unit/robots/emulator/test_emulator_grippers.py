@@ -92,7 +92,7 @@ def test_a_repeat_is_not_done_again() -> None:
     assert (talk.gripper.report().sender, talk.gripper.report().sequence) == ("you", 8)
 
 
-def test_what_is_for_another_hardware_is_ignored() -> None:
+def test_commands_for_another_hardware_id_are_ignored() -> None:
     talk = Talk()
     talk.say("go", {"position": 50}, hardware=65540)
     assert talk.port.done == [] and talk.gripper.report().sequence == 0
@@ -148,7 +148,7 @@ def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> N
     assert talk.gripper.report().command == "no_op"
 
 
-def test_it_is_uncalibrated_until_its_new_calibration_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gripper_is_uncalibrated_during_a_new_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its port may say that it is calibrated all the while: it was."""
     talk = Talk()
     monkeypatch.setattr(talk.port, "calibrate", lambda: setattr(talk.port, "moving", True))
@@ -162,7 +162,7 @@ def test_it_is_uncalibrated_until_its_new_calibration_has_ended(monkeypatch: pyt
     assert talk.gripper.report().calibrated
 
 
-def test_one_that_was_used_keeps_what_others_have_left() -> None:
+def test_a_used_gripper_keeps_its_earlier_state() -> None:
     talk = Talk(past=USED)
     report = talk.gripper.report()
     assert (report.sender, report.sequence, report.refusal) == ("another_program_go", 1, "")

@@ -116,7 +116,7 @@ def test_a_late_command_is_carried_on_for_two_ticks_and_then_held() -> None:
     np.testing.assert_array_equal(qd, np.zeros(7))
 
 
-def test_without_a_command_it_stays_where_it_stood_when_that_was_first_asked() -> None:
+def test_a_limb_without_a_command_holds_its_first_reported_position() -> None:
     limb = Limb(Side.LEFT)
     np.testing.assert_array_equal(limb.set_point(1.0, Q)[0], Q)
     np.testing.assert_array_equal(limb.set_point(1.01, Q - 0.01)[0], Q)  # sagging, it would creep away
@@ -134,7 +134,7 @@ def test_another_mode_makes_it_hold(mode: int) -> None:
     np.testing.assert_array_equal(qd, np.zeros(7))
 
 
-def test_what_ran_out_before_it_was_read_is_not_done() -> None:
+def test_a_command_that_expired_before_it_was_read_is_ignored() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, ELSEWHERE, 1.1, now=4.0)
@@ -142,7 +142,7 @@ def test_what_ran_out_before_it_was_read_is_not_done() -> None:
     np.testing.assert_array_equal(follow(limb, 4.0)[0], Q)
 
 
-def test_forgets() -> None:
+def test_a_limb_forgets_its_command() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     limb.forget()

@@ -101,12 +101,12 @@ def second_robot(rosmaster: str) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("second_robot")
-def test_of_two_robots_none_is_taken(connect: Connect) -> None:
+def test_two_robots_on_the_network_are_refused(connect: Connect) -> None:
     error = refusal(connect)
     assert error.what.startswith("2 nodes") and "one robot" in error.hint
 
 
-def test_without_a_master_it_says_where_it_looked(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_master_is_reported_with_its_address(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
     uri = f"http://127.0.0.1:{free_port()}"
     monkeypatch.setattr(node_module, "_opened", None)
     monkeypatch.setenv("ROS_MASTER_URI", uri)
@@ -123,13 +123,13 @@ def test_a_process_is_a_node_of_one_master(puppet: Puppet, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("uri", ["localhost", "localhost:11311", "http://localhost", "http://localhost:port"])
-def test_what_is_no_address_is_no_master(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+def test_an_invalid_master_address_is_refused(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", uri)
     with pytest.raises(ConfigurationError, match="is no address"):
         master_address()
 
 
-def test_without_a_word_it_looks_where_ros_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_master_address_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_MASTER_URI", raising=False)
     assert master_address() == ("http://localhost:11311", "localhost", 11311)
 
@@ -141,7 +141,9 @@ def left_over(puppet: Puppet, node: Node) -> list[str]:
 
 
 @pytest.mark.parametrize("way", ["ends", "fails", "is refused"])
-def test_all_is_let_go(puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str) -> None:
+def test_closing_releases_every_subscription(
+    puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str
+) -> None:
     before = threading.active_count()
     if way == "is refused":
         monkeypatch.setattr(connection, "ANSWER_S", 0.4)
@@ -159,7 +161,7 @@ def test_all_is_let_go(puppet: Puppet, node: Node, connect: Connect, monkeypatch
     wait(lambda: threading.active_count() <= before, "its threads have ended")
 
 
-def test_it_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
+def test_a_connection_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
     for n in range(3):
         with connect() as ports:
             ports.arms.enable()

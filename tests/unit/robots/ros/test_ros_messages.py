@@ -93,7 +93,7 @@ def no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_ros")
 @pytest.mark.parametrize("need", [import_ros, load_messages.__wrapped__, lambda: open_node("anybody")])
-def test_without_ros_it_says_what_to_install(need: Any) -> None:
+def test_a_missing_ros_is_reported_with_its_packages(need: Any) -> None:
     with pytest.raises(ConfigurationError, match="ROS 1 is not installed") as caught:
         need()
     assert PACKAGES in caught.value.hint

@@ -200,7 +200,7 @@ def test_checkpoints_remember_what_has_slid():
         ClothSimulation(mesh, MATERIAL).restore(saved)
 
 
-def test_what_is_known_to_be_at_rest_does_not_rub():
+def test_cloth_known_to_be_at_rest_has_no_bending_friction():
     mesh = strip(0.012)
     x = cylinder(mesh, 20.0) + np.array([0.0, 0.0, 0.01])
     settings = SolverSettings(residual_curvature=RESIDUAL)

@@ -152,7 +152,7 @@ def test_a_reading_that_comes_again_is_no_further_one_of_a_hand_that_has_let_go(
         assert not isinstance(state, Outcome)
 
 
-def test_what_noise_and_drift_explain_grows_for_half_a_period_and_no_further() -> None:
+def test_the_drift_allowance_grows_for_half_a_period() -> None:
     """White noise of two means, 20 and 12 readings, and a wander of sine: 2 sigma sin(pi t / T), over 12 cells."""
     settings = replace(S, stuck_force=0.0)
     white = np.sqrt(1.0 / 20 + 1.0 / 12)

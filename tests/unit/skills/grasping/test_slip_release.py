@@ -236,14 +236,14 @@ BAXTER_HZ = 20.0
 
 
 @pytest.mark.parametrize("thickness", [0.0008, 0.0010, 0.0015, 0.0025])
-def test_no_alarm_from_a_gripper_that_says_the_same_until_its_next_word(thickness: float) -> None:
+def test_a_repeated_gripper_state_raises_no_alarm(thickness: float) -> None:
     """At twice the usual noise: five looks at one word are one word."""
     for seed in range(40):
         hand, watch = start(seed, 2.0, thickness=thickness)
         assert fold(hand, watch, tugged(seed, thickness=thickness), gripper_hz=BAXTER_HZ)[0] is None
 
 
-def test_one_wrong_word_of_a_slow_gripper_is_no_slip() -> None:
+def test_one_wrong_state_of_a_slow_gripper_is_no_slip() -> None:
     for at in (0.15, 0.7, 2.0):  # while the baseline is gathered, and after it
         hand, watch = start(0, 1.0)
 
@@ -254,7 +254,9 @@ def test_one_wrong_word_of_a_slow_gripper_is_no_slip() -> None:
 
 
 @pytest.mark.parametrize(("scale", "words"), [(1.0, 3), (2.0, 4)])
-def test_a_loss_that_only_a_slow_gripper_tells_is_known_by_its_next_words(scale: float, words: int) -> None:
+def test_a_loss_reported_only_by_a_slow_gripper_is_detected_within_its_next_states(
+    scale: float, words: int
+) -> None:
     """The pads close on one another and press again: 25 ms after that their opening is nothing."""
     for seed in range(N // 4):
         when = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0))
@@ -297,7 +299,7 @@ def test_a_difference_of_two_normal_readings_tells_their_deviation() -> None:
     assert pytest.approx(norm.ppf(0.75) * np.sqrt(2.0), rel=1e-3) == NORMAL_DIFFERENCE
 
 
-def test_a_signal_that_drowns_in_noise_is_left_out_and_the_other_serves() -> None:
+def test_a_signal_lost_in_noise_is_ignored() -> None:
     """Cloth of 0.3 mm: its opening says nothing; the force still does."""
     hand, state = start(0, 2.0, thickness=0.0003)
     for _ in range(30):

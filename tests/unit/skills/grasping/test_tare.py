@@ -18,7 +18,7 @@ SETTINGS = GraspSettings()
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_it_takes_the_drift_away_and_says_how_noisy_the_cells_are(scale: float) -> None:
+def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
     for seed in range(50):
         hand = SensedHand(seed, scale)
         state = start_tare(SETTINGS)

@@ -89,7 +89,7 @@ def test_a_collision_verdict_agrees_with_the_distances(model, checker):
     assert 10 < met < 50
 
 
-def test_what_comes_nearer_than_the_margin_is_a_contact(model):
+def test_bodies_nearer_than_the_margin_are_in_contact(model):
     """One margin for all pairs: the verdict is that of the smallest distance."""
     rng, margin, verdicts = np.random.default_rng(9), 0.03, []
     wide = CollisionChecker(model, TABLE, body_margin=margin, table_margin=margin, fingertip_margin=margin)

@@ -81,7 +81,7 @@ def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
     assert "far apart" in judged(checker, sparse).failure.what
 
 
-def test_it_has_to_begin_and_end_at_rest(checker, good):
+def test_a_trajectory_must_begin_and_end_at_rest(checker, good):
     cut = ArmTrajectory(good.t[:30], good.q[:30], good.qd[:30], good.qdd[:30])
     assert "rest" in judged(checker, cut).failure.what
     for end, speed in ((0, 0.01), (0, -0.01), (-1, 0.01), (-1, -0.01)):

@@ -248,7 +248,7 @@ def test_a_grasp_is_planned_again_elsewhere(checker):
 
 
 @pytest.mark.parametrize("number", [1, 2])
-def test_what_is_planned_after_a_lift_is_what_is_executed_after_it(checker, number):
+def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
     """The hands lift the cloth before they fold it: the arc is planned, and checked, from up there."""
     lift = 0.03
     step, paths = towel_fold("medium", number)
@@ -281,7 +281,7 @@ def test_one_arm_folds_while_the_other_stays_parked(checker):
         assert np.abs(part.q[:, arm_slice(arm.other)] - MODEL.park(arm.other)).max() < 1e-9
 
 
-def test_what_is_out_of_reach_is_named(checker):
+def test_an_unreachable_grasp_is_reported_with_the_binding_constraint(checker):
     step, paths = towel_fold("medium", 1, x=1.25)
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.UNREACHABLE

@@ -291,7 +291,7 @@ def test_a_clock_that_goes_evenly_only_stretches_time(rate):
     np.testing.assert_allclose(motion.qdd, rate**2 * (6 * a * tau + 2 * b), atol=1e-10)
 
 
-def test_what_cannot_be_kept_lengthens_a_stop_four_times_and_a_start_sixteen_times_at_most():
+def test_infeasible_limits_stretch_a_stop_at_most_4_times_and_a_start_16_times():
     """A stop has to end, a start can wait: limits of a hundredth are beyond both."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     tight = replace(LIMITS, velocity=0.01 * LIMITS.velocity, acceleration=0.01 * LIMITS.acceleration)

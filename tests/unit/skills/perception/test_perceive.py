@@ -90,7 +90,7 @@ def test_category_size_and_unknown(calibration, towels):
 
 
 @pytest.mark.parametrize("size", [0.7, 1.0, 1.18, 1.3])
-def test_what_is_recognised_unasked_is_what_a_second_look_expects(calibration, towels, size):
+def test_a_second_look_accepts_exactly_what_recognition_accepted(calibration, towels, size):
     """One known towel, and cloth of its shape in other sizes: both looks take it, or neither."""
     scene = Scene(seed=3, polygons=[place(TOWEL * size, 0.62, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)

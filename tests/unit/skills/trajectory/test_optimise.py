@@ -142,7 +142,7 @@ def heights(problem: FoldProblem, *h: float) -> list[Controls]:
     return [{s: two_parameter_controls(f.start, f.end, x, 0.0) for s, f in problem.frames.items()} for x in h]
 
 
-def test_of_equally_good_arcs_the_one_that_bears_mishaps_is_taken() -> None:
+def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
 
     def drags(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         target = target_vertices(mesh, HALF.lines, TOWEL.material)
@@ -252,7 +252,7 @@ def test_a_search_ends_where_probes_show_that_the_arc_does_not_matter(gain: floa
         assert notes["dissimilarity_m"] == pytest.approx(0.008 * (1 - gain))
 
 
-def test_mishaps_are_what_they_say() -> None:
+def test_each_mishap_changes_what_its_name_says() -> None:
     """Tools off along the fold's normal and its line, leaning hands, another table: seen by the simulation."""
     met = []
 
@@ -415,7 +415,7 @@ def test_some_failed_simulations_are_borne_and_counted() -> None:
     assert outcome.ok and outcome.notes["failed_simulations"] > 3
 
 
-def test_when_all_fail_the_optimiser_failed() -> None:
+def test_the_optimiser_fails_if_every_simulation_fails() -> None:
     def never(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         raise CellError("the solver gave up")
 

@@ -73,7 +73,7 @@ def test_an_entry_gives_back_its_own_trajectory() -> None:
     assert found.duration == pytest.approx(trajectory(HALF).duration)
 
 
-def test_it_scales_and_turns_with_the_fold() -> None:
+def test_a_library_entry_scales_and_turns_with_the_fold() -> None:
     pose = (0.62, -0.05, 0.3, 1.25)
     step = plan_folds(TOWEL.flat_state(*pose), TOWEL).unwrap()[0]
     found = trajectory_from(entry(), step, TOWEL.material.thickness)

@@ -69,7 +69,7 @@ def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
 
 
 @pytest.mark.parametrize("kind", [K.DRIFT, K.MISSED_LAYER])
-def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
+def test_a_fold_that_was_not_carried_is_not_good_enough(kind: FailureKind) -> None:
     assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is Event.GIVE_UP
 
 
@@ -156,7 +156,7 @@ def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event:
 
 @pytest.mark.parametrize("kind", [K.STOPPED, K.HARDWARE_FAULT, K.CATEGORY_MISMATCH, K.GRIPPER_FAULT])
 @pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
-def test_what_stands_in_no_row_is_not_tried_again(kind: FailureKind, attended: bool, event: Event) -> None:
+def test_a_failure_without_a_recovery_row_is_not_retried(kind: FailureKind, attended: bool, event: Event) -> None:
     result = choose_next(fake_workcell(FakeCell(), attended=attended), failed(kind))
     assert result.event is event
     assert result.context.recoveries == (), "asking or giving up is no recovery"
@@ -218,14 +218,14 @@ def test_before_the_table_was_seen_another_try_photographs_it() -> None:
     assert said.event is Event.START_OVER and said.record == {"command": "retry"}
 
 
-def test_where_no_picture_of_the_table_is_taken_another_try_looks_for_the_garment(tmp_path: Path) -> None:
+def test_a_retry_looks_for_the_garment_if_no_reference_picture_is_taken(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}\n")
     workcell = fake_workcell(FakeCell(), settings=load_settings(tmp_path / "cell.yaml"))
     assert choose_next(workcell, failed(K.CAMERA_FAULT)).event is Event.LOOK_AGAIN
 
 
 @pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
-def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind) -> None:
+def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> None:
     """Else a folded garment would be taken for a smaller one that lies flat."""
     carried = failed(kind, context=context_with(SEEN, carried=True))
     result = choose_next(fake_workcell(FakeCell()), carried)
@@ -241,7 +241,7 @@ def test_no_fold_is_made_twice() -> None:
     assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
 
 
-def test_who_says_retry_has_laid_the_garment_back() -> None:
+def test_a_retry_by_the_operator_starts_the_attempt_anew() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
@@ -251,7 +251,7 @@ def test_who_says_retry_has_laid_the_garment_back() -> None:
     assert blind.event is Event.LOOK_AGAIN
 
 
-def test_what_was_not_asked_for_is_no_answer() -> None:
+def test_commands_that_do_not_answer_the_question_are_ignored() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))

@@ -72,7 +72,7 @@ def test_a_hand_goes_no_deeper_into_what_does_not(monkeypatch: pytest.MonkeyPatc
     assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "within the hand's own acceleration"
 
 
-def test_a_hand_whose_tips_nobody_can_read_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_with_unreadable_fingertips_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, failure, _ = pressed(monkeypatch, float("nan"))
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     assert len(cell.commands) == 1
@@ -146,7 +146,7 @@ def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
     assert cell.now < 0.8 + 0.1 + 0.7, "known within 100 ms, at rest 0.6 s later"
 
 
-def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.MonkeyPatch) -> None:
     """From where the hands really hold, the way may be another than was planned."""
     cell, workcell, context = holding(monkeypatch)
     blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")

@@ -89,7 +89,7 @@ def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
     assert (after.waited_s, after.recoveries) == (4.0, before.recoveries)
 
 
-def test_a_fold_that_nobody_looked_at_is_believed_and_does_not_count_as_made() -> None:
+def test_an_uninspected_fold_is_assumed_but_does_not_count_as_made() -> None:
     """It was carried through, and the operator went on without a look."""
     result = next_step(fake_workcell(FakeCell()), made())
     assert result.context.done == ()
@@ -130,7 +130,7 @@ def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
 
 
 @pytest.mark.parametrize(("effect", "index"), [(Effect.INSPECT, 0), (Effect.RECOGNISE, 1)])
-def test_where_nothing_can_be_seen_nothing_is_judged(
+def test_an_inspection_without_a_visible_garment_fails(
     effect: Effect, index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
@@ -141,7 +141,7 @@ def test_where_nothing_can_be_seen_nothing_is_judged(
     assert result.event is Event.FAILED and result.context.failure is lost
 
 
-def test_what_nobody_could_see_is_no_figure() -> None:
+def test_unseen_figures_are_left_out_of_the_journal() -> None:
     nothing = float("nan")
     told = figures(seen(height_m=nothing, missing_layer=nothing))
     assert np.isfinite(list(told.values())).all() and not {"height_m", "missing_layer", "edge_sag_m"} & set(told)

@@ -65,7 +65,7 @@ def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
     assert result.context.failure.kind is K.STOPPED
 
 
-def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: no_way)
     monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: no_way)
@@ -205,7 +205,7 @@ def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
     assert cell.q == pytest.approx(BAXTER.q_park)
 
 
-def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any]) -> None:
+def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.2, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)
     cell.at(1.0, lambda: workcell.commands.put(Event.PAUSE))
@@ -350,7 +350,7 @@ def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter:
 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
-def test_nobody_holds_up_arms_on_their_way_to_safety(baxter: dict[str, Any], said: Event) -> None:
+def test_only_a_stop_interrupts_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
     """Only the stop ends it; what else was said before is not heard."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)

@@ -195,7 +195,7 @@ def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
     assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(GraspId)
 
 
-def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
+def test_optimised_and_looked_up_arcs_pass_the_same_acceptance_test(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     poor = 1.01 * POOR_SHARE * DIAGONAL
@@ -277,7 +277,7 @@ def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
     assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
 
 
-def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> None:
+def test_changing_the_variant_keeps_the_folds_already_made() -> None:
     first = planned(context_with(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
     assert first.plan is not None
     moved = context_with(first, index=1, adjustments=(), vertices=first.plan.vertices + 0.001)

@@ -140,7 +140,7 @@ def test_a_black_picture_is_no_reference() -> None:
     assert result.context.sight.reference is None
 
 
-def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a run with `auto`: a towel that was let go half folded looks like a smaller one that lies flat."""
     expected: list[str | None] = []
 

@@ -121,7 +121,7 @@ def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> Non
     ("under", "kind"),
     [({"table": -0.05}, K.NO_CONTACT), ({"between": 0.0}, K.MISSED_GRASP), ({"table": 0.036}, K.IN_COLLISION)],
 )
-def test_what_one_hand_does_not_find_ends_the_grasp(
+def test_a_miss_by_one_hand_ends_the_grasp(
     under: dict[str, float], kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No table below it, nothing between its pads, or something that stands there."""
@@ -160,7 +160,7 @@ def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.Mo
         (lambda c: (setattr(c, "follows", False), setattr(c, "q", c.q + 0.2)), K.TRACKING_ERROR),
     ],
 )
-def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
+def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
     spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
@@ -205,7 +205,7 @@ def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.M
     assert result.event is Event.FAILED and result.context.failure is why
 
 
-def test_what_is_still_held_after_the_lift_is_what_a_slip_is_told_by(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     context = EFFECTS[Effect.GRASP](work, context).context
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))

@@ -91,7 +91,7 @@ def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
-def test_without_the_secret_there_is_nothing(address: str, path: str) -> None:
+def test_the_page_needs_the_secret_address(address: str, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as error:
         urllib.request.urlopen(f"{origin_of(address)}/{path}")
     assert error.value.code == 404
@@ -115,7 +115,7 @@ def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) 
     assert error.value.code == 400 and commands.take(ALL) is None
 
 
-def test_the_board_is_told_as_it_changes(address: str, board: RunStatus) -> None:
+def test_the_page_receives_every_change_of_the_run_status(address: str, board: RunStatus) -> None:
     with linked(address) as link:
         assert told(link, "run_status")["state"] == "idle"
         enter(board, State.OPTIMISING)
@@ -175,7 +175,7 @@ def test_pressing_is_asked_about_and_answered(address: str, board: RunStatus, co
         assert commands.take(ALL) is Event.SKIP
 
 
-def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: RunStatus) -> None:
+def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -> None:
     """It is no mere look: the fold is made again, of a garment that was laid back."""
     planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
@@ -208,7 +208,7 @@ NONSENSE = (
 
 
 @pytest.mark.parametrize("message", NONSENSE)
-def test_whatever_is_said_is_answered(
+def test_every_message_gets_an_answer(
     message: str | bytes, address: str, board: RunStatus, cell: FakeCell
 ) -> None:
     enter(board, State.FOLDING)
@@ -257,9 +257,7 @@ def test_a_port_that_is_taken_is_told(address: str) -> None:
         open_listener(port)
 
 
-def test_a_link_that_can_tell_nothing_is_closed(
-    address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_blocked_link_is_closed(address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that hears nothing must know, so that it looks for another link."""
     with linked(address) as link:
         told(link, "run_status")
@@ -269,7 +267,7 @@ def test_a_link_that_can_tell_nothing_is_closed(
             heard(link, lambda message: False)
 
 
-def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: RunStatus) -> None:
+def test_the_pause_note_disappears_after_the_pause(board: RunStatus) -> None:
     enter(board, State.FOLDING)
     board.heard(Event.PAUSE)
     board.note("paused on the way: resume or abort")

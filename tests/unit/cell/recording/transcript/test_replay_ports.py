@@ -128,7 +128,7 @@ def test_a_stop_comes_at_the_same_tick(tmp_path: Path) -> None:
     assert again(tmp_path, act) == (failure, t)
 
 
-def test_what_a_driver_refused_is_refused_again(tmp_path: Path) -> None:
+def test_a_driver_error_is_replayed(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.stop_reason = "the button"
 
@@ -141,7 +141,7 @@ def test_what_a_driver_refused_is_refused_again(tmp_path: Path) -> None:
     assert again(tmp_path, act) == then
 
 
-def test_another_question_is_told_of(tmp_path: Path) -> None:
+def test_a_different_question_is_reported(tmp_path: Path) -> None:
     taken_down(
         tmp_path, FakeCell(), lambda ports, _: [ports.arms.command(np.zeros(14), np.zeros(14)) for _ in "ab"]
     )
@@ -158,7 +158,7 @@ def test_another_question_is_told_of(tmp_path: Path) -> None:
     assert (caught.value.then.split(":")[0], caught.value.now) == ("a set-point for the arms", "a picture")
 
 
-def test_more_questions_than_there_were_are_told_of(tmp_path: Path) -> None:
+def test_additional_questions_are_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.clock.now())
     there = answers(tmp_path)
     assert there.ports().clock.now() == 0.0
@@ -167,7 +167,7 @@ def test_more_questions_than_there_were_are_told_of(tmp_path: Path) -> None:
     assert (caught.value.then, caught.value.now) == ("the end of the run", "a look at the clock")
 
 
-def test_a_transcript_that_breaks_off_says_nothing_of_what_comes(tmp_path: Path) -> None:
+def test_a_truncated_transcript_is_no_deviation(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     whole = Transcript(tmp_path / TRANSCRIPT)
     write_transcript(tmp_path, whole.constants, list(whole)[:100])
@@ -176,7 +176,7 @@ def test_a_transcript_that_breaks_off_says_nothing_of_what_comes(tmp_path: Path)
     assert caught.value.then == caught.value.now == "" and caught.value.trouble is None
 
 
-def test_a_picture_that_is_missing_is_told_of(tmp_path: Path) -> None:
+def test_a_missing_picture_is_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     for path in (tmp_path / FRAMES).iterdir():
         path.unlink()
@@ -221,7 +221,7 @@ def test_the_stop_works_when_nothing_can_be_noted(tmp_path: Path) -> None:
     assert "the disk is gone" in (port_recorder.close() or "")
 
 
-def test_what_a_driver_should_not_give_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
+def test_an_invalid_driver_answer_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
     port_recorder = PortRecorder(tmp_path)
     ports = FakeCell().ports()
     ports.clock.now = lambda: {"not": "a time"}  # type: ignore[attr-defined, method-assign]
@@ -269,9 +269,7 @@ def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
     assert there.next is not None and there.next.channel is Channel.END
 
 
-def test_where_the_transcript_is_over_nothing_is_computed_in_vain(
-    tmp_path: Path, workers: ThreadPoolExecutor
-) -> None:
+def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     write_transcript(tmp_path, CellConstants.of(FakeCell().ports()), [])
     there, ages = answers(tmp_path), threading.Event()
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
@@ -317,7 +315,7 @@ def test_every_port_is_exchanged_for_one_that_is_taken_down(tmp_path: Path) -> N
     port_recorder.close()
 
 
-def test_without_a_recording_nothing_is_in_between(tmp_path: Path) -> None:
+def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
     bare, queue, port_recorder = FakeCell().ports(), CommandQueue(), PortRecorder(None)
     heard = port_recorder.between(bare, queue)
     assert heard.ports is bare and heard.commands is queue

@@ -118,7 +118,7 @@ def test_looking_does_not_refuse_an_owner(tmp_path: Path) -> None:
     os.close(looker)
 
 
-def test_what_does_not_exist_is_not_held(tmp_path: Path) -> None:
+def test_a_missing_lock_file_is_not_held(tmp_path: Path) -> None:
     assert not is_held(tmp_path / "none")
 
 

@@ -81,7 +81,7 @@ open(os.path.join({folder!r}, ("stopped" if asked else "whole") + "-{number}"), 
 
 
 @pytest.mark.parametrize("each", [None, 8])
-def test_what_was_handed_over_already_is_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
+def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
     """A run that heeds the signal ends in order; the executor's queue, which nobody can take back, is left."""
 
     def ended(how: str) -> list[str]:

@@ -71,14 +71,14 @@ def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Arr
 
 
 @given(before=far_out)
-def test_it_may_stay_where_it_stands_wherever_that_is(before: Array) -> None:
+def test_the_present_position_is_always_allowed(before: Array) -> None:
     sent = clip_setpoint(before, np.zeros(14), before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, before)
     assert not sent.clipped
 
 
 @given(before=inside, share=vectors(-0.99, 0.99), qd=between(-VELOCITY, VELOCITY))
-def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array) -> None:
+def test_an_allowed_set_point_is_sent_unchanged(before: Array, share: Array, qd: Array) -> None:
     q = np.clip(before + share * REACH, LIMITS.lower, LIMITS.upper)
     sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, q)
@@ -118,7 +118,7 @@ def test_blocked_joints_are_held_where_they_stand_however_far_they_were_sent(bef
     assert not sent.clipped
 
 
-def test_is_nobodys_to_change() -> None:
+def test_the_clipped_set_point_is_read_only() -> None:
     q = np.zeros(14)
     sent = clip_setpoint(q, q, q, q, LIMITS, 0.0)
     q[0] = 1.0

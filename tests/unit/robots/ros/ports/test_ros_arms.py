@@ -189,7 +189,7 @@ def test_a_robot_that_does_not_switch_on_is_told_of(puppet: Puppet, ports: Ports
     assert caught.value.kind is FailureKind.HARDWARE_FAULT
 
 
-def test_what_a_silent_robot_said_long_ago_is_not_believed(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_an_old_state_of_a_silent_robot_does_not_enable_it(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(arms_module, "ENABLE_S", 0.5)
     ports.arms.enable()
     puppet.hush(STATE)

@@ -146,7 +146,9 @@ def test_the_figures_of_the_camera_come_with_it(film: Film, camera: RosCamera) -
     assert (k.width, k.height, k.fx, k.fy, k.cx, k.cy) == (WIDTH, HEIGHT, 5.0, 6.0, 2.0, 1.5)
 
 
-def test_it_listens_only_while_it_takes_a_picture(film: Film, puppet: Puppet, camera: RosCamera) -> None:
+def test_the_camera_subscribes_only_while_it_takes_a_picture(
+    film: Film, puppet: Puppet, camera: RosCamera
+) -> None:
     puppet.let(10)
     assert film.taken == 0
     camera.capture()
@@ -281,7 +283,7 @@ def test_a_slow_camera_gives_what_it_exposed_in_time(film: Film, node: Node) -> 
     assert clock.now() - taken[0].stamp < PICTURE_AGE, "or whoever asked would refuse it"
 
 
-def test_what_was_exposed_when_patience_ends_is_not_thrown_away(film: Film, node: Node, monkeypatch) -> None:
+def test_a_timeout_keeps_the_exposures_taken_so_far(film: Film, node: Node, monkeypatch) -> None:
     monkeypatch.setattr(camera_module, "ANSWER_S", 2.0)
     camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), exposures=1000)
     assert camera.capture().depth.shape == (HEIGHT, WIDTH)

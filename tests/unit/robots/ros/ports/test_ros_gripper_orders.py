@@ -163,7 +163,7 @@ deeds = st.one_of(
 
 @settings(max_examples=400)
 @given(calibrated=st.booleans(), deeds=st.lists(deeds, max_size=12))
-def test_whatever_is_ordered_the_last_of_it_is_done(calibrated: bool, deeds: list[tuple]) -> None:
+def test_the_last_of_any_sequence_of_orders_is_done(calibrated: bool, deeds: list[tuple]) -> None:
     """However few states of the gripper lie between two orders."""
     bench = Bench(calibrated)
     for name, *figures in deeds:
@@ -203,7 +203,7 @@ def test_calibrated_once_more_while_it_is_being_calibrated(states: int) -> None:
 
 
 @pytest.mark.parametrize("states", range(10))
-def test_what_a_stop_made_void_is_not_taken_up_again(states: int) -> None:
+def test_an_order_cancelled_by_a_stop_is_not_resumed(states: int) -> None:
     bench = Bench(calibrated=True)
     bench.calibrate()
     bench.command(0.01, 6.0)
@@ -215,7 +215,7 @@ def test_what_a_stop_made_void_is_not_taken_up_again(states: int) -> None:
     bench.ends()
 
 
-def test_what_a_hand_was_told_before_a_stop_is_told_again_after_it() -> None:
+def test_a_command_given_before_a_stop_can_be_repeated_after_it() -> None:
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
     bench.ends()
@@ -271,7 +271,7 @@ def test_the_pads_do_not_go_with_a_force_that_was_refused() -> None:
 
 
 @pytest.mark.parametrize("calibrate", [False, True])
-def test_what_a_deaf_hand_did_not_hear_is_not_done_when_nobody_expects_it_any_more(calibrate: bool) -> None:
+def test_an_order_that_timed_out_is_not_done_later(calibrate: bool) -> None:
     bench = Bench(calibrated=True)
     bench.hand.deaf = True
     if calibrate:
@@ -292,7 +292,7 @@ def test_what_a_deaf_hand_did_not_hear_is_not_done_when_nobody_expects_it_any_mo
     bench.ends()
 
 
-def test_it_moves_from_the_command_on_whenever_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gripper_counts_as_moving_from_the_command_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even while a state comes: what was heard before it is not put together with what waits after it."""
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)

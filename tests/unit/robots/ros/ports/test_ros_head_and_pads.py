@@ -38,7 +38,7 @@ def standing(pan: float) -> JointState:
     return JointState(0.0, zero, zero, zero, pan)
 
 
-def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
+def test_turning_the_head_times_out(puppet: Puppet, node: Node) -> None:
     clock = HandClock()
     head = RosHead(node, clock)
     wait(lambda: puppet.hears(HEAD), "it is heard")
@@ -57,7 +57,7 @@ def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
     assert len(puppet.heard[HEAD]) == 40
 
 
-def test_it_turns_no_further_than_it_can(puppet: Puppet, ports: Ports) -> None:
+def test_the_head_turns_no_further_than_its_limit(puppet: Puppet, ports: Ports) -> None:
     ports.head.command_pan(3.0)
     wait(lambda: ports.arms.state().head_pan > 1.0, "it turns")
     assert 1.3 < ports.arms.state().head_pan < 1.396
@@ -67,7 +67,7 @@ def test_it_turns_no_further_than_it_can(puppet: Puppet, ports: Ports) -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_what_is_no_angle_is_not_said(puppet: Puppet, ports: Ports, wrong: float) -> None:
+def test_an_invalid_head_angle_is_not_sent(puppet: Puppet, ports: Ports, wrong: float) -> None:
     with pytest.raises(DriverError):
         ports.head.command_pan(wrong)
     puppet.let(10)

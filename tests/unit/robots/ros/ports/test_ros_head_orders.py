@@ -42,7 +42,7 @@ def test_a_head_that_was_never_told_anything_is_left_where_it_stands() -> None:
 
 
 @given(st.floats(-10.0, 10.0))
-def test_it_is_told_the_angle_or_the_nearest_that_it_can_turn_to(angle: float) -> None:
+def test_the_head_angle_is_clipped_to_its_limits(angle: float) -> None:
     bench = Bench()
     bench.port.command_pan(angle)
     (message,) = bench.wire.told
@@ -52,7 +52,7 @@ def test_it_is_told_the_angle_or_the_nearest_that_it_can_turn_to(angle: float) -
 
 @pytest.mark.parametrize("goal", [-0.5, 0.5])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_it_is_told_twenty_times_a_second_until_it_is_there(goal: float, side: float) -> None:
+def test_the_head_is_commanded_at_20_hz_until_it_arrives(goal: float, side: float) -> None:
     """From whichever side it comes; 5 mrad before its goal it is there; it is told again if it is pushed away."""
     bench = Bench()
     bench.port.command_pan(goal)
@@ -64,7 +64,7 @@ def test_it_is_told_twenty_times_a_second_until_it_is_there(goal: float, side: f
     assert 16 <= bench.states(1.0) <= 20
 
 
-def test_it_is_told_for_five_seconds_from_the_last_command_on() -> None:
+def test_the_head_is_commanded_for_five_seconds_after_the_last_command() -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     bench.states(4.8)
@@ -101,7 +101,7 @@ def test_a_stopped_head_is_told_nothing() -> None:
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
-def test_what_is_no_angle_does_not_take_the_place_of_one(wrong: float) -> None:
+def test_an_invalid_head_angle_does_not_replace_the_last_one(wrong: float) -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     with pytest.raises(DriverError) as caught:

@@ -53,7 +53,7 @@ def test_another_thread_stops_the_robot(puppet: Puppet, ports: Ports) -> None:
     wait(lambda: puppet.stopped and not puppet.enabled, "the robot has stopped")
 
 
-def test_it_is_told_until_the_robot_has_stopped_and_no_longer(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_is_repeated_until_the_robot_has_stopped(puppet: Puppet, stop: RosStop) -> None:
     puppet.deaf.add(STOP)
     stop.trigger("a test")
     wait(lambda: len(puppet.heard[STOP]) >= 5, "it is told again and again")
@@ -225,7 +225,7 @@ def test_a_stop_of_the_robot_is_seen_with_its_reason(
 
 
 @pytest.mark.parametrize("triggered", [True, False])
-def test_it_stays_stopped_when_the_robot_no_longer_says_so(puppet: Puppet, ports: Ports, triggered: bool) -> None:
+def test_a_stop_stays_when_the_robot_no_longer_reports_it(puppet: Puppet, ports: Ports, triggered: bool) -> None:
     ports.arms.enable()
     if triggered:
         ports.stop.trigger("a test")
@@ -283,7 +283,7 @@ def test_after_a_reset_the_arms_are_off_and_nothing_rearms(puppet: Puppet, ports
     ports.arms.command(puppet.q, ZERO)
 
 
-def test_it_stops_as_often_as_it_is_reset(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_works_again_after_each_reset(puppet: Puppet, stop: RosStop) -> None:
     for k in range(4):
         stopped_by(stop, f"number {k}")
         assert stop.state().reason == f"number {k}"
@@ -306,7 +306,7 @@ def test_a_reset_that_fails_leaves_the_stop_as_it_was(puppet: Puppet, stop: RosS
     wait(lambda: len(puppet.heard[STOP]) > told + 5, "the robot is told again")
 
 
-def test_while_it_is_being_reset_nothing_moves(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_nothing_moves_during_a_reset(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 60.0)
     ports.arms.enable()
     ports.stop.trigger("a test")
@@ -322,7 +322,7 @@ def test_while_it_is_being_reset_nothing_moves(puppet: Puppet, ports: Ports, mon
     assert not resetting.is_alive() and not ports.stop.state().stopped
 
 
-def test_what_a_silent_robot_said_long_ago_ends_no_stop(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_an_old_state_of_a_silent_robot_does_not_end_a_stop(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     puppet.hush(STATE)
     assert not stop.robot.newest.stopped and not stop.robot.newest.enabled

@@ -245,7 +245,7 @@ def bent_edges(sim, x):
     return bent
 
 
-def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
+def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
     """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
     near = missing = 0
     for seed in range(3, 7):

@@ -75,7 +75,7 @@ def without(s, frames):
 
 
 @pytest.mark.parametrize("reach", [0.02, 0.05])
-def test_contacts_alone_keep_it(reach):
+def test_contacts_alone_do_not_undo_a_crossing(reach):
     mesh, x, _ = poked(reach)
     s = ClothSimulation(mesh, MATERIAL, x)
     without(s, 120)
@@ -118,7 +118,7 @@ def test_undoing_crossings_makes_little_speed():
     assert undone < 2.5 * left
 
 
-def test_what_does_not_cross_is_left_alone():
+def test_layers_without_crossings_are_unchanged():
     """Layers that fall on each other: nothing is found at any frame, and every bit is that of contacts alone."""
     mesh, x, n = two_sheets()
     x[n:, 2] += 0.02

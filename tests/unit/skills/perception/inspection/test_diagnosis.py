@@ -116,7 +116,7 @@ def test_a_bad_edge_is_named_by_its_place(place, kind):
     assert verdict(FoldStep("half", 0, STEP.line, (), {}, {}), **figures)[0] is K.OFF_TARGET
 
 
-def test_of_two_defects_of_the_moved_edge_the_larger_is_named():
+def test_the_larger_of_two_defects_of_the_moved_edge_is_named():
     assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
 
@@ -168,6 +168,6 @@ def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
         ({"missing_layer": 0.6}, "a target lacks 60 % of its upper layer's height (at most 45 %)"),
     ],
 )
-def test_what_is_beyond_its_limit_is_told_in_plain_figures(figures, named):
+def test_figures_beyond_their_limit_are_reported_with_units(figures, named):
     (told,) = beyond_limits(inspection(**figures), S)
     assert told.startswith(named)

@@ -64,7 +64,7 @@ def test_the_height_of_a_stack_is_one_that_only_a_twentieth_of_it_exceeds() -> N
     assert upper_height(height, ~STACK) == extra_height(height, ~STACK) == pytest.approx(0.5)
 
 
-def test_of_too_little_that_is_seen_no_excess_is_told() -> None:
+def test_too_few_seen_cells_give_no_excess_height() -> None:
     few = np.zeros(STACK.shape, bool)
     few[:10, :10] = True
     excess = np.full(STACK.shape, 0.05, np.float32)
@@ -127,7 +127,7 @@ def test_a_target_that_is_not_seen_says_nothing() -> None:
     assert np.isnan(lacking(0.5, 0.1, step=None)) and np.isnan(lacking(0.5, 0.1, step=replace(STEP, targets={})))
 
 
-def test_where_a_target_has_steps_its_mean_height_counts() -> None:
+def test_the_missing_layer_uses_the_mean_height_of_a_stepped_target() -> None:
     """Two layers on the one half of it, six on the other: half of each is there."""
     moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
     assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)

@@ -74,7 +74,7 @@ def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
         ([HALF + np.array([0.04, 0.0])], "as a whole"),
     ],
 )
-def test_what_decided_is_named_with_its_limit_and_nothing_else_is(polygons, named):
+def test_only_figures_beyond_their_limit_are_named(polygons, named):
     seen = look(polygons).unwrap()
     beyond = beyond_limits(seen, InspectionSettings())
     assert bool(beyond) == (seen.diagnosis is not None)
@@ -151,7 +151,7 @@ def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
 
 
 @pytest.mark.parametrize(("place", "behind"), [("left", 0.15), ("right", -0.15), ("middle", 0.0)])
-def test_what_is_left_behind_is_told_where_it_is(place, behind):
+def test_cloth_left_behind_is_reported_with_its_place(place, behind):
     """Cloth reaches 40 mm too far beyond the fold line, beside one grasp or between the two."""
     view = TableView(camera(), TABLE)
     there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
@@ -215,7 +215,7 @@ def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
     assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
 
 
-def test_without_the_step_a_bad_edge_is_off_target():
+def test_a_bad_edge_without_its_step_is_off_target():
     assert look([SHORT], step=None).unwrap().diagnosis is FailureKind.OFF_TARGET
 
 

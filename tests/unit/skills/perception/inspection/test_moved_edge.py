@@ -180,7 +180,7 @@ def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
 
 
 @pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
-def test_whichever_way_a_fold_goes_its_edge_is_found(degrees):
+def test_the_moved_edge_is_found_for_any_fold_direction(degrees):
     """Line, prediction and cloth are turned together: towards the camera it is the same as away from it."""
     R, t = turned(degrees)
     after, before = towel(lambda u: 0.04 * u, motion=(R, t), before=(R, t))
@@ -245,7 +245,7 @@ def test_a_sag_is_the_half_sine_over_the_line_between_the_ends(sag, unseen):
     assert MovedEdge(lag, LAYER).sag == pytest.approx(sag, abs=1e-9)
 
 
-def test_of_fewer_than_five_strips_no_sag_is_told():
+def test_fewer_than_five_strips_give_no_sag():
     lag = np.zeros(9)
     lag[[0, 2, 4, 6, 8]] = np.nan
     edge = MovedEdge(lag, LAYER)
@@ -254,7 +254,7 @@ def test_of_fewer_than_five_strips_no_sag_is_told():
 
 @pytest.mark.parametrize("strip", range(1, 8))
 @pytest.mark.parametrize("wrong", [-0.024, 0.1])
-def test_one_strip_that_lies_is_no_sag(strip, wrong):
+def test_one_outlying_strip_is_no_sag(strip, wrong):
     """Least squares would take a fifth of it for one."""
     lag = 0.02 * np.sin(np.pi * T)
     lag[strip] = wrong
@@ -278,7 +278,7 @@ def test_a_corner_is_told_by_the_worse_end_that_is_seen():
     assert np.isnan(MovedEdge(np.array([nan] * 3 + [0.0] * 3 + [nan] * 3), LAYER).corner)
 
 
-def test_when_nothing_rose_nothing_is_said():
+def test_an_edge_without_a_height_step_gives_no_figures():
     """The picture before shows the fold already: there is no telling where its edge lies."""
     _, after = heights(lambda t: 0.04 * np.sin(np.pi * t))
     again = after + NOISE * np.random.default_rng(1).standard_normal(after.shape).astype(np.float32)

@@ -42,7 +42,7 @@ def test_a_tilted_bracket_is_found_out(seed):
     assert after < 0.0025 and after < 0.5 * before
 
 
-def test_without_edges_in_view_the_depth_still_levels_it():
+def test_depth_alone_levels_the_camera_if_no_edge_is_in_view():
     true = hung((0.0, 0.0, 0.0), (0.006, 0.0, 0.0))
     outcome = refine_calibration(render(Scene(seed=1), true), camera(), TABLE)
     assert outcome.notes["edges"] == 0

@@ -97,7 +97,7 @@ def test_a_deviation_across_the_outlines_beginning_is_found(first: int) -> None:
     assert deviation < -0.015 and np.linalg.norm(place - SQUARE[first]) < 0.07
 
 
-def test_of_two_deviations_the_larger_is_told() -> None:
+def test_the_larger_of_two_deviations_is_returned() -> None:
     for large, small in ((0.03, -0.015), (-0.03, 0.015)):
         seen = with_step(0.55, 0.65, large)
         seen = np.vstack([seen, [[0.4, 0.05], [0.4 - small, 0.05], [0.4 - small, -0.05], [0.4, -0.05]]])

@@ -100,7 +100,7 @@ def test_nothing_is_found_on_an_empty_table(bare_table):
     assert not segment_reference(seen.rgb, table.rgb, seen.valid, height).found
 
 
-def test_without_reference_the_rim_of_the_view_stands_in(towel_picture):
+def test_the_rim_of_the_view_replaces_a_missing_reference(towel_picture):
     scene, truth, picture, _ = towel_picture(0)
     seen = VIEW.rectify(picture)
     assert iou(segment_plain(seen.rgb, seen.valid).mask, true_mask(scene, truth)) > 0.93
