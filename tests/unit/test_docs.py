@@ -85,7 +85,7 @@ def test_the_pages_are_there() -> None:
     assert all(p.stat().st_size > 500 for p in PAGES)
 
 
-def test_the_main_commands_are_told() -> None:
+def test_the_readme_names_the_main_commands() -> None:
     told = " ".join(line for page, line in commands() if page == "README.md")
     assert "fold medium_towel" in told
     assert {"fold", "test"} <= {target for page, target in targets() if page == "README.md"}
@@ -155,7 +155,7 @@ def test_every_file_that_is_named_exists() -> None:
     assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
-def test_every_link_leads_somewhere() -> None:
+def test_every_link_has_a_target() -> None:
     broken = set()
     for page in PAGES:
         for link in re.findall(r"\]\(([^)\s]+)", page.read_text(encoding="utf-8")):
@@ -164,7 +164,7 @@ def test_every_link_leads_somewhere() -> None:
     assert broken == set()
 
 
-def test_the_figures_that_safety_is_told_by_are_those_of_the_cell() -> None:
+def test_the_safety_page_states_the_figures_of_the_cell() -> None:
     """Somebody stands beside the arms because of them."""
     shipped = load_settings()
     told = {

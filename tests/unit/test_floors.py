@@ -73,7 +73,7 @@ def foreign_paths() -> tuple[str, ...]:
     return tuple(f"/{a}/{b}" for a, b in places)
 
 
-def test_no_text_names_a_place_outside_the_repository() -> None:
+def test_no_text_names_a_path_outside_the_repository() -> None:
     found = []
     for path in tracked_texts():
         data = path.read_bytes()
@@ -91,6 +91,6 @@ def test_pins_are_versions_and_no_addresses() -> None:
         assert "/" not in line and "@" not in line
 
 
-def test_every_package_says_that_it_is_typed() -> None:
+def test_every_package_is_marked_as_typed() -> None:
     for floor in ("cell", "calibration", "skills", "robots"):
         assert (ROOT / floor / "py.typed").is_file()

@@ -164,7 +164,7 @@ def test_the_shirt_is_folded_as_shirts_are_planned() -> None:
         assert path.position[-1, 0] - path.position[0, 0] > 0.5
 
 
-def test_the_page_of_results_says_what_is_not_met_and_leaves_out_what_was_not_measured() -> None:
+def test_the_results_page_names_unmet_targets_and_omits_unmeasured_figures() -> None:
     hung = [{"mesh_mm": 20.0}, {"mesh_mm": 30.0}]
     text = page({
         "towel_425_x_realtime": 61.0, "shirt_end_crossings": 2, "same_bits_again": True,

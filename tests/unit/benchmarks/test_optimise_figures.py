@@ -36,7 +36,7 @@ def test_the_worst_figures_by_hand() -> None:
     assert worst["towel_step_s_max"] == 4.5 and worst["two_layer_step_s_max"] == 9.0
 
 
-def test_the_page_tells_every_step_and_what_is_not_met() -> None:
+def test_the_page_lists_every_step_and_every_unmet_target() -> None:
     more = {"simulations": 15, "cpu_seconds": 33.0}
     rows = [
         row("a", "default", 8.0, **more), row("a", "two_parameter", 6.5), row("a", "paper", None),

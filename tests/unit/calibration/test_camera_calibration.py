@@ -161,7 +161,7 @@ def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
     assert sum(isinstance(e, Note) and e.picture is not None for e in asked) == 7
 
 
-def test_a_board_that_nobody_shows_is_out_of_view() -> None:
+def test_a_board_that_is_never_shown_is_out_of_view() -> None:
     dark = sight(np.zeros((480, 640, 3), np.uint8))
     outcome, asked = run(calibrate_camera(CameraSettings(views=5)), {Look: lambda _: dark})
     assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW and outcome.failure.hint

@@ -104,7 +104,7 @@ def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
         assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-def test_a_lens_that_nobody_measured_draws_the_pose_along_and_the_deviation_tells(robot: RobotModel) -> None:
+def test_an_unmeasured_lens_shifts_the_pose_and_raises_its_deviation(robot: RobotModel) -> None:
     """A focal length 1 % off looks like a camera that hangs higher: the fit is as good, the pose is not."""
     sheet = replace(INTRINSICS, fx=1.01 * INTRINSICS.fx, fy=1.01 * INTRINSICS.fy)
     cell = Cell(robot, 1)

@@ -67,7 +67,7 @@ def test_a_fold_that_drags_moves_the_estimate_towards_the_truth(dragging, factor
     assert found.friction.learned > 0.5
 
 
-def test_a_fold_that_drags_nothing_tells_nothing():
+def test_a_fold_without_drag_leaves_the_prior_unchanged():
     """With an ordinary arc what rests stays put at any of these frictions: the prior stays, and says so."""
     paths = steep(0.25)
     found = identify_material([seen(0.65, paths)], candidates(paths, (0.6, 1.6)), BELIEVED)

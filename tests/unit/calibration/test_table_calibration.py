@@ -52,7 +52,7 @@ def test_a_constant_tactile_offset_in_the_air_does_not_move_the_contact(offset: 
     assert z == pytest.approx(-0.1, abs=5e-5) and k == pytest.approx(STIFFNESS, rel=0.02)
 
 
-def test_a_press_that_begins_in_contact_is_fitted_all_the_same() -> None:
+def test_a_press_that_begins_in_contact_is_fitted() -> None:
     felt = press(-0.1)
     on = felt.height < -0.1003
     begun = Touched(felt.side, felt.x, felt.y, felt.height[on], felt.force[on])
@@ -149,7 +149,7 @@ def flat(effect: Touch) -> Outcome:
     return Outcome(press(-0.1042 + lift, side=effect.side, at=(effect.x, effect.y)))
 
 
-def test_the_procedure_touches_with_both_arms_and_says_how_they_differ() -> None:
+def test_the_procedure_touches_with_both_arms_and_reports_their_difference() -> None:
     outcome, asked = run(calibrate_table(TABLE), {Touch: flat})
     c = outcome.unwrap()
     assert c.height == pytest.approx(-0.1042, abs=5e-5) and c.arms_differ == pytest.approx(4e-4, abs=1e-6)

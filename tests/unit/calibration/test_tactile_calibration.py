@@ -125,7 +125,7 @@ def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
-def test_a_threshold_that_a_press_does_not_reach_is_told_as_that() -> None:
+def test_a_threshold_above_the_press_is_reported_as_such() -> None:
     heard = Outcome(Heard({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure

@@ -36,7 +36,7 @@ def figures(result: str, passed: bool | None, robot: float = 60.0) -> dict[str, 
             "steps": [{"recoveries": ["lower", "inward"]}, {"recoveries": 1}]}  # fmt: skip
 
 
-def test_success_is_the_scorers_word() -> None:
+def test_success_is_decided_by_the_scorer() -> None:
     assert Trial("g", 1, figures("folded", True)).success
     assert not Trial("g", 1, figures("folded", False)).success  # it says so, the scorer does not
     assert not Trial("g", 1, figures("not_folded", True)).success

@@ -228,9 +228,7 @@ def test_a_cell_that_is_in_use(refused: Callable[..., str], folder: Path) -> Non
 
 
 @pytest.mark.parametrize("kind", ["text", "another program's"])
-def test_a_ledger_that_is_not_ours_is_left_alone(
-    folder: Path, capsys: pytest.CaptureFixture[str], kind: str
-) -> None:
+def test_a_foreign_journal_is_left_unchanged(folder: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
     journal_file = folder / "logs" / "journal.db"
     journal_file.parent.mkdir()
     if kind == "text":

@@ -106,7 +106,7 @@ def test_an_unwritable_output_is_refused(name: str, word: str, tmp_path: Path, c
     assert word in told["error"] and told["hint"] and list(tmp_path.iterdir()) == []
 
 
-def test_people_are_told_what_to_do_with_it(tmp_path: Path, capsys) -> None:
+def test_the_board_command_prints_instructions(tmp_path: Path, capsys) -> None:
     assert main(["calibrate", "board", "--output", str(tmp_path / "board.png")]) == 0
     said = capsys.readouterr().out
     for word in ("DICT_4X4_50", "36", "304.8", "100 %", "100 mm", "276 x 204 mm", "tab"):

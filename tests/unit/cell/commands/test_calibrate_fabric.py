@@ -107,7 +107,7 @@ def test_any_layout_of_a_garment_file_is_edited(material):
     assert {k: v for k, v in found.items() if k != "material"} == data
 
 
-def test_a_remark_at_the_margin_costs_the_file_neither_its_remarks_nor_its_layout():
+def test_unindented_comments_keep_comments_and_layout_of_the_file():
     text = SHIPPED.replace("material:\n", "material:\n# measured on the bench\n")
     edited = with_material(text, "mine", {"thickness": 0.003}, {"thickness": "a gauge"}, ())
     assert "# measured on the bench" in edited and len(edited.splitlines()) == len(text.splitlines())

@@ -213,7 +213,7 @@ def test_json_is_the_last_line(fake: FakeRun, capsys: pytest.CaptureFixture[str]
     assert last_json(capsys.readouterr().out) == FIGURES
 
 
-def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_names_the_run_folder(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     main(["fold", "medium_towel"])
     text = capsys.readouterr().out
     for part in ("folded", "simulated", "0.950", "61.5 s", "/logs/run/report.html", "/logs/run/run.rrd"):
@@ -222,7 +222,7 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_the_summary_tells_what_the_recording_lacks(
+def test_the_summary_names_gaps_of_the_recording(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, there: bool
 ) -> None:
     """And where it is only if there is one."""
@@ -237,9 +237,7 @@ def test_the_summary_tells_what_the_recording_lacks(
     assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
 
 
-def test_the_summary_tells_which_figure_missed_its_limit(
-    fake: FakeRun, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     limits = {"iou": 0.9, "edges_m": 0.03, "height_m": 0.0195, "drift_rad": 0.1745}
     score = {"passed": False, "iou": 0.95, "edges_m": 0.01, "height_m": 0.0241, "drift_rad": 0.2, "limits": limits}
     fake.answer = Result({**FIGURES, "score": score})
@@ -250,7 +248,7 @@ def test_the_summary_tells_which_figure_missed_its_limit(
     )
 
 
-def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_names_the_reason_of_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
     assert main(["fold", "vest"]) == 2
@@ -266,7 +264,7 @@ def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.C
         ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
     ],
 )
-def test_the_summary_tells_how_far_a_fold_came(
+def test_the_summary_names_the_last_finished_fold(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
 ) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
@@ -389,7 +387,7 @@ def journal_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_runs_tells_how_each_ended(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_lists_how_each_run_ended(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["runs"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 4
@@ -398,7 +396,7 @@ def test_runs_tells_how_each_ended(journal_file: Path, capsys: pytest.CaptureFix
     assert lines[3].endswith("running")
 
 
-def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_lists_the_failure_that_ended_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Journal.open(tmp_path / "journal.db") as journal:
         run = journal.begin_run(garment="vest", seed=1, driver="sim")
         run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
@@ -467,7 +465,7 @@ def test_replay_without_a_recording(journal_file: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
-def test_a_run_that_cannot_be_decided_again(
+def test_replaying_a_run_without_a_transcript_is_refused(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
 ) -> None:
     assert main(["replay", name, "--decide", "--json"]) == 64
@@ -477,18 +475,18 @@ def test_a_run_that_cannot_be_decided_again(
 
 
 @pytest.mark.parametrize("command", ["report", "replay"])
-def test_a_run_that_is_not_there(journal_file: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+def test_an_unknown_run_is_refused(journal_file: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     assert main([command, "nonsense"]) == 64
     assert "there is no run 'nonsense'" in capsys.readouterr().err
 
 
-def test_output_that_nobody_reads_is_no_error(journal_file: Path) -> None:
+def test_a_closed_output_pipe_is_no_error(journal_file: Path) -> None:
     command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} | true; exit ${{PIPESTATUS[0]}}"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 0 and answer.stderr == ""
 
 
-def test_output_that_cannot_be_written_is_told(journal_file: Path) -> None:
+def test_unwritable_output_is_reported(journal_file: Path) -> None:
     """Not as a bug, nor as a traceback with an exit code of Python's own."""
     command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} --json > /dev/full"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
@@ -498,7 +496,7 @@ def test_output_that_cannot_be_written_is_told(journal_file: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
-def test_streams_that_are_closed_or_full_hinder_nothing(journal_file: Path, closed: str) -> None:
+def test_closed_or_full_streams_do_not_stop_a_command(journal_file: Path, closed: str) -> None:
     for line, code in (("runs", 0), ("report nonsense", 64)):
         command = f"{sys.executable} -m cell.commands.main {line} --logs {journal_file} {closed}"
         assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
@@ -534,7 +532,7 @@ def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffere
         os.close(full)
 
 
-def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
+def test_closed_streams_are_also_closed_in_a_child_process() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
@@ -546,7 +544,7 @@ with lasting_streams():
     assert subprocess.run(command).returncode == 0
 
 
-def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -> None:
+def test_a_stream_with_a_small_encoding_does_not_stop_a_command(tmp_path: Path) -> None:
     """A name with an umlaut in a terminal of another code page was called a bug, and the result was lost."""
     script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "Wäsche"
@@ -565,7 +563,7 @@ def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
-def test_a_run_keeps_its_exit_code_whoever_reads(
+def test_a_run_keeps_its_exit_code_if_its_output_is_closed(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
 ) -> None:
     """`foldcell fold vest | head` of a garment that was not folded has not gone well."""
@@ -768,7 +766,7 @@ def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
     assert len(kept["not_performed"]) == 7
 
 
-def test_a_worker_that_died_is_told_beside_the_table(
+def test_a_dead_worker_is_reported_with_the_table(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)

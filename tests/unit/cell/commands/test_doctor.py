@@ -54,7 +54,7 @@ def test_native_module_that_does_not_load(monkeypatch: pytest.MonkeyPatch) -> No
     assert check.verdict is Verdict.BAD and "no_such_module" in check.found
 
 
-def test_other_versions_than_the_pinned_ones_are_told() -> None:
+def test_versions_that_differ_from_the_pinned_ones_are_reported() -> None:
     version = metadata.version("numpy")
     assert doctor._package("numpy", version).verdict is Verdict.GOOD
     other = doctor._package("numpy", "1.0.0")
@@ -82,7 +82,7 @@ def test_read_only_logs_are_bad(lockable: Any) -> None:
     assert check.verdict is Verdict.BAD and "--logs DIR" in check.hint
 
 
-def test_a_broken_ledger_is_bad(tmp_path: Path) -> None:
+def test_a_broken_journal_is_bad(tmp_path: Path) -> None:
     (tmp_path / "journal.db").write_bytes(b"x" * 5000)
     checks = [c for c in examine(tmp_path) if c.verdict is Verdict.BAD]
     assert len(checks) == 1 and "journal.db" in checks[0].found + checks[0].hint

@@ -123,7 +123,7 @@ def test_refusals_say_where_what_and_what_is_allowed(tmp_path: Path, text: str, 
     assert len(message) < 2000
 
 
-def test_every_fault_of_a_file_is_told_at_once(tmp_path: Path) -> None:
+def test_all_errors_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
     message = str(refusal(tmp_path, "tabel: {}\nmotion: {state_age: 0}\n"))
     assert "tabel" in message and "motion.state_age" in message
 

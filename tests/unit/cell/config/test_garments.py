@@ -105,7 +105,7 @@ def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
     assert load_garment(write(tmp_path, data)).plan
 
 
-def test_every_way_of_a_step_is_looked_at(tmp_path: Path) -> None:
+def test_every_variant_of_a_step_is_checked(tmp_path: Path) -> None:
     data = towel()
     data["plan"][0]["variants"][1]["moves"] = ["near_right", "far_left"]
     text = refusal(tmp_path, data)

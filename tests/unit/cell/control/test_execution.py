@@ -140,7 +140,7 @@ def test_a_motion_ends_when_the_arms_arrived_or_will_not_come_nearer(sag: float,
     np.testing.assert_allclose(cell.commands[-1][1], 0.5)
 
 
-def test_arms_whose_state_is_as_old_as_the_settings_allow_are_told_to_hold() -> None:
+def test_arms_with_a_state_of_the_maximum_age_are_commanded_to_hold() -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.85
     hold(cell.ports(), LIMITS)
@@ -188,7 +188,7 @@ def test_an_unused_control_changes_no_set_point() -> None:
 
 
 @pytest.mark.parametrize("pause", [0.05, 0.4, 0.75, 1.1])
-def test_a_pause_comes_to_rest_within_0_6_s_and_goes_on_where_it_stopped(pause: float) -> None:
+def test_a_pause_rests_within_600_ms_and_resumes_where_it_stopped(pause: float) -> None:
     cell, outcome, held = paused(pause, pause + 1.0)
     assert outcome.ok
     assert cell.q == pytest.approx(0.5)
@@ -225,7 +225,7 @@ def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
 
 
 @pytest.mark.parametrize("pause", [None, 0.5])
-def test_the_velocities_told_are_those_at_which_the_set_points_move(
+def test_commanded_velocities_are_the_derivative_of_the_set_points(
     pause: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also while the clock runs down and up: a robot that is fed them forward would be kicked by any other."""
@@ -256,7 +256,7 @@ def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
     assert went_on == pytest.approx(1.5, abs=2 * TICK_S) and from_there["path_s"] == told["path_s"]
 
 
-def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
+def test_a_resume_before_the_pause_does_not_end_it() -> None:
     cell, commands = FakeCell(), CommandQueue()
     for t, said in ((0.2, Event.RESUME), (0.3, Event.PAUSE), (2.5, Event.RESUME)):
         cell.at(t, lambda said=said: commands.put(said))
@@ -265,7 +265,7 @@ def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
 
 
 @pytest.mark.parametrize("act", [lambda ports: hold(ports, LIMITS), lambda ports: wait(loop(ports), 0.3)])
-def test_arms_of_which_nothing_recent_is_known_are_told_nothing(act) -> None:
+def test_arms_without_a_recent_state_get_no_command(act) -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0
     act(cell.ports())
@@ -295,7 +295,7 @@ def test_a_watched_failure_ends_softly_on_the_path() -> None:
     assert abs(v[-1]) < 0.02 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
 
 
-def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were() -> None:
+def test_silent_arms_are_not_commanded_to_their_last_known_position() -> None:
     """A hold at a state 0.1 s old would tear the arms back by what they moved since."""
     cell = FakeCell()
     cell.at(0.5, lambda: setattr(cell, "frozen_since", cell.now))
@@ -313,7 +313,7 @@ def test_a_stop_in_a_pause_ends_it() -> None:
     assert failure is not None and failure.kind is FailureKind.STOPPED
 
 
-def test_a_driver_that_alters_set_points_is_found_out() -> None:
+def test_altered_set_points_are_detected() -> None:
     cell = FakeCell()
     ports = cell.ports()
     told = ports.arms.command

@@ -153,7 +153,7 @@ def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
+def test_straying_arms_are_commanded_to_hold_where_they_are(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: push_arms(b.cell))
     failure = b.run(kind).failure
@@ -163,7 +163,7 @@ def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_altered_set_point_is_followed_by_a_hold(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     b = bench(kind)
     through = b.ports.arms.command
 
@@ -179,7 +179,7 @@ def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind: str) -> None:
+def test_silent_arms_are_not_commanded_to_their_last_known_position(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.run(kind).failure
@@ -316,7 +316,7 @@ def test_arms_that_rest_in_a_pause_are_judged_as_moving_ones_are(
     assert 1.4 <= b.cell.now <= 1.4 + known + 1e-9
 
 
-def test_the_first_failure_is_the_one_that_is_told() -> None:
+def test_the_first_failure_is_reported() -> None:
     """The cells fall silent, and while the arms are brought to rest their state is lost, too."""
     b = bench("trajectory")
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
@@ -368,7 +368,7 @@ def test_orders_go_to_the_motion_once_each() -> None:
 
 
 @pytest.mark.parametrize("off", [0.03, -0.03])
-def test_a_motion_that_begins_elsewhere_is_not_begun(off: float) -> None:
+def test_a_motion_that_starts_at_another_position_is_not_begun(off: float) -> None:
     b, script = bench("hold"), Script(begins=np.full(14, off))
     failure = b.loop.run(script.begin).failure
     assert failure is not None and failure.kind is K.START_MISMATCH
@@ -382,7 +382,7 @@ def test_a_motion_that_the_loop_ends_is_closed() -> None:
     assert script.closed and len(script.heard) == 1
 
 
-def test_a_motion_that_can_be_left_is_told_of_no_state_that_is_too_old() -> None:
+def test_a_motion_that_can_be_left_gets_no_stale_state() -> None:
     """A hand's controller would close its gripper by it."""
     b, heard = bench("hold"), list[Feedback]()
     b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
@@ -397,7 +397,7 @@ def test_a_motion_that_can_be_left_is_told_of_no_state_that_is_too_old() -> None
     assert len(heard) > 5 and all(fed.fresh for fed in heard)
 
 
-def test_a_motion_that_has_to_be_brought_to_rest_is_told_that_a_state_is_too_old() -> None:
+def test_a_motion_that_must_come_to_rest_learns_of_a_stale_state() -> None:
     b, script = bench("hold"), Script(ticks=50)
     b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.loop.run(script.begin).failure

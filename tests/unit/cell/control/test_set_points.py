@@ -148,9 +148,7 @@ def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile
 
 
 @pytest.mark.parametrize("sag", [0.0, OFF])
-def test_hands_are_told_the_speed_at_which_their_set_points_move(
-    sag: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hand_velocities_are_the_derivative_of_the_set_points(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A robot that is fed its velocities forward would be kicked by any other."""
     monkeypatch.setattr(Hands, "read", lambda hands, side, state: hands.ports.clock.now())
     cell, told = FakeCell(), []

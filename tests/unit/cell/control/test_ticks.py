@@ -50,7 +50,7 @@ def test_a_long_stall_is_not_caught_up_with() -> None:
     assert seen == pytest.approx([0.01, 0.32, 0.33, 0.34, 0.35])
 
 
-def test_a_stall_after_which_the_arms_stand_is_told() -> None:
+def test_a_stall_that_stops_the_arms_is_reported() -> None:
     cell = ports(Late(0.0, 0.03, 0.0, 0.2, 0.0))
     ticks = Ticks(cell)
     assert [ticks.wait() for _ in range(5)] == [False, False, False, True, False]

@@ -78,7 +78,7 @@ def test_a_failure_is_known_everywhere(state: State) -> None:
     assert safe or failed.target in {State.CLEARING, State.RECOVERING, State.MAKING_SAFE}
 
 
-def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
+def test_hands_on_the_cloth_are_cleared_first() -> None:
     at_work = {
         Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS
     }  # fmt: skip
@@ -118,7 +118,7 @@ def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
     assert "start" in e.value.hint
 
 
-def test_resume_enters_the_interrupted_state_anew() -> None:
+def test_resume_enters_the_interrupted_state_again() -> None:
     machine = Executive()
     entered = machine.handle(Event.START)
     machine.handle(Event.PAUSE)
@@ -141,7 +141,7 @@ def test_an_interrupted_run_is_entered_again_only_where_it_looks_first() -> None
     assert {r.state for r in ROWS if r.target is State.RESUMING} == {State.IDLE}
 
 
-def test_every_state_that_tells_where_the_garment_is_has_a_reentry() -> None:
+def test_every_state_that_locates_the_garment_has_a_reentry() -> None:
     tells_nothing = {
         State.RESUMING, State.CLEARING, State.RECOVERING, State.ASKING, State.PAUSED, State.GIVING_UP,
         State.MAKING_SAFE,

@@ -130,7 +130,7 @@ def test_a_run_without_trouble(rig: Rig) -> None:
     assert sum(end.stage_times.values()) == pytest.approx(len(STRAIGHT))
 
 
-def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) -> None:
+def test_the_intent_is_on_disk_before_the_effect_and_its_result_after_it(rig: Rig) -> None:
     seen = []
 
     def look_at_the_ledger(cell: Any, context: RunContext) -> Result:
@@ -166,7 +166,7 @@ def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
     assert failed.payload["values"] == {"n": 0}
 
 
-def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(rig: Rig) -> None:
+def test_an_earlier_failure_is_not_recorded_with_later_successes(rig: Rig) -> None:
     """What the operator says, and a plan that waits for approval, would stand in the journal as failed."""
     approving(rig)
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
@@ -183,7 +183,7 @@ def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(ri
     ]
 
 
-def test_observers_are_told_of_every_step(rig: Rig) -> None:
+def test_observers_receive_every_step(rig: Rig) -> None:
     class Listener:
         def __init__(self) -> None:
             self.states: list[State] = []
@@ -214,7 +214,7 @@ def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> Non
 
 @pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
 @pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
-def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
+def test_a_garment_released_during_a_fold_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
     held: Any = {Side.LEFT: object()}
     rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, context_with(x, held=held))
     rig.special[effect] = failing(kind)
@@ -290,7 +290,7 @@ def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig:
     assert end.context.failure is not None and end.context.failure.kind is K.UNKNOWN_GARMENT
 
 
-def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig) -> None:
+def test_a_skipped_fold_is_reported_and_the_garment_is_not_folded(rig: Rig) -> None:
     rig.attended()
     rig.special |= {
         Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, context_with(x, steps=plan_of("half", "quarter"))),
@@ -465,7 +465,7 @@ def test_an_approval_holds_for_one_plan_only(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
+def test_pause_holds_between_two_effects_until_resume(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     end = rig.run()
@@ -497,7 +497,7 @@ def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -
     assert entries[k + 1].answers == entries[k - 1].sequence
 
 
-def test_the_motion_that_a_pause_put_off_is_begun_anew(rig: Rig) -> None:
+def test_a_motion_postponed_by_a_pause_starts_after_it(rig: Rig) -> None:
     rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     assert rig.run().state is State.FOLDED
@@ -527,7 +527,7 @@ def test_stop_while_paused(rig: Rig) -> None:
     assert rig.run().state is State.STOPPED
 
 
-def test_an_end_tells_of_its_own_cause_not_of_a_mended_one(rig: Rig) -> None:
+def test_the_result_names_the_final_cause_and_not_a_recovered_failure(rig: Rig) -> None:
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     rig.after[Effect.RETREAT] = rig.say(Event.ABORT)
     end = rig.run()
@@ -632,7 +632,7 @@ def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
     assert end.state is State.NOT_FOLDED and Effect.APPROACH not in rig.performed
 
 
-def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None:
+def test_an_approval_given_with_the_question_counts(rig: Rig) -> None:
     """Whoever watches may answer at once: what was noted must not get lost."""
 
     class Hasty:
@@ -647,7 +647,7 @@ def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None
     assert rig.run().state is State.FOLDED
 
 
-def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) -> None:
+def test_a_stop_found_by_the_driver_is_reported_in_the_same_words(rig: Rig) -> None:
     def refused(cell: Any, context: RunContext) -> Result:
         cell.ports.stop.trigger("the button")
         raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")

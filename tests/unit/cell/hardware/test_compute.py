@@ -22,7 +22,7 @@ def workers() -> Iterator[ThreadPoolExecutor]:
 
 
 @pytest.mark.parametrize("charge", [2.5, lambda result: result / 4])
-def test_the_declared_time_is_charged_whatever_it_took(workers: ThreadPoolExecutor, charge) -> None:
+def test_the_declared_time_is_charged_for_any_computing_time(workers: ThreadPoolExecutor, charge) -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell, workers)
     for real in (0.0, 0.06):

@@ -105,7 +105,7 @@ def test_a_stop_ends_the_waiting(asked: Asked) -> None:
     assert asked.refused is not None and asked.refused.kind is FailureKind.STOPPED and asked.asked[-1] is None
 
 
-def test_a_script_goes_on_while_somebody_is_waited_for(asked: Asked) -> None:
+def test_a_script_continues_while_the_attendant_waits(asked: Asked) -> None:
     """It is carried out on the way of the cell's clock."""
     clock = asked.cell.ports().clock
     asked.person.clock = clock

@@ -60,20 +60,20 @@ def test_a_terminal_that_is_gone_ends_the_run() -> None:
 STEP = Step(State.GRASPING, Event.DONE, State.LIFTING, Effect.LIFT)
 
 
-def test_progress_tells_state_and_time() -> None:
+def test_progress_shows_state_and_time() -> None:
     stream = io.StringIO()
     ProgressLines(stream).entered(12.34, STEP)
     assert stream.getvalue() == "    12.3 s  lifting\n"
 
 
-def test_progress_tells_what_is_awaited() -> None:
+def test_progress_shows_the_open_question() -> None:
     stream = io.StringIO()
     waiting = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
     ProgressLines(stream).entered(1.0, waiting)
     assert "approve the fold (a)" in stream.getvalue()
 
 
-def test_progress_tells_a_failure_once() -> None:
+def test_progress_shows_a_failure_once() -> None:
     stream = io.StringIO()
     lines = ProgressLines(stream)
     context = RunContext().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))

@@ -54,7 +54,7 @@ def chosen(logs: Logs, keep: int, unfinished: bool = False) -> list[str]:
     return [heavy.run.id for heavy in prunable_runs(logs.folder, keep, unfinished)]
 
 
-def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
+def test_the_newest_runs_are_kept(logs: Logs) -> None:
     first = logs.run("folded")
     second = logs.run("folded", "trials-1/worker-7")
     logs.run("folded")
@@ -63,7 +63,7 @@ def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
     assert chosen(logs, 3) == chosen(logs, 99) == []
 
 
-def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
+def test_the_newest_runs_are_kept_after_the_clock_was_set_back(logs: Logs) -> None:
     """Within a journal its order is the truth; times are for runs of different ones."""
     logs.clock = 5000.0
     first, second = logs.run("folded"), logs.run("folded")
@@ -89,9 +89,7 @@ def test_pruning_removes_large_files_once(logs: Logs) -> None:
     assert chosen(logs, 0) == []
 
 
-def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
-    logs: Logs, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_runs_with_a_checkpoint_are_checked_for_resuming(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes the whole journal each time: hundreds of runs that are done would take minutes."""
     asked: list[str] = []
     monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))

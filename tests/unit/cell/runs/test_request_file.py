@@ -31,7 +31,7 @@ def test_a_request_comes_back_with_the_exact_settings(tmp_path: Path) -> None:
     assert {n: getattr(back, n) for n in same} == {n: getattr(request, n) for n in same}
 
 
-def test_a_garment_of_ones_own_is_kept_with_the_run(tmp_path: Path) -> None:
+def test_a_user_garment_file_is_kept_with_the_run(tmp_path: Path) -> None:
     """Under a name that would else be that of the settings; the file it came from may change or go."""
     source = tmp_path / "mine" / "cell.yaml"
     source.parent.mkdir()
@@ -45,7 +45,7 @@ def test_a_garment_of_ones_own_is_kept_with_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [None, "", "[]", '{"schema": 99}', '{"schema": 1, "garment": "x"}'])
-def test_a_folder_that_does_not_tell_is_refused(tmp_path: Path, damage: str | None) -> None:
+def test_a_run_folder_without_a_request_is_refused(tmp_path: Path, damage: str | None) -> None:
     request = fold_request(tmp_path)
     folder = kept(tmp_path, request)
     path = folder / "request.json"

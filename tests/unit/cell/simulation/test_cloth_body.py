@@ -120,7 +120,7 @@ def test_a_hand_pushes_the_cloth(world: str) -> None:
     assert cloth.pinch_force(0)[1] > 0.02 * WEIGHT
 
 
-def test_a_checkpoint_goes_on_bit_for_bit(world: str) -> None:
+def test_a_restored_checkpoint_continues_bit_for_bit(world: str) -> None:
     cloth = body(world)
     cloth.grip(0, EDGE, DOWN, 20.0)
     lead(cloth, EDGE, above(EDGE, 0.1), 0.3)

@@ -450,7 +450,7 @@ def test_a_careless_hand_pushes_the_hanging_garment() -> None:
     assert moved.max() > 0.02
 
 
-def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
+def test_a_world_continues_from_its_checkpoint(opened: Any) -> None:
     bench = opened(QUIET, seed=5).ready()
     bench.ports.attendant.lay_garment()
     bench.pinch(Side.LEFT, corner(bench))

@@ -56,7 +56,7 @@ class Talk:
         return self.gripper.report().refusal
 
 
-def test_says_its_state_in_percent_of_its_own_stroke() -> None:
+def test_the_gripper_state_is_in_percent_of_its_stroke() -> None:
     talk = Talk()
     talk.port.opening, talk.port.force = 0.2 * STROKE, 0.5 * FULL_FORCE
     report = talk.gripper.report()
@@ -81,7 +81,7 @@ def test_go_is_refused_until_it_is_calibrated() -> None:
     assert talk.port.done == ["calibrate", (0.5 * STROKE, 0.3 * FULL_FORCE)]
 
 
-def test_a_repeat_is_not_done_again() -> None:
+def test_a_repeated_command_is_done_once() -> None:
     talk = Talk()
     for _ in range(3):
         talk.gripper.hear(HARDWARE_ID, "go", '{"position": 50}', "me", 7)
@@ -109,13 +109,13 @@ def test_the_force_is_the_holding_force_as_configured() -> None:
 @pytest.mark.parametrize(
     "args", ["", "{", "[1]", "3", {}, {"position": "9"}, {"position": True}, '{"position": NaN}']
 )
-def test_a_senseless_go_is_refused(args: Any) -> None:
+def test_an_invalid_go_command_is_refused(args: Any) -> None:
     talk = Talk()
     assert talk.say("go", args)
     assert talk.port.done == []
 
 
-def test_a_senseless_configuration_changes_nothing() -> None:
+def test_an_invalid_configuration_changes_nothing() -> None:
     talk = Talk()
     assert talk.say("configure", {"holding_force": 90.0, "velocity": "fast"})
     talk.say("go", {"position": 0})
@@ -138,7 +138,7 @@ def test_stop_stands_where_it_is_and_leaves_a_grip_alone() -> None:
     assert talk.port.done == [(0.013, 0.3 * FULL_FORCE)]
 
 
-def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> None:
+def test_unknown_commands_and_broken_ports_are_errors_until_a_reset() -> None:
     talk = Talk()
     assert "dance" in talk.say("dance")
     talk.port.broken = True

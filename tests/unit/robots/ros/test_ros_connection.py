@@ -42,7 +42,7 @@ def test_a_robot_that_answers_is_a_cell(connect: Connect) -> None:
             assert ports.tactile[side].reading().cells.shape == (2, 4, 3)
 
 
-def test_all_that_is_silent_is_named_in_one_error(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+def test_all_silent_topics_are_named_in_one_error(puppet: Puppet, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     silent = {STATE, HAND[RIGHT] + "state", PADS[LEFT]}
     puppet.silent = set(silent)
@@ -51,7 +51,7 @@ def test_all_that_is_silent_is_named_in_one_error(puppet: Puppet, connect: Conne
     assert master_address()[0] in error.hint
 
 
-def test_a_robot_that_says_nothing_at_all(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+def test_a_silent_robot_is_refused(puppet: Puppet, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 0.4)
     puppet.silent = set(HEARD)
     error = refusal(connect)
@@ -64,7 +64,7 @@ def test_pads_of_another_kind_are_as_good_as_silent(connect: Connect, monkeypatc
     assert [topic for topic in HEARD if topic in error.what] == [PADS[LEFT], PADS[RIGHT]]
 
 
-def test_simulated_time_that_nobody_tells_is_named(node: Node, connect: Connect, monkeypatch) -> None:
+def test_a_missing_simulated_clock_is_named(node: Node, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     node.set_parameter("/use_sim_time", True)
     try:
@@ -141,7 +141,7 @@ def left_over(puppet: Puppet, node: Node) -> list[str]:
 
 
 @pytest.mark.parametrize("way", ["ends", "fails", "is refused"])
-def test_closing_releases_every_subscription(
+def test_a_closed_or_refused_connection_releases_everything(
     puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str
 ) -> None:
     before = threading.active_count()
@@ -174,7 +174,7 @@ def test_a_connection_can_be_opened_again(puppet: Puppet, connect: Connect) -> N
             ports.stop.reset()
 
 
-def test_nothing_complains_when_it_ends_in_the_middle_of_something(
+def test_exiting_in_the_middle_of_a_call_prints_no_traceback(
     puppet: Puppet, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of what is heard while it closes nothing is answered any more."""
@@ -205,7 +205,7 @@ def test_nothing_complains_when_it_ends_in_the_middle_of_something(
     assert complaints == []
 
 
-def test_the_stop_is_left_though_nothing_else_answers(puppet: Puppet, monkeypatch) -> None:
+def test_the_stop_is_reset_even_if_nothing_else_answers(puppet: Puppet, monkeypatch) -> None:
     puppet.silent |= {JOINTS, *(HAND[s] + "state" for s in Side), *(PADS[s] for s in Side)}
     puppet.stopped = True
     with connection.connected_stop() as stop:

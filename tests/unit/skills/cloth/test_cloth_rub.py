@@ -109,7 +109,7 @@ def let_go(mesh, residual, bent, frames=60):
 
 
 @pytest.mark.parametrize("edge", [0.010, 0.0075])
-def test_cloth_that_is_let_go_stays_bent(edge):
+def test_released_cloth_stays_bent(edge):
     mesh = strip(edge)
     assert curvature(mesh, cylinder(mesh, 25.0)) == pytest.approx(25.0, rel=0.1)
     stays = curvature(mesh, let_go(mesh, RESIDUAL, 60.0).positions)

@@ -71,7 +71,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
     assert found is not None and found.kind is FailureKind.HARDWARE_FAULT
 
 
-def test_a_gripper_that_was_open_before_it_was_told_to_open_has_not_opened_yet() -> None:
+def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
     """What it said before the order is no answer to it."""
     before = reading(opening=0.030)
     state: ReleaseState | Outcome = start_release(S, 0.030, before)
@@ -85,7 +85,7 @@ def test_a_gripper_that_was_open_before_it_was_told_to_open_has_not_opened_yet()
 
 
 @pytest.mark.parametrize(("short", "opened"), [(0.0019, True), (0.0021, False), (-0.005, True)])
-def test_pads_have_opened_when_they_are_as_wide_as_told_but_for_2_mm(short: float, opened: bool) -> None:
+def test_pads_are_open_within_2_mm_of_the_command(short: float, opened: bool) -> None:
     state = start_release(S, 0.030, reading())
     _, after = release(reading(10.01, opening=0.030 - short), state)
     assert isinstance(after, Outcome) is opened
@@ -145,7 +145,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
     assert isinstance(state, Outcome) and state.ok is kept
 
 
-def test_a_reading_that_comes_again_is_no_further_one_of_a_hand_that_has_let_go() -> None:
+def test_a_repeated_reading_does_not_count_towards_a_release() -> None:
     state = check_stuck(reading(), start_stuck_check(S, ZERO))
     for k in range(2 * S.stuck_readings):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)

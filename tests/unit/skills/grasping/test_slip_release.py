@@ -200,9 +200,7 @@ def test_a_grip_that_was_half_lost_does_not_become_the_usual_one() -> None:
 
 @pytest.mark.parametrize(("kind", "by"), [("open", "grip"), ("closed", "opening")])
 @pytest.mark.parametrize("empty", [0.0, 0.004, -0.001])
-def test_the_signal_that_tells_a_loss_is_named_wherever_empty_pads_come_to_rest(
-    kind: str, by: str, empty: float
-) -> None:
+def test_the_signal_that_detected_a_loss_is_named(kind: str, by: str, empty: float) -> None:
     """Pads whose zero is not calibrated read `empty` with nothing between them."""
     settings = replace(SETTINGS, empty_opening=empty)
     for seed in range(10):
@@ -219,7 +217,7 @@ def test_the_signal_that_tells_a_loss_is_named_wherever_empty_pads_come_to_rest(
         assert failure.values["opening_baseline_m"] == pytest.approx(THICKNESS, rel=0.25)
 
 
-def test_an_opening_like_that_of_empty_pads_says_nothing_about_the_cloth() -> None:
+def test_an_opening_like_that_of_empty_pads_is_not_used() -> None:
     """Pads that read 2 mm less than empty ones would be lost to an opening at once, and for ever."""
     for thickness in (0.0, -0.002):
         hand, watch = start(0, 1.0, thickness=thickness)
@@ -294,7 +292,7 @@ def test_silent_sensors_end_the_watch() -> None:
     assert end.failure.kind is FailureKind.STALE_STATE
 
 
-def test_a_difference_of_two_normal_readings_tells_their_deviation() -> None:
+def test_the_deviation_is_estimated_from_differences_of_readings() -> None:
     """Of readings of deviation 1 the difference has deviation sqrt 2; its median size is the third quartile."""
     assert pytest.approx(norm.ppf(0.75) * np.sqrt(2.0), rel=1e-3) == NORMAL_DIFFERENCE
 
@@ -334,7 +332,7 @@ def test_pads_open_as_wide_as_asked(scale: float) -> None:
         assert end.unwrap().opening == pytest.approx(0.019, abs=0.0025) and end.unwrap().seconds < 0.5
 
 
-def test_pads_that_do_not_open_are_a_fault_that_says_the_garment_may_be_held() -> None:
+def test_pads_that_do_not_open_are_a_fault_that_warns_of_a_held_garment() -> None:
     hand = ClosingHand(0, jammed=True)
     hand.opening = THICKNESS
     end = let_go(hand, 0.020)
@@ -366,7 +364,7 @@ def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> N
 
 @pytest.mark.parametrize(("scale", "weight"), [(1.0, 0.6), (2.0, 1.2)])
 @pytest.mark.parametrize("pad", [0, 1])
-def test_cloth_that_hangs_on_one_finger_is_felt(scale: float, weight: float, pad: int) -> None:
+def test_cloth_on_one_finger_is_detected(scale: float, weight: float, pad: int) -> None:
     """20 s after the zero, in all but 1 % of 200. The drift since then sets the least weight that is felt."""
     found = 0
     for seed in range(N):

@@ -128,7 +128,7 @@ def test_contacts_on_a_path_are_located(model, checker):
 
 
 @pytest.mark.parametrize("distance", [0.01, 0.2, 0.33])
-def test_an_edge_is_looked_at_at_least_every_so_far_and_at_its_end(model, monkeypatch, distance):
+def test_an_edge_is_checked_at_a_maximum_spacing_and_at_its_end(model, monkeypatch, distance):
     checker, met = CollisionChecker(model, TABLE), []
     monkeypatch.setattr(checker, "in_collision", lambda q, **_: met.append(np.array(q)) or False)
     a, b = model.q_park, model.q_park + distance * np.linspace(-1.0, 0.5, 14)

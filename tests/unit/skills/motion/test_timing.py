@@ -246,7 +246,7 @@ def test_joined_motions_have_to_meet():
         join([first, hold(c)])
 
 
-def test_a_start_after_a_pause_keeps_the_limits_wherever_the_path_was_left():
+def test_a_start_after_a_pause_keeps_the_limits_from_any_point_of_the_path():
     """Where a joint runs at its limit of acceleration a start has no headroom: it takes longer instead."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     for t in np.linspace(0.0, motion.duration, 25)[:-1]:

@@ -164,7 +164,7 @@ def _top(frame, calibration, towels, reference):
     return perceive(frame, calibration, TABLE, reference, towels).unwrap().top
 
 
-def test_a_frozen_camera_is_told_from_a_still_scene(towel_picture, calibration, towels):
+def test_a_frozen_camera_is_distinguished_from_a_still_scene(towel_picture, calibration, towels):
     scene, _, picture, bare = towel_picture(0)
     stale = replace(picture, stamp=picture.stamp + 1.0, sequence=picture.sequence + 1)
     outcome = perceive(stale, calibration, TABLE, bare, towels, previous=picture)
@@ -196,7 +196,7 @@ def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
     assert np.array_equal(draw_overlay(picture.rgb), picture.rgb)
 
 
-def test_a_plate_is_no_towel(calibration, towels):
+def test_a_plate_is_not_recognised_as_a_towel(calibration, towels):
     """A contour that bends freely follows a disc as well; the polygon of its key points does not."""
     a = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     scene = Scene(seed=3, polygons=[0.2 * np.stack([np.cos(a), np.sin(a)], axis=1) + (0.6, 0.0)])

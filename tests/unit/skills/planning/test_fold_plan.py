@@ -162,7 +162,7 @@ def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
 
 
 @pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small"])
-def test_a_shirt_can_be_folded_wherever_it_lies(name: str) -> None:
+def test_a_shirt_can_be_folded_at_any_pose(name: str) -> None:
     """Its fold lines go through corners, and pieces touch in lines and points: at a pose in forty that was beyond
     the geometry's library."""
     garment, rng = GARMENTS[name], np.random.default_rng(3)

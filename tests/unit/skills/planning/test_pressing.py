@@ -37,7 +37,7 @@ def ridge(low: float, high: float, beside: float = 0.02) -> Array:
     return np.column_stack([x, np.full_like(x, -0.2 - beside)])
 
 
-def test_a_crease_is_pressed_evenly_beside_its_line_wherever_on_its_bulge_the_top_is() -> None:
+def test_dabs_are_evenly_spaced_beside_the_line_for_any_top_of_the_bulge() -> None:
     for beside in (0.005, 0.02, 0.05):
         dabs = crease_dabs(ridge(0.45, 0.75, beside), np.linspace(0.01, 0.03, 80), LINE, level, everywhere)
         x = np.array([dab.point[0] for dab in dabs])
@@ -101,7 +101,7 @@ def test_every_high_place_of_the_crease_is_near_a_dab(cloth: list[tuple[float, f
 
 
 @pytest.mark.parametrize("length", [0.03, 0.05, 0.08, 0.1, 0.3, 0.49])
-def test_a_crease_is_pressed_as_seldom_as_leaves_no_gap_of_more_than_45_mm(length: float) -> None:
+def test_a_crease_gets_the_fewest_dabs_without_gaps_above_45_mm(length: float) -> None:
     dabs = crease_dabs(ridge(0.4, 0.4 + length), np.full(80, 0.02), LINE, level, everywhere)
     assert len(dabs) == int(np.ceil(length / 0.045)) + 1
 

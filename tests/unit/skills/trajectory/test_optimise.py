@@ -99,7 +99,7 @@ def test_the_papers_method_improves_its_first_guess() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_budget_is_kept_and_figures_are_honest(method: str) -> None:
+def test_the_budget_is_kept_and_the_figures_are_those_of_the_result(method: str) -> None:
     seen: list[tuple[int, int, float]] = []
     bowl = Bowl()
     outcome = run(method, bowl, budget=18, progress=lambda *a: seen.append(a))
@@ -314,7 +314,7 @@ def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
     assert taken == true
 
 
-def test_a_polish_that_begins_elsewhere_keeps_the_budget() -> None:
+def test_a_polish_from_other_arcs_keeps_the_budget() -> None:
     frames = frames_of(HALF, TOWEL.material.thickness)
     start = {i: f.denormalise(np.array([[0.25, 0.05, 0.6], [0.85, 0.0, 0.45]])) for i, f in frames.items()}
     for budget in range(1, 40):
@@ -402,7 +402,7 @@ def test_a_garment_that_lies_turned_is_accepted_by_the_same_limit() -> None:
     assert limits == pytest.approx([POOR_SHARE * np.hypot(*TOWEL.size_m)] * 4)
 
 
-def test_some_failed_simulations_are_borne_and_counted() -> None:
+def test_some_failed_simulations_are_tolerated_and_counted() -> None:
     bowl = Bowl()
 
     def sometimes(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]

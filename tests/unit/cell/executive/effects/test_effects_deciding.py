@@ -48,7 +48,7 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 # recoveries
 
 
-def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
+def test_a_pause_before_a_recovery_resumes_from_the_last_set_point() -> None:
     """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
     cell = FakeCell()
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.008)))
@@ -59,9 +59,7 @@ def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
 
 
 @pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])
-def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
-    kind: FailureKind, event: Event
-) -> None:
+def test_a_displaced_last_fold_is_good_enough_and_a_misshapen_one_is_not(kind: FailureKind, event: Event) -> None:
     plan: Any = (SimpleNamespace(name="half"),)
     context = context_with(SEEN, steps=plan, garment=load_garment("t_shirt"), carried=True)
     for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
@@ -74,7 +72,7 @@ def test_a_fold_that_was_not_carried_is_not_good_enough(kind: FailureKind) -> No
 
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))
-def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
+def test_the_recoveries_of_a_row_are_used_in_order_and_end(kind: FailureKind) -> None:
     accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
     context, tried = context_with(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
     while not (accepted and tried):
@@ -115,7 +113,7 @@ def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
     assert result.event is Event.LOOK_AGAIN and result.context.fold.count(Adjustment.OTHER_VARIANT) == 1
 
 
-def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
+def test_each_step_has_a_limit_on_retries(tmp_path: Path) -> None:
     """Failures of ever new kinds must not add up to tries without end."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
     context, events = RunContext(), []
@@ -127,7 +125,7 @@ def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
     assert Event.GIVE_UP not in events[:3]
 
 
-def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
+def test_a_run_has_a_limit_on_retries_over_all_steps(tmp_path: Path) -> None:
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=3))
     context, events = RunContext(), []
     for index in (0, 0, 1, 2):
@@ -138,7 +136,7 @@ def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
-def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Path, bounds: dict[str, int]) -> None:
+def test_a_good_enough_fold_is_accepted_at_the_retry_limit(tmp_path: Path, bounds: dict[str, int]) -> None:
     """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
     two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))

@@ -190,7 +190,7 @@ def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
     assert f"the {side} hand" in result.context.failure.what
 
 
-def test_a_garment_whose_hands_do_not_open_was_carried_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_counts_as_carried_if_the_hands_do_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """What came of the fold is looked at: it is not made once more."""
     _, workcell, context = holding(monkeypatch)
     for gripper in workcell.ports.grippers.values():

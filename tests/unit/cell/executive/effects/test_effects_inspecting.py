@@ -66,7 +66,7 @@ def test_a_fold_that_lies_as_predicted_leads_on(index: int, event: Event, monkey
 
 
 @pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER, K.OFF_TARGET])
-def test_a_fold_that_does_not_is_a_failure_of_that_name(
+def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look(monkeypatch, seen(kind, iou_aligned=0.87))
@@ -96,7 +96,7 @@ def test_an_uninspected_fold_is_assumed_but_does_not_count_as_made() -> None:
     np.testing.assert_array_equal(result.context.plan.vertices, FOLDED)
 
 
-def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_believed() -> None:
+def test_a_fold_neither_carried_nor_seen_leaves_the_assumed_shape_unchanged() -> None:
     result = next_step(fake_workcell(FakeCell()), made(carried=False))
     assert result.context.done == ()
     np.testing.assert_array_equal(result.context.plan.vertices, FLAT)

@@ -56,7 +56,7 @@ def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
     assert result.context.failure is FIRST.failure, "why the run ended stays known"
 
 
-def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
+def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
@@ -129,7 +129,7 @@ def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
     assert (after.grasps, after.carried) == (2, False) and after.attempt.before is frame
 
 
-def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_error_while_making_safe_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise DriverError(K.HARDWARE_FAULT, "the motors are off", "see the robot's screen")
 
@@ -155,7 +155,7 @@ def test_holding_commands_where_the_arms_stand() -> None:
     np.testing.assert_array_equal(q, np.full(14, 0.3))
 
 
-def test_holding_tells_a_stopped_robot_nothing() -> None:
+def test_holding_sends_nothing_to_a_stopped_robot() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell, robot=SimpleNamespace(q_park=np.zeros(14)))
     workcell.ports.stop.trigger("button")
@@ -176,7 +176,7 @@ class Watched:
 
 
 @pytest.mark.parametrize(("effect", "calibrated"), [(prepare, 2), (reenter, 0)])
-def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int) -> None:
+def test_a_cell_is_prepared_before_anything_else(effect: Any, calibrated: int) -> None:
     """Motors on, the camera where it was calibrated, hands open, arms parked."""
     cell, asked = FakeCell(q=np.zeros(14)), []
     cell.openings = dict.fromkeys(Side, 0.0)
@@ -195,7 +195,7 @@ def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int)
 
 
 @pytest.mark.parametrize("off", [0.1, -0.1])
-def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
+def test_preparing_the_cell_parks_the_arms(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Straight home, where the way is free."""
@@ -216,7 +216,7 @@ def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
-def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_without_a_valid_state_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
     cell = FakeCell(q=np.full(14, 0.5))
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))
@@ -350,7 +350,7 @@ def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter:
 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
-def test_only_a_stop_interrupts_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
+def test_pauses_and_aborts_do_not_interrupt_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
     """Only the stop ends it; what else was said before is not heard."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)

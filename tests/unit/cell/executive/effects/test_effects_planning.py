@@ -169,7 +169,7 @@ def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
     assert choice.cell.now == pytest.approx(spent), "all simulations are charged"
 
 
-def test_a_trajectory_that_cannot_be_kept_is_folded_all_the_same(
+def test_a_trajectory_that_cannot_be_saved_is_still_used(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch, full=True)

@@ -93,7 +93,7 @@ def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
 
 
-def test_a_try_that_touched_nothing_counts_and_is_not_told_as_a_pressing(tmp_path: Path) -> None:
+def test_a_press_attempt_without_contact_counts_but_is_not_reported_as_pressed(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
     tried = context_with(seen(0.030), press_tries=1)
     assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
@@ -144,7 +144,7 @@ def test_good_folds_and_heaps_are_pressed_and_bad_outlines_are_not(
 
 
 @pytest.mark.parametrize("diagnosis", [FailureKind.DROPPED_CORNER, FailureKind.SAG])
-def test_an_edge_behind_is_looked_for_again_under_a_flatter_stack_unless_the_outline_says_so_too(
+def test_an_edge_behind_is_inspected_again_after_pressing_unless_the_outline_confirms_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind
 ) -> None:
     context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.021)

@@ -219,7 +219,7 @@ def test_every_message_gets_an_answer(
     assert not cell.stop_reason
 
 
-def test_the_end_is_told_before_the_page_goes(
+def test_the_page_receives_the_end_before_it_closes(
     cell: FakeCell, board: RunStatus, commands: CommandQueue, tmp_path: Path
 ) -> None:
     page = operators_page(board, commands, cell.ports().stop, None, open_listener())
@@ -237,7 +237,7 @@ def test_the_end_is_told_before_the_page_goes(
         urllib.request.urlopen(address, timeout=2.0)
 
 
-def test_after_a_stop_the_page_says_how_to_go_on(board: RunStatus, tmp_path: Path) -> None:
+def test_the_page_explains_how_to_resume_after_a_stop(board: RunStatus, tmp_path: Path) -> None:
     failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
     board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
     assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
@@ -251,13 +251,15 @@ def test_after_a_stop_the_page_says_how_to_go_on(board: RunStatus, tmp_path: Pat
     assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
 
 
-def test_a_port_that_is_taken_is_told(address: str) -> None:
+def test_an_occupied_port_is_reported(address: str) -> None:
     port = int(origin_of(address).rpartition(":")[2])
     with pytest.raises(StorageError, match=str(port)):
         open_listener(port)
 
 
-def test_a_blocked_link_is_closed(address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_cannot_send_the_status_is_closed(
+    address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A page that hears nothing must know, so that it looks for another link."""
     with linked(address) as link:
         told(link, "run_status")

@@ -129,7 +129,7 @@ def a_board() -> RunStatus:
     return RunStatus("run-1", "small_towel", 3, simulated=True)
 
 
-def test_stop_works_on_a_silent_page_by_the_newest_link(page: Page) -> None:
+def test_stop_works_on_a_page_that_lost_its_link(page: Page) -> None:
     """A program that hangs for a moment hears of it as soon as it goes on."""
     said = page([a_board()], PRESS_STOP_WHEN_LOST)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}

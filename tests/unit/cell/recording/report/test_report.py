@@ -98,7 +98,7 @@ def test_pictures_of_the_page_are_the_pictures_given(run):
         assert np.abs(seen.astype(int) - picture.rgb).mean() < 6.0
 
 
-def test_page_says_what_matters(run):
+def test_the_report_shows_result_steps_and_failures(run):
     text = Page(render(run)).text
     for needed in (
         "Folded: Medium towel", "simulated", "81.4 s", "33.2 s", "optimised", "library", "12.3 mm", "18.8 mm",

@@ -353,7 +353,7 @@ def test_pump_survives_errors_and_counts_what_is_left_at_the_end():
     assert pump.dropped == 6
 
 
-def test_lines_of_one_plot_can_be_told_apart():
+def test_lines_of_one_plot_have_different_colours():
     entries = [e for e in scene.cell_entries(load_settings().table, None) if isinstance(e, Log)]
     looks = [e.parts[0].colors.as_arrow_array() for e in entries if e.path.startswith("grip/")]
     assert len(looks) == 6 == len({str(look) for look in looks})

@@ -104,7 +104,7 @@ def test_the_same_questions_get_the_same_answers(tmp_path: Path) -> None:
     assert again(tmp_path, work) == then
 
 
-def test_a_pause_and_what_an_operator_says_are_said_again(tmp_path: Path) -> None:
+def test_pauses_and_operator_commands_are_replayed(tmp_path: Path) -> None:
     commands, cell = CommandQueue(), FakeCell()
     for t, said in ((0.2, Event.PAUSE), (2.0, Event.RESUME), (2.0, Event.RETRY)):
         cell.at(t, lambda said=said: commands.put(said))

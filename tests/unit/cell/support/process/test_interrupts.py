@@ -37,7 +37,7 @@ def test_a_signal_stops_the_cell_and_ends_nothing_by_force(number: signal.Signal
 
 
 @pytest.mark.parametrize(("asked", "reason"), [(False, "SIGHUP"), (True, "")])
-def test_a_terminal_that_hangs_up_stops_what_nobody_attends(asked: bool, reason: str) -> None:
+def test_a_hangup_stops_an_unattended_run(asked: bool, reason: str) -> None:
     """Who was asked there is missed by the one who asks: that run ends by itself, or goes on by the page."""
     cell = FakeCell()
     with taking_signals() as interrupts, interrupts.stop(cell.ports(), asked=asked):

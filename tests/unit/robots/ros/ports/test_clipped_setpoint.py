@@ -40,7 +40,7 @@ def outside(q: Array) -> Array:
 
 
 @given(q=anywhere | inside, qd=anywhere, before=inside)
-def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: Array) -> None:
+def test_the_set_point_stays_within_limits_and_reach(q: Array, qd: Array, before: Array) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
     assert np.all((sent.q >= LIMITS.lower) & (sent.q <= LIMITS.upper))
     assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
@@ -87,13 +87,13 @@ def test_an_allowed_set_point_is_sent_unchanged(before: Array, share: Array, qd:
 
 
 @given(q=inside | anywhere, qd=between(-2.0 * VELOCITY, 2.0 * VELOCITY), before=inside)
-def test_says_whether_it_changed_anything(q: Array, qd: Array, before: Array) -> None:
+def test_a_changed_set_point_is_marked_as_clipped(q: Array, qd: Array, before: Array) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
 
 
 @given(q=anywhere, before=inside)
-def test_goes_towards_what_was_asked_for(q: Array, before: Array) -> None:
+def test_the_set_point_moves_towards_the_requested_one(q: Array, before: Array) -> None:
     sent = clip_setpoint(q, np.zeros(14), before, before, LIMITS, 0.0)
     assert np.all(np.sign(q - before) * (sent.q - before) >= -ROUNDING)
     nearer = np.minimum(np.abs(q - before), REACH)

@@ -181,7 +181,7 @@ def test_enabling_is_repeated_until_the_robot_agrees(puppet: Puppet, ports: Port
     puppet.stays(lambda: len(heard))
 
 
-def test_a_robot_that_does_not_switch_on_is_told_of(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_a_robot_that_does_not_enable_is_a_driver_error(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(arms_module, "ENABLE_S", 0.5)
     puppet.deaf.add(ENABLE)
     with pytest.raises(DriverError, match="motors") as caught:
@@ -267,7 +267,7 @@ def test_no_further_from_the_last_set_point_than_the_joints_go(
     np.testing.assert_allclose(arms.command(stood + 5.0).q, np.minimum(stood + reach, limits.upper), atol=1e-12)
 
 
-def test_limits_hold_whoever_asks_for_more(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
+def test_limits_hold_for_any_command(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     puppet.q = limits.upper - 0.01
     wait(lambda: np.array_equal(arms.port.state().q, puppet.q), "they stand near their ends")
     sent = arms.command(limits.upper + 0.01, 3.0 * limits.velocity)
@@ -333,7 +333,7 @@ def test_a_moment_of_silence_is_forgiven(puppet: Puppet, arms: Arms) -> None:
     arms.command(puppet.q)
 
 
-def test_a_triggered_stop_refuses_at_once_whatever_the_robot_says(puppet: Puppet, arms: Arms) -> None:
+def test_commands_are_refused_immediately_after_a_triggered_stop(puppet: Puppet, arms: Arms) -> None:
     puppet.deaf.add(STOP)
     arms.command(puppet.q)
     arms.stop.trigger("a test")
@@ -353,9 +353,7 @@ def test_no_joint_vector_is_no_command(puppet: Puppet, arms: Arms, wrong: Array)
     assert arms.heard(Side.LEFT) == [] and arms.heard(Side.RIGHT) == []
 
 
-def test_the_robot_is_told_how_long_a_command_holds_and_to_move_at_full_speed(
-    puppet: Puppet, ports: Ports
-) -> None:
+def test_command_timeout_and_full_speed_are_published(puppet: Puppet, ports: Ports) -> None:
     for side in Side:
         wait(lambda side=side: puppet.heard[LIMB[side] + "joint_command_timeout"], "the timeout")
         wait(lambda side=side: puppet.heard[LIMB[side] + "set_speed_ratio"], "the speed")

@@ -191,7 +191,7 @@ def test_depth_of_other_moments_is_a_fault(film: Film, camera: RosCamera, monkey
     ],
     ids=["colour's encoding", "unregistered depth", "depth's encoding"],
 )
-def test_a_picture_that_cannot_be_read_is_a_fault_that_says_why(
+def test_an_unreadable_picture_is_a_fault_with_its_reason(
     film: Film, camera: RosCamera, colour: Any, depth: Any, says: str
 ) -> None:
     usual = film.pictures
@@ -319,7 +319,9 @@ def test_a_glimpse_never_waits_and_is_never_old(film: Film, node: Node) -> None:
     wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
 
 
-def test_a_master_that_hangs_holds_nobody_up(film: Film, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_master_does_not_block_the_camera(
+    film: Film, node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(camera_module, "ANSWER_S", 0.2)
     monkeypatch.setattr(camera_module, "GRACE_S", 0.2)
     released = threading.Event()

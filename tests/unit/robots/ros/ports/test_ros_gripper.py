@@ -172,7 +172,7 @@ at_once_or_not = pytest.mark.parametrize("at_once", [True, False], ids=["at once
 
 
 @at_once_or_not
-def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(
+def test_a_repeated_command_is_sent_only_after_a_new_calibration(
     bench: Bench, puppet: Puppet, at_once: bool
 ) -> None:
     bench.calibrate()

@@ -241,7 +241,7 @@ def fault(bench: Bench, opening: float = 0.02, force: float = 6.0) -> str:
     return caught.value.what
 
 
-def test_a_refusal_is_told_once_and_does_not_hold_up_what_follows() -> None:
+def test_a_refusal_is_reported_once_and_does_not_block_later_commands() -> None:
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
     bench.ends()
@@ -325,7 +325,7 @@ def test_a_hand_of_which_nothing_was_heard_is_not_calibrated() -> None:
     assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated and wire.count == 0
 
 
-def test_a_stop_that_comes_while_a_command_is_looked_at_is_what_it_fails_by() -> None:
+def test_a_command_interrupted_by_a_stop_fails_as_stopped() -> None:
     """What it waited for has become void by the stop: to say that the hand is not calibrated would mislead."""
     bench = Bench()
     looks = iter([False, True])
@@ -335,7 +335,7 @@ def test_a_stop_that_comes_while_a_command_is_looked_at_is_what_it_fails_by() ->
     assert caught.value.kind is FailureKind.STOPPED
 
 
-def test_a_calibration_under_way_goes_on_though_another_word_is_echoed_meanwhile() -> None:
+def test_a_calibration_continues_when_another_command_is_echoed() -> None:
     """The robot echoes whoever spoke last: it is not told again for that, and has its 10 s."""
     bench = Bench()
     bench.calibrate()
@@ -347,7 +347,7 @@ def test_a_calibration_under_way_goes_on_though_another_word_is_echoed_meanwhile
     assert bench.wire.count == told and bench.hand.busy > 0
 
 
-def test_a_silent_hand_grows_old_whatever_it_is_told() -> None:
+def test_the_state_of_a_silent_hand_ages_despite_commands() -> None:
     bench = Bench(calibrated=True)
     stamp = bench.port.state().stamp
     assert stamp == bench.wire.now()

@@ -21,7 +21,7 @@ LEFT = Side.LEFT
 # the head ----------------------------------------------------------------------------------------------
 
 
-def test_the_head_is_told_until_it_is_there_and_no_longer(puppet: Puppet, ports: Ports) -> None:
+def test_the_head_is_commanded_until_it_arrives(puppet: Puppet, ports: Ports) -> None:
     puppet.deaf.add(HEAD)
     ports.head.command_pan(0.4)
     wait(lambda: len(puppet.heard[HEAD]) >= 4, "it is told again and again")
@@ -145,7 +145,7 @@ def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
 
 
-def test_a_head_that_was_stopped_on_its_way_is_not_told_again(puppet: Puppet, ports: Ports) -> None:
+def test_a_stopped_head_motion_is_not_resumed(puppet: Puppet, ports: Ports) -> None:
     puppet.deaf.add(HEAD)
     ports.head.command_pan(0.4)
     wait(lambda: len(puppet.heard[HEAD]) >= 2, "it is told again")

@@ -35,7 +35,7 @@ class Bench:
         return self.wire.count - told
 
 
-def test_a_head_that_was_never_told_anything_is_left_where_it_stands() -> None:
+def test_a_head_without_commands_is_not_moved() -> None:
     bench = Bench()
     bench.pan = 0.7
     assert bench.states(10.0) == 0
@@ -78,7 +78,7 @@ def test_the_head_is_commanded_for_five_seconds_after_the_last_command() -> None
     assert bench.wire.told[-1].target == -0.4
 
 
-def test_a_stop_on_its_way_ends_it_also_after_the_reset() -> None:
+def test_a_head_motion_ended_by_a_stop_does_not_resume_after_the_reset() -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     assert bench.states(0.3) > 0
@@ -90,7 +90,7 @@ def test_a_stop_on_its_way_ends_it_also_after_the_reset() -> None:
     assert bench.states(0.3) > 0
 
 
-def test_a_stopped_head_is_told_nothing() -> None:
+def test_a_stopped_head_gets_no_commands() -> None:
     bench = Bench()
     bench.stopped = True
     with pytest.raises(DriverError) as caught:

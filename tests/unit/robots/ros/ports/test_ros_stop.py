@@ -62,7 +62,7 @@ def test_a_stop_is_repeated_until_the_robot_has_stopped(puppet: Puppet, stop: Ro
     puppet.stays(lambda: len(puppet.heard[STOP]))
 
 
-def test_a_robot_that_was_stopped_before_is_told_nevertheless(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_is_sent_to_a_robot_that_is_already_stopped(puppet: Puppet, stop: RosStop) -> None:
     puppet.stopped = True
     wait(lambda: stop.state().stopped, "seen")
     puppet.hush(STATE)
@@ -97,7 +97,7 @@ def test_triggering_never_waits(puppet: Puppet, stop: RosStop) -> None:
     wait(lambda: puppet.stopped, "stopped")
 
 
-def test_a_signal_handler_stops_the_robot_wherever_the_program_is(puppet: Puppet, ports: Ports) -> None:
+def test_a_signal_handler_can_stop_the_robot_at_any_point(puppet: Puppet, ports: Ports) -> None:
     main = threading.main_thread().ident
     handled = []
 
@@ -183,7 +183,7 @@ def test_closing_does_not_wait_for_a_robot_that_never_stops(puppet: Puppet, node
     assert not closing.is_alive()
 
 
-def test_after_closing_it_is_harmless(puppet: Puppet, node: Node) -> None:
+def test_a_stop_after_closing_does_nothing(puppet: Puppet, node: Node) -> None:
     stop = RosStop(node, WallClock())
     stop.close()
     stop.close()
@@ -241,7 +241,7 @@ def test_a_stop_stays_when_the_robot_no_longer_reports_it(puppet: Puppet, ports:
     assert caught.value.kind is FailureKind.STOPPED
 
 
-def test_an_unstopped_state_is_as_old_as_the_robots_last_word(puppet: Puppet, stop: RosStop) -> None:
+def test_the_age_of_an_unstopped_state_is_that_of_the_last_message(puppet: Puppet, stop: RosStop) -> None:
     puppet.hush(STATE)
     state = stop.state()
     puppet.let(10)
@@ -332,7 +332,7 @@ def test_an_old_state_of_a_silent_robot_does_not_end_a_stop(puppet: Puppet, stop
     assert stop.state().stopped
 
 
-def test_a_fault_that_stays_is_told(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_a_persistent_fault_is_reported(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     puppet.stopped = puppet.error = True
     puppet.deaf.add(RESET)

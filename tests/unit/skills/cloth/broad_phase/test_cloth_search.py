@@ -178,7 +178,7 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
     assert not [p for p in touching if p not in found_vt] and not [p for p in meeting if p not in found_ee]
 
 
-def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
+def test_normals_are_up_to_date_for_every_search():
     """Which layer of a sheet can touch itself is told by the normals of stale patches and of those beside them."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
     x = mesh.lay_flat(THICK)

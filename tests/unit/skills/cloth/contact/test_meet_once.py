@@ -164,7 +164,7 @@ def test_no_plane_pushes_a_vertex_that_is_clear_of_a_ridge(bend, seed):
 
 
 @pytest.mark.parametrize(("beside", "borne"), [(1e-4, True), (4e-4, True), (7e-4, True), (1.5e-3, False)])
-def test_a_hem_is_borne_by_the_hem_below(beside, borne):
+def test_a_hem_rests_on_the_hem_below(beside, borne):
     """As high as what lies further in, though its vertices lie up to a millimetre beside."""
     hem = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.03, 0.02, 0.0]]
     vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther off than thick, but lower

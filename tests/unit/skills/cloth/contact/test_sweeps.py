@@ -152,7 +152,7 @@ def test_contacts_in_turns_rarely_share_vertices_with_the_one_before():
 
 
 @pytest.mark.parametrize("n, m", [(1, 4), (301, 200), (40, 9)])
-def test_contacts_in_turns_do_what_they_do_in_their_order(n, m):
+def test_contacts_in_turns_give_the_same_bits_as_in_listed_order(n, m):
     """To the last bit: release what overlaps, and apply what they bear. Another order does something else."""
     x, listed = [], np.arange(n, dtype=np.uint32)
     for turn in (Contacts(3, n, m).turns(), listed, listed[::-1].copy()):
@@ -218,7 +218,7 @@ def test_sweeps_lead_to_the_least_motion_that_keeps_all_apart(seed):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
-def test_a_sweep_tells_whether_it_moved_the_sides_of_a_contact(friction):
+def test_a_sweep_returns_whether_it_moved_the_sides_of_a_contact(friction):
     """By the overlap that it undoes, and by what friction holds."""
     contacts = Contacts(7, 1, 4)
     contacts.w[:] = 1000.0

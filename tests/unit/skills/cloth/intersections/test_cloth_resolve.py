@@ -145,7 +145,7 @@ def test_a_crossing_is_found_and_its_age_goes_through_a_checkpoint():
     assert a.positions.tobytes() == b.positions.tobytes()
 
 
-def test_an_edge_crosses_a_triangle_where_a_line_solver_says_so():
+def test_edge_triangle_crossings_agree_with_a_linear_solver():
     rng = np.random.default_rng(0)
     hits = 0
     for _ in range(500):

@@ -121,7 +121,7 @@ def test_the_larger_of_two_defects_of_the_moved_edge_is_named():
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
 
 
-def test_a_pile_is_told_by_height_and_a_bad_outline_is_not():
+def test_a_pile_is_diagnosed_by_height_and_not_by_outline():
     """What height alone speaks against is pressed and looked at again."""
     for kind, outline, told in (
         (K.PILING, 0.0, True), (K.PILING, 0.03, True), (K.SAG, 0.0, True), (K.DROPPED_CORNER, 0.0, True),

@@ -102,7 +102,7 @@ def lacking(
 
 
 @pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, 0.6), (-0.2, -0.4)])
-def test_the_target_that_lacks_most_of_its_height_is_told(left: float, right: float) -> None:
+def test_the_target_lacking_most_height_is_named(left: float, right: float) -> None:
     assert lacking(left, right) == pytest.approx(max(left, right), abs=1e-5)
 
 
@@ -117,7 +117,7 @@ def test_heights_at_a_target_are_looked_for_where_the_fold_came_to_lie() -> None
     assert missing_layer(height, moved, VIEW, STEP, *STILL, S) < 0.2
 
 
-def test_a_target_that_is_not_seen_says_nothing() -> None:
+def test_an_unseen_target_is_ignored() -> None:
     """What is seen there is less than a quarter of a circle of 40 mm; the other target still counts."""
     near = np.linalg.norm(HERE - LEFT, axis=2)
     assert lacking(0.5, 0.1, hidden=near < 0.05) == pytest.approx(0.1, abs=1e-5)

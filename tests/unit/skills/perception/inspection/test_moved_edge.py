@@ -172,7 +172,7 @@ def test_an_edge_that_lies_further_in_than_one_looks_is_at_least_so_far_in():
 
 
 @pytest.mark.parametrize("motion", [turned(0.0, 0.02, -0.015), turned(5.0), turned(-4.0, -0.01, 0.02)])
-def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
+def test_a_displaced_fold_is_inspected_where_it_lies(motion):
     """The picture before shows the cloth where it lay then."""
     seen = looked_at(*towel(lambda t: 0.04 * t, motion=motion), motion=motion)
     assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
@@ -261,7 +261,7 @@ def test_one_outlying_strip_is_no_sag(strip, wrong):
     assert MovedEdge(lag, LAYER).sag == pytest.approx(0.02, abs=0.009)
 
 
-def test_a_corner_is_told_by_the_worse_end_that_is_seen():
+def test_the_corner_figure_is_that_of_the_worse_seen_end():
     """The second strip counts where the first one is not seen; an end of which no third is seen says nothing."""
     nan = np.nan
     for lag, corner, whole in (

@@ -80,7 +80,7 @@ def test_unseen_pixels_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("hole", [5, 11, 31])
-def test_a_hole_in_the_depth_says_nothing_about_the_edges(hole: int) -> None:
+def test_a_hole_in_the_depth_does_not_change_the_edges(hole: int) -> None:
     """Cloth is there, as the mask says: it is taken to be as high as elsewhere, in the hole and around it."""
     height, mask = seen([])
     row, column = np.round(VIEW.to_pixel(np.array([0.60, 0.05]))).astype(int)[::-1]
