@@ -73,7 +73,7 @@ def test_the_command_takes_parts_of_the_cloth_bench_only(capsys: pytest.CaptureF
     assert main(["bench", "execution", "--only", "mesh"]) == 64
 
 
-def test_a_fold_frame_by_frame_is_the_predictors() -> None:
+def test_a_fold_frame_by_frame_equals_the_predicted_fold() -> None:
     mesh, material = towel_mesh(60)
     flat = mesh.lay_flat(material.thickness)
     *_, last = frames_of(mesh, flat, material, towel_half())
@@ -137,7 +137,7 @@ def test_bends_rounder_than_a_crease_are_measured() -> None:
     )
 
 
-def test_a_crease_of_one_layer_is_one_of_the_garment() -> None:
+def test_a_crease_in_one_of_two_layers_counts_as_a_crease() -> None:
     """Of two layers at one place, of which only the upper one is bent."""
     mesh = mesh_from_contour(TOWEL, 0.020, layers=2)
     x = mesh.lay_flat(MATERIAL.thickness)

@@ -31,7 +31,7 @@ def strain(mesh: ClothMesh, x: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / mesh.edge_length - 1.0
 
 
-def test_no_fold_is_the_flat_garment(mesh: ClothMesh) -> None:
+def test_without_folds_the_garment_is_flat(mesh: ClothMesh) -> None:
     assert np.array_equal(ideal_fold(mesh, (), FABRIC), mesh.lay_flat(FABRIC.thickness))
 
 
@@ -79,7 +79,7 @@ def test_an_earlier_crease_keeps_its_height(mesh: ClothMesh) -> None:
     assert height[1] > 1.4 * height[0]
 
 
-def test_a_single_layer_creases_as_if_it_had_been_mapped_but_without_the_jolt(mesh: ClothMesh) -> None:
+def test_a_single_layer_crease_equals_the_mapped_one_without_its_initial_speed(mesh: ClothMesh) -> None:
     """A crease that starts flat opens to the same loop, and at more than 1 m/s pushes the layers off."""
     d, x = d_relax(mesh, (HALF,), FABRIC)
     mapped = mapped_fold(mesh, (HALF,), FABRIC)

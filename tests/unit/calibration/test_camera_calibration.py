@@ -58,7 +58,7 @@ def test_corners_are_found_where_a_pinhole_projects_them() -> None:
         assert np.sqrt((off**2).sum(axis=1).mean()) < 0.15 and np.abs(off.mean(axis=0)).max() < 0.06
 
 
-def test_a_board_that_leaves_the_picture_is_known_by_its_numbers() -> None:
+def test_a_partly_visible_board_is_identified_by_its_markers() -> None:
     T = pose(np.random.default_rng(1), lean=0.2)
     T[0, 3] += 0.17
     view = find_board(painted(T))
@@ -68,11 +68,11 @@ def test_a_board_that_leaves_the_picture_is_known_by_its_numbers() -> None:
 
 
 @pytest.mark.parametrize("shade", [0, 110, 255])
-def test_no_board_is_no_view(shade: int) -> None:
+def test_a_picture_without_a_board_gives_no_view(shade: int) -> None:
     assert find_board(np.full((480, 640, 3), shade, np.uint8)) is None
 
 
-def test_drawing_leaves_the_picture_alone() -> None:
+def test_drawing_does_not_change_the_picture() -> None:
     picture = painted(pose(np.random.default_rng(2)))
     before = picture.copy()
     view = find_board(picture)

@@ -86,7 +86,7 @@ def moving(frictions, stretches, slope=0.1, growth=0.0):
 
 
 @pytest.mark.parametrize("truth", [0.32, 0.45, 0.6])
-def test_a_made_drift_is_read_back(truth):
+def test_a_synthetic_drift_is_recovered(truth):
     grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
     outline = np.asarray(shapely.box(0.1 * np.log(truth), 0.0, 0.1 * np.log(truth) + 0.3, 0.3).exterior.coords)[
         :-1

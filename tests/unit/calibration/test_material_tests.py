@@ -107,7 +107,7 @@ def test_the_virtual_garment_elongates_as_measured(hung):
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch, phase):
+def test_a_garment_with_two_hanging_shapes_is_calibrated(monkeypatch, phase):
     """Elongation over stiffness as two layers have it: proportional, but for jumps of 0.15 percentage points."""
 
     def jumping(shape, material, substeps=None, pictures=0):
@@ -170,7 +170,7 @@ def test_the_calibrated_fabric_hangs_alike_on_another_mesh(hung):
     assert found.mean() == pytest.approx(0.02, abs=3e-3)
 
 
-def test_the_reference_strip_is_the_solvers():
+def test_the_reference_strip_equals_that_of_the_solver():
     assert SolverSettings().reference_drop == REFERENCE_DROP
 
 
@@ -202,7 +202,7 @@ def test_a_paper_garment_loses_no_weight_at_the_clip():
         (bending_length, (math.nan,)), (bending_length, (0.5,)),
     ],
 )  # fmt: skip
-def test_measurements_that_cannot_be_are_refused_with_their_values(measure, values):
+def test_impossible_measurements_are_refused_with_their_values(measure, values):
     with pytest.raises(ConfigurationError) as error:
         measure(*values)
     assert error.value.hint and error.value.values

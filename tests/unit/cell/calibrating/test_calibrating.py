@@ -99,7 +99,7 @@ def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
     assert last.name == "make_safe" and last.payload["event"] == "held"
 
 
-def test_only_a_refused_plan_is_for_the_procedure_to_answer(tmp_path: Path) -> None:
+def test_only_a_refused_plan_is_returned_to_the_procedure(tmp_path: Path) -> None:
     asked: list[object] = []
 
     def stubborn(_: object):  # type: ignore[no-untyped-def]
@@ -244,7 +244,7 @@ def test_files_that_are_no_calibration_are_refused(group: str, text: str, tmp_pa
 # the board in a hand
 
 
-def test_the_board_in_a_hand_is_planned_with() -> None:
+def test_plans_include_the_board_in_a_hand() -> None:
     """What is free for the bare hand is not free where the card would go through the table."""
     settings = load_settings()
     robot = load_robot(settings)

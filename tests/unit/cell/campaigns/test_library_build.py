@@ -165,7 +165,7 @@ def test_a_resumed_build_makes_the_same_library_after_a_kill(tmp_path: Path, ser
     assert to_json(built(finished=finished)) == to_json(serial)
 
 
-def test_only_what_belongs_to_this_build_is_taken_over(serial: Library) -> None:
+def test_a_resumed_build_uses_only_its_own_entries(serial: Library) -> None:
     half, quarter = serial.entries[:2]
     foreign = Library((
         replace(half, method="paper"),
@@ -190,7 +190,7 @@ def test_a_damaged_entry_of_an_unfinished_build_counts_as_not_built(tmp_path: Pa
     assert UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries == ()
 
 
-def test_a_build_leaves_alone_what_one_of_other_garments_has_left(tmp_path: Path, serial: Library) -> None:
+def test_a_build_keeps_unfinished_entries_of_other_garments(tmp_path: Path, serial: Library) -> None:
     cut_short, other = UnfinishedBuild(tmp_path / "library.json", [TOWEL]), serial.entries[2]
     cut_short.keep(serial.entries[0])
     beside = UnfinishedBuild(tmp_path / "library.json", [SMALL])
@@ -306,7 +306,7 @@ def test_the_build_command_writes_the_library_and_reports(
     assert path.read_text() == first and not part.path.exists()
 
 
-def test_a_build_is_for_the_cell_that_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arcs are judged with the lift before them, at the speed at which this cell folds."""
     lifts = []
 

@@ -71,7 +71,7 @@ def test_the_ruler_is_as_long_as_it_says(tmp_path: Path, capsys) -> None:
     assert (last - first) * pixel == pytest.approx(told["ruler_mm"], abs=0.05)
 
 
-def test_text_and_ruler_are_no_trouble_as_a_camera_sees_them() -> None:
+def test_text_and_ruler_do_not_disturb_the_detection() -> None:
     sheet = draw_sheet()
     small = cv2.resize(sheet, (640, round(640 * 210 / 297)), interpolation=cv2.INTER_AREA)
     index, places = corners_mm(small, 297 / 640)

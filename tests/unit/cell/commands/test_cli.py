@@ -264,7 +264,7 @@ def test_the_summary_names_the_reason_of_not_folded(fake: FakeRun, capsys: pytes
         ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
     ],
 )
-def test_the_summary_names_the_last_finished_fold(
+def test_the_summary_shows_how_far_each_fold_got(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
 ) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
@@ -272,7 +272,7 @@ def test_the_summary_names_the_last_finished_fold(
     assert told in capsys.readouterr().out
 
 
-def test_a_run_that_saw_little_has_a_summary_too(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_without_observations_has_a_summary(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "steps": []}, 2)
     assert main(["fold", "auto"]) == 2
     assert "NOT FOLDED" in capsys.readouterr().out
@@ -333,7 +333,7 @@ def bad_input(capsys: pytest.CaptureFixture[str], fake: FakeRun, line: list[str]
     assert fake.requests == []
 
 
-def test_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_an_unknown_garment_is_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad_input(capsys, fake, ["fold", "medium_towl"], "medium_towl", "did you mean medium_towel")
     assert not (tmp_path / "logs").exists()
 
@@ -347,7 +347,7 @@ def test_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str], t
         ("camera: {calibration: none.yaml}", "none.yaml"),
     ],
 )
-def test_bad_settings(
+def test_invalid_settings_are_a_usage_error(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, part: str
 ) -> None:
     (tmp_path / "broken.yaml").write_bytes(b"\xff\x00\xfe")
@@ -356,7 +356,9 @@ def test_bad_settings(
     assert not (tmp_path / "logs").exists()
 
 
-def test_read_only_logs(fake: FakeRun, capsys: pytest.CaptureFixture[str], lockable: Any) -> None:
+def test_read_only_logs_are_a_usage_error(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], lockable: Any
+) -> None:
     with lockable.read_only():
         for logs in (lockable.folder, lockable.folder / "new"):
             bad_input(capsys, fake, ["fold", "medium_towel", "--logs", str(logs)], str(logs), "--logs DIR")
@@ -406,7 +408,7 @@ def test_runs_lists_the_failure_that_ended_a_run(tmp_path: Path, capsys: pytest.
     assert last_json(capsys.readouterr().out)["runs"][0]["failure"] == "no_garment"
 
 
-def test_runs_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_can_be_listed_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["runs", "--json", "--last", "2"])
     runs = last_json(capsys.readouterr().out)["runs"]
     assert [r["status"] for r in runs] == ["interrupted", "running"]
@@ -414,7 +416,7 @@ def test_runs_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) ->
     assert runs[1]["pid"] == os.getpid()
 
 
-def test_runs_without_any(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_list_of_runs_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["runs", "--logs", str(tmp_path / "none")]) == 0
     assert "no runs yet" in capsys.readouterr().out
     assert not (tmp_path / "none").exists()
@@ -465,7 +467,7 @@ def test_replay_without_a_recording(journal_file: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
-def test_replaying_a_run_without_a_transcript_is_refused(
+def test_a_run_that_cannot_be_replayed_is_refused_with_its_reason(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
 ) -> None:
     assert main(["replay", name, "--decide", "--json"]) == 64
@@ -532,7 +534,7 @@ def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffere
         os.close(full)
 
 
-def test_closed_streams_are_also_closed_in_a_child_process() -> None:
+def test_closed_streams_are_safe_to_write_to_in_a_child_process() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
@@ -584,7 +586,7 @@ def test_garment_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert "medium_towel" in names
 
 
-def test_garment_check_draws_what_is_good_and_names_what_is_not(
+def test_garment_check_draws_valid_plans_and_names_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = tmp_path / "bad.yaml"
@@ -647,7 +649,7 @@ def test_perceive_without_a_garment(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no picture", b"\x89PNG\r\n\x1a\n broken"])
-def test_perceive_refuses_what_is_no_picture(
+def test_perceive_refuses_a_file_that_is_no_picture(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
 ) -> None:
     if content is not None:
@@ -701,7 +703,7 @@ def test_exported_poses_read_back_as_the_tool_paths() -> None:
 
 
 @pytest.mark.parametrize("line", ["--export out.txt", "--export none/out.csv", "--step 9"])
-def test_optimise_refuses_before_it_works(
+def test_optimise_checks_its_arguments_first(
     line: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -735,7 +737,7 @@ def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: p
     assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
 
 
-def test_runs_of_a_campaign_know_the_users_library_and_nothing_of_each_other(
+def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)

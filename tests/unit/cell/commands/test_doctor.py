@@ -24,7 +24,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
         monkeypatch.setattr(doctor, "NATIVE", ("json",))
 
 
-def test_this_machine_is_well(tmp_path: Path) -> None:
+def test_all_checks_pass_on_this_machine(tmp_path: Path) -> None:
     checks = examine(tmp_path)
     assert [c for c in checks if c.verdict is Verdict.BAD] == []
     names = by_name(checks)
@@ -88,7 +88,7 @@ def test_a_broken_journal_is_bad(tmp_path: Path) -> None:
     assert len(checks) == 1 and "journal.db" in checks[0].found + checks[0].hint
 
 
-def test_a_check_that_breaks_is_bad_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crashing_check_is_bad_and_the_others_continue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> list[Check]:
         raise ConfigurationError("the model is gone", "install it")
 

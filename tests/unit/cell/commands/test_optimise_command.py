@@ -183,7 +183,7 @@ def test_the_export_reads_back_as_the_trajectory(told: tuple[dict[str, Any], Pat
         assert np.allclose(across, 0, atol=1e-5), "the held line lies along the fold line"
 
 
-def test_tools_move_no_faster_than_the_cell_lets_them(tmp_path: Path) -> None:
+def test_exported_tools_keep_the_speed_limit_of_the_cell(tmp_path: Path) -> None:
     garment, out = write(tmp_path, napkin()), tmp_path / "poses.csv"
     (tmp_path / "cell.yaml").write_text("motion: {tool_speed: 0.12}\n")
     line = ["optimise", str(garment), "--step", "1", "--method", "initial", "--export", str(out)]
@@ -194,7 +194,7 @@ def test_tools_move_no_faster_than_the_cell_lets_them(tmp_path: Path) -> None:
     assert 0.10 < speed.max() < 0.125 < SPEED
 
 
-def test_both_formats_say_the_same(told: tuple[dict[str, Any], Path]) -> None:
+def test_both_export_formats_hold_the_same_poses(told: tuple[dict[str, Any], Path]) -> None:
     _, folder = told
     value = json.loads((folder / "poses.json").read_text())
     assert value["garment"] == "napkin" and value["frame"] == "table" and value["schema"] == 1

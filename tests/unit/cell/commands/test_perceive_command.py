@@ -60,7 +60,7 @@ def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("kind", "seed", "error"), [("towel", 18, 0.02), ("skirt", 5, 0.03), ("shorts", 4, 0.05), ("vest", 42, 0.05)]
 )
-def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, error: float) -> None:
+def test_garments_in_independently_drawn_photographs_are_measured(kind: str, seed: int, error: float) -> None:
     """Tilted, unevenly lit, vignetted, JPEG; error: over the garment's diagonal."""
     picture = drawn(kind, seed)
     seen = look_at(picture, [load_garment(name) for name in list_garments()]).unwrap()

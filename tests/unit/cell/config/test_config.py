@@ -29,7 +29,7 @@ def refusal(tmp_path: Path, text: str) -> ConfigurationError:
     return caught.value
 
 
-def test_shipped_settings_are_a_cell() -> None:
+def test_the_shipped_settings_are_valid() -> None:
     settings = load_settings()
     assert settings.robot == "baxter"
     assert settings.table.height == pytest.approx(-0.10)
@@ -45,7 +45,7 @@ def test_shipped_file_states_every_key() -> None:
             assert model is not None and group.keys() == model.model_fields.keys()
 
 
-def test_a_file_needs_only_what_differs(tmp_path: Path) -> None:
+def test_a_settings_file_needs_only_the_changed_keys(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("table: {height: -0.05}\nmotion:\n  velocity_scale: 0.5\n")
     mine, shipped = load_settings(path), load_settings()
@@ -141,7 +141,7 @@ def test_a_value_out_of_range_carries_its_key(tmp_path: Path) -> None:
     assert error.values["value"] == "820"
 
 
-def test_numbers_as_people_write_them(tmp_path: Path) -> None:
+def test_numbers_in_common_notations_are_read(tmp_path: Path) -> None:
     path = tmp_path / "numbers.yaml"
     path.write_text("motion: {approach_height: 5e-2}\noptimiser: {simulations: 010}\ngrasp: {grip_force: 12}\n")
     settings = load_settings(path)
@@ -151,7 +151,7 @@ def test_numbers_as_people_write_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", ["missing", "folder", "binary", "huge"])
-def test_files_that_are_no_settings(tmp_path: Path, make: str) -> None:
+def test_files_without_settings_are_refused(tmp_path: Path, make: str) -> None:
     path = tmp_path / "cell.yaml"
     if make == "folder":
         path.mkdir()
@@ -163,7 +163,7 @@ def test_files_that_are_no_settings(tmp_path: Path, make: str) -> None:
         load_settings(path)
 
 
-def test_a_missing_file_suggests_its_neighbour(tmp_path: Path) -> None:
+def test_a_missing_file_suggests_a_similar_name(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("")
     with pytest.raises(ConfigurationError, match=r"did you mean .*cell\.yaml"):
         load_settings(tmp_path / "cel.yaml")

@@ -72,7 +72,7 @@ def test_errors_in_a_garment_file_are_named(tmp_path: Path, change: dict[str, An
     assert all(word in text for word in expected), text
 
 
-def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
+def test_nested_errors_in_the_plan_are_named(tmp_path: Path) -> None:
     data = towel()
     data["plan"][1]["variants"][0]["grasps"][0]["at"] = "sleeve"
     assert "plan.quarter" in refusal(tmp_path, data) and "sleeve" in refusal(tmp_path, data)
@@ -92,7 +92,7 @@ def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
     assert "material.thickness = 2.5" in text and "0.01" in text
 
 
-def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
+def test_grasps_must_lie_on_the_moving_part(tmp_path: Path) -> None:
     data = towel()
     for grasp, point in zip(data["plan"][0]["variants"][0]["grasps"], ("far_right", "near_right"), strict=True):
         grasp |= {"at": point, "inset": [0.0, 0.0]}

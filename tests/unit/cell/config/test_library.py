@@ -46,7 +46,7 @@ def built() -> Library:
     return build_library([TOWEL], method="initial", predict=perfect)
 
 
-def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library) -> None:
+def test_user_entries_come_first_and_accumulate(tmp_path: Path, built: Library) -> None:
     shipped = load_library().library
     half, quarter = built.entries
     add_entry(tmp_path, half)
@@ -74,7 +74,9 @@ def test_concurrent_additions_lose_no_entry(tmp_path: Path, built: Library) -> N
     assert not refused and len(library.entries) == 16
 
 
-def test_nothing_is_left_half_written(tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_no_partial_file(
+    tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = user_library_path(tmp_path)
     write_library(path, built)
     before = path.read_bytes()

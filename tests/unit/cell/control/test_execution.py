@@ -52,7 +52,7 @@ def ramp(distance: float = 0.5, duration: float = 1.0) -> ArmTrajectory:
     return ArmTrajectory(t, np.outer(shape, one), np.outer(speed, one), np.zeros((101, 14)))
 
 
-def test_the_arms_arrive_and_got_every_set_point() -> None:
+def test_the_arms_receive_every_set_point_and_arrive() -> None:
     cell = FakeCell()
     outcome = stream(loop(cell.ports()), ramp(), None, control())
     assert outcome.ok
@@ -202,7 +202,7 @@ def test_a_pause_rests_within_600_ms_and_resumes_where_it_stopped(pause: float) 
     assert np.abs(np.diff(a)).max() / TICK_S <= PROTECTIVE.jerk[0]
 
 
-def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
+def test_a_pause_during_a_restart_is_smooth() -> None:
     cell, commands = FakeCell(), CommandQueue()
     for t, said in ((0.5, Event.PAUSE), (1.5, Event.RESUME), (1.7, Event.PAUSE), (3.0, Event.RESUME)):
         cell.at(t, lambda said=said: commands.put(said))
@@ -214,7 +214,7 @@ def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
 
 
 @pytest.mark.parametrize("off", [2.0, -2.0])
-def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
+def test_arms_moved_during_a_pause_do_not_continue(off: float) -> None:
     cell, commands = FakeCell(), CommandQueue()
     cell.at(0.5, lambda: commands.put(Event.PAUSE))
     cell.at(1.5, lambda: setattr(cell, "follows", False))
@@ -242,7 +242,7 @@ def test_commanded_velocities_are_the_derivative_of_the_set_points(
     assert max(told) > 0.5
 
 
-def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
+def test_a_pause_is_recorded_with_its_times() -> None:
     cell, commands, kept = FakeCell(), CommandQueue(), []
     held = control(commands)
     held.note = lambda name, values: kept.append((name, cell.now, dict(values), abs(derivatives(cell)[1][-1])))
@@ -340,7 +340,7 @@ def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
 
 @pytest.mark.parametrize("place", [0.0, 0.4])
 @pytest.mark.parametrize("off", [3.0, -3.0])
-def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: float) -> None:
+def test_dropped_arms_get_time_to_recover(place: float, off: float) -> None:
     """What is planned from the depth of a drop begins with a jump once the arms are back."""
     cell = displaced(0.4, place, off)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.full(14, place))) is None
@@ -368,7 +368,7 @@ def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
     assert failure is not None and failure.kind is kind and cell.now < 0.5
 
 
-def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
+def test_arms_without_a_previous_command_are_not_waited_for() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand()) is None and cell.now == 0.0
 

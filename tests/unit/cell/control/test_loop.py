@@ -215,7 +215,7 @@ class Late:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> None:
+def test_after_a_late_tick_there_is_still_one_set_point_a_tick(kind: str) -> None:
     """The fake raises on a set-point that jumps."""
     in_time, late = bench(kind), bench(kind, lambda clock: Late(clock, 0.15))
     ended = in_time.run(kind), late.run(kind)
@@ -231,7 +231,7 @@ def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_program_that_was_suspended_does_not_go_on(kind: str) -> None:
+def test_a_suspended_program_does_not_continue_the_motion(kind: str) -> None:
     b = bench(kind, lambda clock: Late(clock, LOST_S + 0.5))
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.STOPPED and "held up" in failure.what
@@ -246,7 +246,7 @@ def test_nothing_is_sent_to_a_stopped_robot(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_are_not_heard_of_do_not_begin(kind: str) -> None:
+def test_silent_arms_do_not_begin_a_motion(kind: str) -> None:
     b = bench(kind)
     b.cell.now, b.cell.frozen_since = 5.0, 4.0
     failure = b.run(kind).failure
@@ -257,7 +257,7 @@ def test_arms_that_are_not_heard_of_do_not_begin(kind: str) -> None:
         assert failure is not None and failure.kind is K.STALE_STATE and b.cell.now == 5.0
 
 
-def test_a_stop_ends_a_wait_of_arms_that_are_not_heard_of() -> None:
+def test_a_stop_ends_waiting_for_silent_arms() -> None:
     b = bench("hold")
     b.cell.now, b.cell.frozen_since = 5.0, 4.0
     b.cell.at(5.2, lambda: b.ports.stop.trigger("button"))
@@ -287,7 +287,7 @@ def rested(b: Bench, spoil: Callable[[], None], at: float = 1.4) -> Outcome[Any]
     return b.run("trajectory", commands)
 
 
-def test_a_pause_runs_the_clock_down_and_stays_on_the_path() -> None:
+def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
     b = bench("trajectory")
     assert rested(b, lambda: None).ok
     q = np.array([q[0] for _, q in b.cell.commands])
@@ -306,7 +306,7 @@ def test_a_pause_runs_the_clock_down_and_stays_on_the_path() -> None:
         (lambda b: spoil_tactile(b.cell), K.HARDWARE_FAULT, TICK_S),
     ],
 )
-def test_arms_that_rest_in_a_pause_are_judged_as_moving_ones_are(
+def test_resting_arms_are_checked_like_moving_ones(
     spoil: Callable[[Bench], None], kind: FailureKind, known: float
 ) -> None:
     """There is nothing to bring to rest any more: the motion ends at once."""
@@ -348,7 +348,7 @@ class Script:
         return Outcome("done")
 
 
-def test_a_motion_is_sent_what_was_read_after_each_of_its_set_points() -> None:
+def test_a_motion_receives_the_reading_after_each_set_point() -> None:
     b, script = bench("hold"), Script()
     assert b.loop.run(script.begin).value == "done"
     assert [fed.state.stamp for fed in script.heard] == pytest.approx(TICK_S * np.arange(1, 6))
@@ -356,7 +356,7 @@ def test_a_motion_is_sent_what_was_read_after_each_of_its_set_points() -> None:
     assert len(b.cell.commands) == 5
 
 
-def test_orders_go_to_the_motion_once_each() -> None:
+def test_each_order_reaches_the_motion_once() -> None:
     b, script, commands, said = bench("hold"), Script(ticks=9), CommandQueue(), []
     control = PathControl(commands, JOINTS, JOINTS, note=lambda name, _: said.append((name, len(script.heard))))
     b.cell.at(2 * TICK_S, lambda: commands.put(Event.PAUSE))
@@ -424,7 +424,7 @@ def test_an_exception_in_a_motion_propagates() -> None:
         b.loop.run(broken)
 
 
-def test_the_driver_is_asked_in_one_order_on_every_tick() -> None:
+def test_the_driver_is_called_in_the_same_order_on_every_tick() -> None:
     """Command, tick, stop, state: what a transcript of the ports is compared by."""
     b, asked = bench("hold"), list[str]()
 

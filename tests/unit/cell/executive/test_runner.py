@@ -122,7 +122,7 @@ def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
 # the straight way, and the journal
 
 
-def test_a_run_without_trouble(rig: Rig) -> None:
+def test_a_run_without_failures_ends_folded(rig: Rig) -> None:
     end = rig.run()
     assert end.state is State.FOLDED
     assert rig.performed == [*STRAIGHT, Effect.NOTHING]
@@ -251,7 +251,7 @@ def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
     assert rig.transitions()[-2:] == [("failed", "making_safe"), ("done", "fault")]
 
 
-def test_a_driver_that_fails_while_the_operator_is_asked_is_made_safe(rig: Rig) -> None:
+def test_a_driver_error_during_a_question_makes_the_cell_safe(rig: Rig) -> None:
     def lost(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the clock stands still")
 
@@ -281,7 +281,7 @@ def plan_of(*names: str) -> Any:
     return tuple(FoldStep(name, k, LINE, (), {}, {}) for k, name in enumerate(names))
 
 
-def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig: Rig) -> None:
+def test_skip_needs_a_recognised_garment(rig: Rig) -> None:
     rig.attended()
     rig.special |= {Effect.RECOGNISE: failing(K.UNKNOWN_GARMENT, 9), Effect.NEXT_STEP: next_step}
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
@@ -324,7 +324,7 @@ def refused_fold(rig: Rig) -> None:
     }
 
 
-def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
+def test_an_inspected_fold_that_is_skipped_counts_as_made(rig: Rig) -> None:
     """Somebody has looked at it, and finds it good enough."""
     refused_fold(rig)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
@@ -332,7 +332,7 @@ def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
     assert end.state is State.FOLDED and [note.name for note in end.context.done] == ["half"]
 
 
-def test_a_fold_that_the_operator_undid_and_left_out_does_not(rig: Rig) -> None:
+def test_a_fold_undone_and_skipped_does_not_count_as_made(rig: Rig) -> None:
     """Whoever says to try again has laid the garment as it was before the fold."""
     refused_fold(rig)
 
@@ -551,14 +551,14 @@ def test_an_abort_during_a_motion_is_not_followed_by_a_question(rig: Rig) -> Non
     assert rig.transitions()[-2][0] == "abort"
 
 
-def test_pause_cannot_keep_the_cell_from_being_made_safe(rig: Rig) -> None:
+def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:
     rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
     rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)
     assert rig.run().state is State.NOT_FOLDED
     assert Effect.WAIT not in rig.performed
 
 
-def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
+def test_the_operator_is_asked_after_the_last_recovery(rig: Rig) -> None:
     rig.attended()
     rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 3)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))

@@ -35,7 +35,7 @@ def test_only_the_robot_is_no_simulation() -> None:
     assert [name for name in driver.DRIVERS if not is_simulated(name)] == ["ros"]
 
 
-def test_a_garment_that_no_world_has_is_refused_for_what_is_simulated() -> None:
+def test_simulated_drivers_refuse_an_unknown_garment() -> None:
     wrong = SimulationSettings(garment="no_such_thing")
     with pytest.raises(ConfigurationError):
         check_cell("sim", wrong)

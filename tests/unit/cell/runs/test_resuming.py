@@ -154,7 +154,7 @@ def test_a_running_run_cannot_be_resumed(logs: Logs) -> None:
     run.abandon()
 
 
-def test_a_run_without_a_checkpoint_starts_again(logs: Logs) -> None:
+def test_a_run_without_a_checkpoint_cannot_be_resumed(logs: Logs) -> None:
     run = logs.begin()
     run.abandon()
     with pytest.raises(ConfigurationError, match="kept nothing to go on with") as e:

@@ -188,7 +188,7 @@ def test_position_mode_stops_on_a_command_in_another_mode() -> None:
     np.testing.assert_array_equal(follow(limb, 1.05)[0], way)
 
 
-def test_the_default_speed_ratio_is_a_third() -> None:
+def test_the_default_speed_ratio_is_0_3() -> None:
     assert Limb(Side.LEFT).speed_ratio == pytest.approx(0.3)
     limb = Limb(Side.LEFT, InitialState(speed_ratio=0.1, timeout=1.0))
     assert (limb.speed_ratio, limb.timeout) == (0.1, 1.0)

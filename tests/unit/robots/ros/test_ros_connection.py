@@ -174,7 +174,7 @@ def test_a_connection_can_be_opened_again(puppet: Puppet, connect: Connect) -> N
             ports.stop.reset()
 
 
-def test_exiting_in_the_middle_of_a_call_prints_no_traceback(
+def test_closing_in_the_middle_of_an_exchange_logs_no_warning(
     puppet: Puppet, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of what is heard while it closes nothing is answered any more."""

@@ -145,7 +145,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
     assert isinstance(state, Outcome) and state.ok is kept
 
 
-def test_a_repeated_reading_does_not_count_towards_a_release() -> None:
+def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
     state = check_stuck(reading(), start_stuck_check(S, ZERO))
     for k in range(2 * S.stuck_readings):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)

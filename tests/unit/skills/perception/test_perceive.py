@@ -44,7 +44,7 @@ def test_the_same_picture_gives_the_same_state(towel_picture, calibration, towel
     assert all(np.array_equal(a.keypoints[n], b.keypoints[n]) for n in TOWEL_NAMES)
 
 
-def test_a_run_without_a_garment_ends_not_folded(bare_table, calibration, towels):
+def test_an_empty_table_is_no_garment(bare_table, calibration, towels):
     picture = render(Scene(seed=0), sequence=5)
     assert failure(perceive(picture, calibration, TABLE, bare_table, towels)) is FailureKind.NO_GARMENT
 

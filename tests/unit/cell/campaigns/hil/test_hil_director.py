@@ -118,7 +118,7 @@ def test_a_command_that_was_never_taken_breaks_the_script() -> None:
     assert [str(action) for action in director.seen().missed] == ["say resume"]
 
 
-def test_trouble_of_the_script_does_not_end_the_run() -> None:
+def test_an_error_in_a_script_action_does_not_end_the_run() -> None:
     director, ports, *_ = begun({"when": {"time_s": 1.0}, "fault": {"kind": "no_garment"}})
     ports.clock.sleep_until(2.0)  # the fake is no simulated cell
     (trouble,) = director.seen().trouble
@@ -184,7 +184,7 @@ MET = {
 }  # fmt: skip
 
 
-def test_a_run_that_is_as_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_meets_its_expectations_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     script = a_script(**MET)
     assert broken_expectations(script, result(), played(monkeypatch, script).seen()) == ()
 

@@ -33,7 +33,7 @@ def test_every_shipped_script_can_be_performed(path: Path) -> None:
     assert script.name == path.stem
 
 
-def test_a_script_is_read_whole(tmp_path: Path) -> None:
+def test_all_fields_of_a_script_are_read(tmp_path: Path) -> None:
     script = read_script(script_file(
         tmp_path, seed=7, attended=True, cell={"optimiser": {"simulations": 5}},
         do=[

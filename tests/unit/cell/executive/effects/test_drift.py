@@ -17,7 +17,7 @@ from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 
 @pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])
-def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
+def test_drift_moves_the_whole_plan_with_the_outline(turn: float) -> None:
     """The outline's middle is far from the vertices' where a sleeve lies folded over."""
     rng = np.random.default_rng(3)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])

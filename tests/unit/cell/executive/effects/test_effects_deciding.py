@@ -91,7 +91,7 @@ def test_the_recoveries_of_a_row_are_used_in_order_and_end(kind: FailureKind) ->
 
 @pytest.mark.parametrize("kind", [K.UNREACHABLE, K.IN_COLLISION])
 @pytest.mark.parametrize(("garment", "index", "ways"), [("pants", 0, 2), ("pants", 1, 1), ("t_shirt", 0, 1)])
-def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
+def test_a_fold_is_retried_in_the_other_variant_of_the_plan(
     kind: FailureKind, garment: str, index: int, ways: int
 ) -> None:
     context = context_with(SEEN, garment=load_garment(garment), index=index, avoided=({},))
@@ -105,7 +105,7 @@ def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
     assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
 
 
-def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
+def test_the_variant_does_not_change_with_the_hands_on_the_cloth() -> None:
     """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
     held: Any = {Side.LEFT: None}
     context = context_with(SEEN, garment=load_garment("pants"), held=held)
@@ -146,7 +146,7 @@ def test_a_good_enough_fold_is_accepted_at_the_retry_limit(tmp_path: Path, bound
 
 
 @pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
-def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event: Event) -> None:
+def test_recoveries_can_be_disabled(tmp_path: Path, attended: bool, event: Event) -> None:
     for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
         workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds), attended=attended)
         assert choose_next(workcell, failed(K.NO_GARMENT)).event is event
@@ -206,7 +206,7 @@ def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
         assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
 
 
-def test_before_the_table_was_seen_another_try_photographs_it() -> None:
+def test_a_retry_photographs_the_table_if_it_was_not_seen() -> None:
     """The garment is laid after that: to look for it would find none."""
     assert choose_next(fake_workcell(FakeCell()), failed(K.CAMERA_FAULT)).event is Event.START_OVER
     cell = FakeCell()
@@ -231,7 +231,7 @@ def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> N
     assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
 
 
-def test_no_fold_is_made_twice() -> None:
+def test_a_finished_fold_is_not_repeated() -> None:
     """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
     strayed = failed(K.TRACKING_ERROR, context=context_with(SEEN, carried=True))
     assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
@@ -258,7 +258,7 @@ def test_commands_that_do_not_answer_the_question_are_ignored() -> None:
     assert cell.now >= 0.6
 
 
-def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
+def test_pressing_can_be_skipped_and_a_fold_cannot() -> None:
     for carried, said in ((True, Event.SKIP), (False, Event.APPROVE)):
         cell = FakeCell()
         workcell = fake_workcell(cell)

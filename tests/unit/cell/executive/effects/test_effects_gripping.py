@@ -53,7 +53,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
     return cell, failure, pushes
 
 
-def test_a_hand_presses_into_what_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, failure, _ = pressed(monkeypatch, 1000.0)
     deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
     assert failure is None and deepest - TOUCHED == pytest.approx(
@@ -61,7 +61,7 @@ def test_a_hand_presses_into_what_gives_way(monkeypatch: pytest.MonkeyPatch) -> 
     )
 
 
-def test_a_hand_goes_no_deeper_into_what_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_stops_on_a_hard_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     """It comes to rest smoothly where its tip is pushed as hard as it may be."""
     cell, failure, pushes = pressed(monkeypatch, 8_000.0)
     most = fake_workcell(FakeCell()).settings.grasp.press_force
@@ -156,7 +156,7 @@ def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
+def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
     stopped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, workcell, context = holding(monkeypatch)
@@ -200,7 +200,7 @@ def test_a_fold_counts_as_carried_if_the_hands_do_not_open(monkeypatch: pytest.M
     assert result.context.fold.carried and result.context.fold.held, "and nobody knows that it was let go"
 
 
-def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wide open pads would sweep the stack away."""
     cell, workcell, context = holding(monkeypatch)
     result = EFFECTS[Effect.RELEASE](workcell, context)
@@ -209,7 +209,7 @@ def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("side", [None, *Side])
-def test_cloth_that_clings_to_either_hand_is_not_taken_home(
+def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
     side: Side | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context = holding(monkeypatch)

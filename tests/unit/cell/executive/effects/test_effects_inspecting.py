@@ -57,7 +57,9 @@ def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
 
 
 @pytest.mark.parametrize(("index", "event"), [(0, Event.NEXT_FOLD), (1, Event.ALL_FOLDED)])
-def test_a_fold_that_lies_as_predicted_leads_on(index: int, event: Event, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_as_predicted_leads_to_the_next_step(
+    index: int, event: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
     look(monkeypatch, seen())
     before: Any = SimpleNamespace(name="half")
     result = inspect_fold(fake_workcell(FakeCell()), made(index=index, done=(before,) * index))
@@ -78,7 +80,7 @@ def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     assert result.context.fold.attempt.inspection is not None and not result.context.done
 
 
-def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
+def test_the_next_fold_starts_with_a_new_context() -> None:
     """Else it would be carried on with, pressed, or judged by what was true of another fold."""
     before = made(
         inspection=seen(), failure=Failure(K.DRIFT, "it moved"), press_tries=2, adjustments=(Adjustment.LOWER,),
@@ -105,7 +107,7 @@ def test_a_fold_neither_carried_nor_seen_leaves_the_assumed_shape_unchanged() ->
 @pytest.mark.parametrize(
     ("left", "why"), [((), None), (("half",), "half"), (("half", "quarter"), "half, quarter")]
 )
-def test_a_run_has_folded_only_what_it_made(left: tuple[str, ...], why: str | None) -> None:
+def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why: str | None) -> None:
     notes: Any = tuple(SimpleNamespace(name=s.name) for s in STEPS if s.name not in left)
     after = context_with(steps=STEPS, index=1, done=notes, failure=Failure(K.SLIPPED, "lost"))
     result = next_step(fake_workcell(FakeCell()), after)

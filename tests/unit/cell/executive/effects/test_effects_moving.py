@@ -74,7 +74,7 @@ def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pyt
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
 
 
-def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_within_the_planning_margin_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
     execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
@@ -113,7 +113,7 @@ def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
+def test_a_fold_is_approached_with_open_hands_and_counts_as_an_attempt(
     fails: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lags, frame = Failure(K.TRACKING_ERROR, "the arm lags"), FakeCell().ports().camera.capture()
@@ -147,7 +147,7 @@ def test_a_stopped_cell_is_not_prepared() -> None:
     assert cell.commands == []
 
 
-def test_holding_commands_where_the_arms_stand() -> None:
+def test_holding_commands_the_present_position() -> None:
     cell = FakeCell(q=np.full(14, 0.3))
     cell.follows = False
     assert hold_still(fake_workcell(cell), FIRST).event is Event.DONE
@@ -265,7 +265,7 @@ def with_left(cell: FakeCell, hand: Hand) -> Workcell:
 
 
 @pytest.mark.parametrize(("calibrated", "in_error"), [(True, False), (False, False), (True, True)])
-def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_error: bool) -> None:
+def test_a_resumed_run_starts_with_open_hands(calibrated: bool, in_error: bool) -> None:
     """Calibrating closes a hand before it opens: only what does nothing without it is calibrated."""
     cell = FakeCell()
     cell.openings = dict.fromkeys(Side, 0.0)
@@ -277,7 +277,7 @@ def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_erro
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
-def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: RunContext) -> None:
+def test_arms_do_not_move_with_a_hand_that_does_not_open(effect: Any, context: RunContext) -> None:
     cell = FakeCell(q=np.full(14, 0.5))
     cell.openings = dict.fromkeys(Side, 0.002)
     result = effect(with_left(cell, Hand(cell, stuck=True)), context)
@@ -296,7 +296,7 @@ def test_a_stopped_cell_is_not_entered() -> None:
 
 
 @pytest.mark.parametrize(("age", "opening"), [(1.0, 0.03), (0.0, float("nan"))])
-def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, opening: float) -> None:
+def test_arms_do_not_move_with_a_hand_of_unknown_opening(age: float, opening: float) -> None:
     """Its line broke while the pads were closing: the last that was heard of them is that they were open."""
     cell = FakeCell(q=np.full(14, 0.5))
     hand = Hand(cell)
@@ -328,7 +328,7 @@ def hurried() -> ArmTrajectory:
 
 @pytest.mark.parametrize(("motion", "kind"), [(across, K.IN_COLLISION), (hurried, K.LIMIT_EXCEEDED)])
 @pytest.mark.parametrize("fingertips", [False, True])
-def test_a_motion_that_is_not_free_or_too_fast_is_not_begun(
+def test_a_colliding_or_too_fast_motion_is_not_begun(
     baxter: dict[str, Any], motion: Any, kind: FailureKind, fingertips: bool
 ) -> None:
     cell = FakeCell(q=BAXTER.q_park)

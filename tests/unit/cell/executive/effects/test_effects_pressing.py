@@ -93,7 +93,7 @@ def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
 
 
-def test_a_press_attempt_without_contact_counts_but_is_not_reported_as_pressed(tmp_path: Path) -> None:
+def test_a_press_attempt_without_contact_counts_as_an_attempt(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
     tried = context_with(seen(0.030), press_tries=1)
     assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
@@ -183,7 +183,7 @@ def look(contour: np.ndarray, **changes: Any) -> Inspection:
     return inspection(**{"contour": contour, "edge_deviation_m": 0.019, **changes})
 
 
-def test_a_pressed_crease_that_reaches_further_out_is_no_fault_and_a_turned_corner_is() -> None:
+def test_a_widened_crease_is_accepted_and_a_turned_corner_is_not() -> None:
     further = SQUARE - [[0.0, 0.004], [0.0, 0.004], [0.0, 0.0], [0.0, 0.0]]
     turned = further.copy()
     turned[2] -= 0.06
@@ -268,7 +268,7 @@ def test_pressing_uses_the_observed_position_of_the_fold(tmp_path: Path, monkeyp
     np.testing.assert_allclose(step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
 
 
-def test_a_crease_that_lies_flat_is_not_dabbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flat_crease_is_not_pressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, None)
     assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)[0] == ()
 
@@ -315,7 +315,7 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize(("stiff_m", "deepest_m"), [(0.006, 0.005), (0.010, 0.0075), (0.016, 0.010)])
-def test_a_hand_that_is_pushed_hard_goes_hardly_deeper(
+def test_a_strongly_pushed_hand_stops_within_a_short_distance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stiff_m: float, deepest_m: float
 ) -> None:
     """Something hard lies so far above where the tips were to end: they come to rest on it, not where they were
@@ -378,7 +378,7 @@ def test_a_failure_while_a_pushed_hand_brakes_is_reported(tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize("where", ["move", "each_hand", "plan_arc"])
-def test_a_hand_that_could_not_come_so_far_does_not_press(
+def test_a_hand_that_did_not_arrive_does_not_press(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     """On its way to above the fold, while its tips are zeroed, and where no way down is free any more."""

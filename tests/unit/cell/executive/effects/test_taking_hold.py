@@ -96,7 +96,7 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     return cell, work, context_with(garment=garment, motion=motion, step=step), both
 
 
-def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.DONE
@@ -135,7 +135,7 @@ def test_a_miss_by_one_hand_ends_the_grasp(
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
 
 
-def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
+def test_fewer_layers_than_planned_are_a_missed_grasp(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, work, context, _ = over_cloth(monkeypatch, between=LAYER)
@@ -175,7 +175,7 @@ def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
         assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
 
 
-def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> None:
+def test_a_grasp_under_the_whole_stack_accepts_its_layers() -> None:
     """One that takes the upper layers only may not take more."""
     for layers in (1, 2, 4):
         whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
@@ -184,7 +184,7 @@ def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> No
         assert gripping._expected(upper, LAYER).layers == layers
 
 
-def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_can() -> None:
+def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
     work = fake_workcell(FakeCell())
     tries = [(Adjustment.STRONGER,) * n for n in range(3)]
     forces = [gripping.grip_settings(work, FoldContext(adjustments=a)).grip_force for a in tries]
@@ -244,7 +244,7 @@ def state_of(stamp: float) -> JointState:
     return JointState(stamp, np.zeros(14), np.zeros(14), np.zeros(14), 0.0)
 
 
-def test_a_push_is_what_a_tip_feels_more_than_in_the_air(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:
     felt = {Side.LEFT: [2.0, -1.0], Side.RIGHT: [0.5, 0.5]}
 
     def read(cell: Any, side: Side, state: JointState) -> Any:
