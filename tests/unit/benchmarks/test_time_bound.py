@@ -43,7 +43,7 @@ def test_no_timed_motion_is_faster_than_the_bound() -> None:
         assert time_path(path, LIMITS).duration > bound.lower
 
 
-def test_shares_are_relative_to_the_commanded_limits() -> None:
+def test_peak_shares_use_the_interpolant_sent_to_the_arms() -> None:
     rng = np.random.default_rng(4)
     motion = free_motion(*(rng.uniform(LIMITS.lower, LIMITS.upper) for _ in range(2)), LIMITS)
     t = rng.uniform(0.0, motion.duration, 50)

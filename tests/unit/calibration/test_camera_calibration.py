@@ -137,7 +137,7 @@ def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[Boa
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("lean", "moved"), [(0.2, True), (0.4, True), (0.7, True), (0.5, False)])
-def test_boards_that_all_face_one_way_give_no_camera(lean: float, moved: bool, seed: int) -> None:
+def test_boards_with_equal_orientations_give_no_camera(lean: float, moved: bool, seed: int) -> None:
     refused = fit_intrinsics(parallel(20, lean, seed, moved)).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "alike" in refused.what
     # every focal length fits them: what is claimed to be known of it must not be small

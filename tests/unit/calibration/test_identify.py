@@ -124,7 +124,7 @@ def test_inconsistent_input_is_refused(bad):
 
 
 @given(st.floats(0.05, 3.0), st.floats(0.0, 1.0), st.floats(0.3, 0.7))
-def test_an_update_goes_part_of_the_way_and_never_beyond_its_bound(value, learned, believed):
+def test_an_update_is_damped_and_bounded(value, learned, believed):
     """Between what was believed and the estimate, the further the more was learned; both frictions alike."""
     estimate = MaterialEstimate(Quantity(value, 0.1, learned), Quantity(0.03, 0.01, 0.0), 0.002)
     before = BELIEVED.with_friction(believed)

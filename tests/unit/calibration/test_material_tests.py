@@ -158,7 +158,7 @@ def test_a_stretch_that_cannot_be_reached_is_refused_with_the_reason(monkeypatch
     assert said in error.value.hint
 
 
-def test_a_garment_by_a_clip_stretches_more_than_its_strip_by_an_edge(hung):
+def test_a_garment_on_a_clip_stretches_more_than_a_strip_on_an_edge(hung):
     """All of the weight goes through the clip: the same fabric's strip, as long as the garment, elongates less."""
     assert hung.hang_drop > hung.shape.rest_length
 
@@ -174,7 +174,7 @@ def test_the_reference_strip_equals_that_of_the_solver():
     assert SolverSettings().reference_drop == REFERENCE_DROP
 
 
-def test_the_line_that_is_measured_lies_in_the_garment():
+def test_the_measured_line_lies_in_the_garment():
     """Of an L the far ends do not see each other: cloth between them would not hang straight."""
     ell = np.array([[0.0, 0.0], [0.6, 0.0], [0.6, 0.1], [0.1, 0.1], [0.1, 0.6], [0.0, 0.6]])
     names = tuple("abcdef")

@@ -69,7 +69,7 @@ def test_a_soft_contact_is_not_taken_for_the_table(softness: float) -> None:
 
 
 @pytest.mark.parametrize("at", [20, 40, 60])
-def test_tips_whose_zero_jumps_on_the_way_give_no_contact(at: int) -> None:
+def test_a_jump_of_the_tactile_zero_gives_no_contact(at: int) -> None:
     felt = press(-0.1, 0.03)
     jumped = felt.force + np.where(np.arange(len(felt.force)) >= at, 0.5, 0.0)
     refused = contact_height(felt_as(felt, jumped)).failure

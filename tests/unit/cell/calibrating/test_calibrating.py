@@ -81,7 +81,7 @@ def test_calibrating_a_missing_table_ends_safely_and_writes_nothing(
     assert not out.exists() and "file" not in report
 
 
-def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
+def test_a_stop_ends_a_calibration_immediately(tmp_path: Path) -> None:
     held: list[Ports] = []
 
     def say(text: str) -> None:

@@ -169,7 +169,7 @@ def test_invalid_settings_are_refused(
     ["supervise small_towel", "trials --garments small_towel --n 1", "optimise small_towel --export out.csv",
      "library build small_towel", "perceive picture.png"],
 )  # fmt: skip
-def test_every_command_that_takes_settings_refuses_them(
+def test_every_command_with_settings_refuses_invalid_ones(
     refused: Callable[..., str], folder: Path, line: str
 ) -> None:
     (folder / "cell.yaml").write_text("table: {height: 820}")

@@ -58,7 +58,7 @@ def test_the_printed_board_is_found_at_its_stated_size(tmp_path: Path, capsys) -
     assert told["square_mm"] == 36.0 and told["pattern_mm"] == [7 * 36.0, 5 * 36.0]
 
 
-def test_the_ruler_is_as_long_as_it_says(tmp_path: Path, capsys) -> None:
+def test_the_ruler_has_its_printed_length(tmp_path: Path, capsys) -> None:
     told = written(tmp_path / "board.png", capsys)
     picture, pixel = png(tmp_path / "board.png")
     below = picture[round((210 + told["pattern_mm"][1]) / 2 / pixel) + 10 :, :]

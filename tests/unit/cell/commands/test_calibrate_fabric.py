@@ -44,7 +44,7 @@ def test_friction_file_and_recording(call, tmp_path):
     assert code == 64 and "--replace" in told["hint"] and out.read_text() == before
 
 
-def test_bending_is_no_longer_assumed(call, tmp_path):
+def test_a_measured_bending_length_is_not_marked_as_assumed(call, tmp_path):
     code, told = call("bending", "small_towel", "--overhang", 0.036)
     assert code == 0
     fabric = load_garment(told["file"]).material

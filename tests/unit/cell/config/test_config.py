@@ -116,7 +116,9 @@ def test_settings_cannot_be_changed() -> None:
         ("[" * 100_000, ["nested too deep"]),
     ],
 )
-def test_refusals_say_where_what_and_what_is_allowed(tmp_path: Path, text: str, parts: list[str]) -> None:
+def test_errors_name_the_place_the_value_and_the_allowed_values(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
     message = str(refusal(tmp_path, text))
     for part in parts:
         assert part in message

@@ -143,7 +143,7 @@ def push_arms(cell: FakeCell) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) -> None:
+def test_a_stop_ends_a_motion_within_a_tick(kind: str) -> None:
     """The fake raises on a set-point to a stopped robot."""
     b = bench(kind)
     b.cell.at(AT, lambda: b.ports.stop.trigger("button"))

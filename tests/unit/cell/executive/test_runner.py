@@ -239,7 +239,7 @@ def pushed(cell: FakeCell) -> None:
 
 
 @pytest.mark.parametrize("spoil", [frozen_state, pushed])
-def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
+def test_pushed_or_silent_arms_during_a_recovery_wait_are_made_safe(
     rig: Rig, spoil: Callable[[FakeCell], None]
 ) -> None:
     rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # it waits for a second before it looks again

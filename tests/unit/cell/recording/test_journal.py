@@ -105,7 +105,7 @@ def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, lines: int) 
         assert (last.result is None) == (entries[-1].kind == "intent")
 
 
-def test_a_killed_run_is_interrupted_while_its_pid_lives_on(tmp_path: Path) -> None:
+def test_a_killed_run_is_interrupted_even_if_its_pid_is_reused(tmp_path: Path) -> None:
     """Another process may get a dead owner's pid: the lock decides, not the number."""
     journal, run = begin(tmp_path)
     run.abandon()

@@ -72,7 +72,7 @@ def lying(xy: Array, height: float = 0.002) -> Array:
     return np.column_stack((xy + np.array([0.58, 0.0]), np.full(len(xy), Z + height)))
 
 
-def test_table_and_cloth_are_where_projection_says(renderer: Renderer) -> None:
+def test_table_and_cloth_appear_at_their_projection(renderer: Renderer) -> None:
     xy, _ = sheet()
     empty, laid = renderer.picture(shot(None)), renderer.picture(shot(lying(xy)))
     v, u = np.mgrid[80:400:16, 100:540:16].reshape(2, -1)

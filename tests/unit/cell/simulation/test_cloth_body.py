@@ -133,7 +133,7 @@ def test_a_restored_checkpoint_continues_bit_for_bit(world: str) -> None:
     assert cloth.held(0) and other.held(0)
 
 
-def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_world_refuses_unsupported_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigurationError, match="one layer"):
         check_settings(SimulationSettings(garment="pants", world="mujoco"))
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -143,7 +143,7 @@ def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -
     check_body("xpbd", "pants", 2)
 
 
-def test_a_run_in_a_world_that_cannot_be_is_refused_before_it_begins(tmp_path: Path) -> None:
+def test_a_run_in_an_impossible_world_is_refused_before_it_begins(tmp_path: Path) -> None:
     assert main(["fold", "pants", "--world", "mujoco", "--logs", str(tmp_path)]) == 64
     assert not list(tmp_path.rglob("journal.db"))
 
@@ -176,7 +176,7 @@ def test_friction_in_bending_is_a_trait_of_our_own_body() -> None:
     assert heights[0] < 1e-4 and heights[1] > 3e-4
 
 
-def test_each_garment_has_its_own_friction_in_bending_and_an_ideal_one_none() -> None:
+def test_each_garment_has_its_own_bending_friction_and_an_ideal_one_has_none() -> None:
     noise = load_noise().garment
     drawn = []
     for seed in range(6):

@@ -17,7 +17,7 @@ TOWELS = ("small_towel", "medium_towel", "large_towel")
 
 
 @pytest.mark.parametrize("name", TOWELS)
-def test_is_a_simple_counter_clockwise_ring_of_about_the_right_size(name: str) -> None:
+def test_an_outline_is_a_simple_counter_clockwise_ring_of_the_garments_size(name: str) -> None:
     garment = load_garment(name)
     nominal = shapely.Polygon(garment.template)
     for seed in range(20):

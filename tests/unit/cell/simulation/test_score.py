@@ -404,7 +404,7 @@ def a_towel(name: str) -> Garment:
     )  # fmt: skip
 
 
-def test_any_way_through_the_plan_is_right_and_the_preferred_one_comes_first() -> None:
+def test_every_variant_sequence_is_a_valid_target_and_the_preferred_one_is_first() -> None:
     flat, triangles = towel()
     flat = turned(flat, *POSE)
     keypoints = {name: turned(p, *POSE) for name, p in CORNERS.items()}

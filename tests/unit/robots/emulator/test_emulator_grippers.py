@@ -122,14 +122,14 @@ def test_an_invalid_configuration_changes_nothing() -> None:
     assert talk.port.done == [(0.0, 0.3 * FULL_FORCE)]
 
 
-def test_a_position_beyond_its_stroke_is_its_end() -> None:
+def test_a_position_beyond_the_stroke_is_clipped() -> None:
     talk = Talk()
     talk.say("go", {"position": 140.0})
     talk.say("go", {"position": -3.0})
     assert [opening for opening, _ in talk.port.done] == [STROKE, 0.0]
 
 
-def test_stop_stands_where_it_is_and_leaves_a_grip_alone() -> None:
+def test_a_gripper_stop_holds_its_position_and_its_grip() -> None:
     talk = Talk()
     assert not talk.say("stop")
     assert talk.port.done == []
@@ -172,7 +172,7 @@ def test_a_used_gripper_keeps_its_earlier_state() -> None:
     assert talk.port.done == [(0.0, FULL_FORCE)]
 
 
-def test_in_error_it_does_nothing_until_it_is_reset() -> None:
+def test_a_gripper_in_error_does_nothing_until_a_reset() -> None:
     talk = Talk(past=InitialState(error="over current"))
     assert talk.gripper.report().refusal == "over current"
     for command, arguments in (("calibrate", None), ("configure", {"velocity": 3}), ("go", {"position": 5})):

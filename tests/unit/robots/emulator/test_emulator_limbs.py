@@ -123,7 +123,7 @@ def test_a_limb_without_a_command_holds_its_first_reported_position() -> None:
 
 
 @pytest.mark.parametrize("mode", [2, 3, 0, 7])
-def test_another_mode_makes_it_hold(mode: int) -> None:
+def test_an_unsupported_control_mode_holds_the_limb(mode: int) -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.00)
     hear(limb, Q + 0.002, 1.01)

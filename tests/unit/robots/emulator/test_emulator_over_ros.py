@@ -53,7 +53,7 @@ def test_joint_states_and_simulated_time_are_published(serve: Serve, cell: FakeC
     assert program.param("/use_sim_time") is None
 
 
-def test_the_clock_is_the_cells_and_comes_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
+def test_the_cell_clock_is_published_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.let(0.2)
     times = [m.clock.to_sec() for m in program.clock.all]
@@ -240,7 +240,7 @@ def test_nothing_moves_while_the_motors_are_off(serve: Serve, cell: FakeCell) ->
     assert cell.commands == []
 
 
-def test_a_stop_is_at_once_though_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:
+def test_a_stop_is_immediate_while_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
     stop = program.publisher(topics.STOP, program.m.empty)

@@ -219,7 +219,7 @@ def test_the_stop_is_reset_even_if_nothing_else_answers(puppet: Puppet, monkeypa
         pass
 
 
-def test_a_simulated_robots_stop_is_left_by_its_own_time(
+def test_the_stop_of_a_simulated_robot_is_reset_in_simulated_time(
     puppet: Puppet, node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time is known before anything is timed by it: a clock that is first heard later jumps."""

@@ -126,7 +126,7 @@ def test_a_hung_strip_falls_asleep_where_it_hangs(start):
     assert np.abs(s.positions[:, 0]).max() < 1.5e-3
 
 
-def test_cloth_that_is_put_somewhere_has_not_rested_yet():
+def test_displaced_cloth_does_not_count_as_at_rest():
     mesh = mesh_from_contour(np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]), 0.03)
     s = ClothSimulation(mesh, MATERIAL)
     s.advance(60)

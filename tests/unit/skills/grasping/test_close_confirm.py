@@ -242,7 +242,7 @@ def test_a_lift_brings_the_figures_up_to_date() -> None:
     assert lifted.stamp > held.stamp
 
 
-def test_stale_readings_end_all_of_them() -> None:
+def test_stale_readings_end_every_grasp_phase() -> None:
     hand, pads = grasp(1, 1.0, 1)
     held = confirm_on(hand, pads).unwrap()
     late = replace(hand.read(), stamp=hand.now + 1.0)

@@ -79,7 +79,7 @@ def test_the_same_reading_twice_counts_once() -> None:
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 
 
-def test_faults_are_named() -> None:
+def test_tare_faults_are_named() -> None:
     reading = SensedHand(0).read()
     assert fault(reading, SETTINGS) is None
     late = replace(reading, stamp=reading.stamp + 0.15)

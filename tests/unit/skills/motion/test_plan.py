@@ -301,7 +301,7 @@ def test_a_suggested_shift_makes_the_fold_reachable(checker):
     assert planned(checker, step, paths).ok
 
 
-def test_a_long_fold_is_made_by_a_hand_that_leans_over_on_the_way(checker):
+def test_a_long_fold_tilts_the_hand_on_its_path(checker):
     """The hem of a large shirt: from 0.29 m before the robot to 0.93 m, which no constant lean allows."""
     ends = {
         GraspId.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
@@ -402,7 +402,7 @@ def test_detours_are_found_when_straight_on_is_blocked(checker):
     assert check_trajectory(MODEL, checker, motion, a, MODEL.planning).ok
 
 
-def test_hands_that_were_brought_close_find_a_way_home_that_the_last_look_lets_pass(checker):
+def test_close_hands_find_a_way_home_that_passes_validation(checker):
     """Between two samples of the way hands may not pass through each other: the look before a motion is sent would
     refuse it, again and again, and the run would end as a fault."""
     close = np.array(  # over the waist of pants, as a fold ended: straight home the hands come within 3 mm

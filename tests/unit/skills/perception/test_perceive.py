@@ -49,7 +49,7 @@ def test_an_empty_table_is_no_garment(bare_table, calibration, towels):
     assert failure(perceive(picture, calibration, TABLE, bare_table, towels)) is FailureKind.NO_GARMENT
 
 
-def test_out_of_view(calibration, towels):
+def test_a_garment_out_of_view_is_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.40, 0.0)])
     outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
     assert failure(outcome) is FailureKind.OUT_OF_VIEW
@@ -70,12 +70,12 @@ def test_a_hand_in_the_picture_is_refused(calibration, towels):
     assert "hands" in outcome.failure.hint
 
 
-def test_not_flat(calibration, towels):
+def test_a_garment_that_is_not_flat_is_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0)], bumps=[(0.6, 0.05, 0.09, 0.07)])
     assert failure(perceive(render(scene), calibration, TABLE, empty(scene), towels)) is FailureKind.NOT_FLAT
 
 
-def test_category_size_and_unknown(calibration, towels):
+def test_wrong_category_wrong_size_and_unknown_garments_are_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)
     known = [*towels, TRIANGLE]
@@ -128,7 +128,7 @@ def broken(frame, how):
 
 
 @pytest.mark.parametrize("how", ["black", "overexposed", "no depth", "half the resolution"])
-def test_camera_faults(towel_picture, calibration, towels, how):
+def test_camera_faults_are_reported(towel_picture, calibration, towels, how):
     _, _, picture, bare = towel_picture(0)
     outcome = perceive(broken(picture, how), calibration, TABLE, bare, towels)
     assert failure(outcome) is FailureKind.CAMERA_FAULT

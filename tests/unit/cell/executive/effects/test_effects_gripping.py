@@ -121,7 +121,7 @@ def lose(cell: FakeCell, side: Side) -> None:
     cell.openings[side], cell.pads[side] = 0.0, 0.0
 
 
-def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_is_completed_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
     result = EFFECTS[Effect.FOLD](workcell, context)
@@ -132,7 +132,7 @@ def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
+def test_a_loss_of_cloth_by_either_hand_ends_the_fold_at_rest_on_its_path(
     side: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context = holding(monkeypatch)
@@ -175,9 +175,7 @@ def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
-    side: Side, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
     monkeypatch.setattr(moving, "check_trajectory", lambda *_, **__: Outcome("checked"))

@@ -118,7 +118,7 @@ def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why:
 
 
 @pytest.mark.parametrize(("overlap", "event"), [(0.91, Event.DONE), (0.89, Event.FAILED), (0.3, Event.FAILED)])
-def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
+def test_a_garment_displaced_since_the_last_fold_is_not_folded_further(
     overlap: float, event: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look(monkeypatch, seen(iou_aligned=overlap, drift=np.array([0.01, 0.02])))

@@ -93,9 +93,7 @@ def test_arms_within_the_planning_margin_find_their_way_home(monkeypatch: pytest
 
 
 @pytest.mark.parametrize("free", list(Side))
-def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
-    free: Side, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_hand_rises_if_the_other_cannot(free: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
@@ -337,7 +335,7 @@ def test_a_colliding_or_too_fast_motion_is_not_begun(
     assert cell.commands == []
 
 
-def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter: dict[str, Any]) -> None:
+def test_the_start_of_a_motion_is_checked_against_the_present_arm_state(baxter: dict[str, Any]) -> None:
     """It was planned from the parked pose; meanwhile somebody moved a wrist by two degrees."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[np.zeros(13), np.deg2rad(2.0)])
     there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)

@@ -133,7 +133,7 @@ class Choice:
 
 
 @pytest.mark.parametrize(("behind", "others", "simulations"), [(0.1, 0.001, 1), (0.9, 0.016, 2)])
-def test_a_look_up_that_keeps_its_promise_is_taken(
+def test_a_looked_up_arc_with_the_promised_cost_is_used(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, behind: float, others: float, simulations: int
 ) -> None:
     """One that is well behind it is compared with the first guess, which does as much worse here."""
@@ -147,14 +147,14 @@ def test_a_look_up_that_keeps_its_promise_is_taken(
     assert choice.cell.now == pytest.approx(costs.library_s + simulations * costs.simulation_s)
 
 
-def test_a_look_up_that_gains_less_than_promised_falls_back_to_optimising(
+def test_a_looked_up_arc_worse_than_promised_is_optimised(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.010), workers, monkeypatch)
     assert choice.trajectory.source == "optimised"
 
 
-def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
+def test_a_looked_up_arc_with_a_high_predicted_cost_is_optimised(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch)
@@ -185,7 +185,7 @@ def test_the_looked_up_arc_is_kept_if_nothing_better_is_found(
     assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
 
 
-def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
+def test_arcs_for_another_number_of_hands_are_ignored(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a towel of one's own, which its file folds with one hand."""

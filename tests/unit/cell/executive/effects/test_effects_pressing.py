@@ -238,9 +238,7 @@ def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | No
     return plan, inspection(height=height, mask=height > 0.0, view=VIEW, height_m=2 * LAYER)
 
 
-def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fingers_press_along_the_flat_part_of_the_crease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, (0.52, 0.68))
     dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)
     points = np.array([dab.point for dab in dabs])

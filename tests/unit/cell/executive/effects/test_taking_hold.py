@@ -192,7 +192,7 @@ def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
 
 
 @pytest.mark.parametrize("part", ["plan", "move"])
-def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_that_cannot_rise_is_a_failed_lift(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, _ = over_cloth(monkeypatch)
     held = EFFECTS[Effect.GRASP](work, context).context
     why = Failure(K.TRACKING_ERROR, "the arm lags")
@@ -219,7 +219,7 @@ def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytes
     assert cell.now > after.stamp - 0.1
 
 
-def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_idle_arm_stays_at_its_set_point(monkeypatch: pytest.MonkeyPatch) -> None:
     """It hangs a little below that: a set-point at its reading would be a jump."""
     cell, work, context, _ = over_cloth(monkeypatch)
     only = {Side.LEFT: WAY}

@@ -138,9 +138,7 @@ def test_a_garments_file_is_shown_by_its_name() -> None:
     assert shown["garment"] == "my_own_towel"
 
 
-def test_commands_go_into_the_queue_when_they_may_be_said(
-    address: str, board: RunStatus, commands: CommandQueue
-) -> None:
+def test_allowed_commands_enter_the_queue(address: str, board: RunStatus, commands: CommandQueue) -> None:
     enter(board, State.FOLDING)
     with linked(address) as link:
         assert "refused" in say(link, say="approve") and "refused" in say(link, say="resume")
@@ -191,7 +189,7 @@ def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -
 
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
-def test_stop_works_in_every_state_and_not_by_the_queue(
+def test_stop_works_in_every_state_and_bypasses_the_queue(
     state: State, address: str, board: RunStatus, commands: CommandQueue, cell: FakeCell
 ) -> None:
     enter(board, state)

@@ -143,7 +143,7 @@ def test_a_report_that_cannot_be_written_leaves_nothing(run, tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_figures_are_written_as_people_read_them():
+def test_figures_are_formatted_with_units():
     assert length(0.0123) == "12.3 mm"
     assert length(None) == length(float("nan")) == "–"
     assert seconds(8.314) == "8.31 s"

@@ -72,7 +72,7 @@ def test_the_file_holds_every_row_of_every_series(recorded):
         np.testing.assert_allclose(np.diff(t), 0.01, atol=1e-6)
 
 
-def test_an_arm_that_has_no_part_in_a_new_plan_has_no_path_any_more():
+def test_the_path_of_an_arm_without_a_part_in_the_new_plan_is_removed():
     """Another search may give the fold to the other arm, and one hand presses what two have folded."""
     arc = np.zeros((3, 3))
     shown = {"left", "right"}

@@ -185,14 +185,14 @@ def test_a_missing_picture_is_reported(tmp_path: Path) -> None:
     assert isinstance(caught.value.trouble, StorageError) and "missing" in caught.value.trouble.what
 
 
-def test_a_halt_passes_what_catches_failures(tmp_path: Path) -> None:
+def test_a_halt_is_not_caught_as_a_failure(tmp_path: Path) -> None:
     assert not issubclass(Halt, Exception)
 
 
 # the stop
 
 
-def test_the_stop_works_from_any_thread_and_is_not_noted(tmp_path: Path) -> None:
+def test_the_stop_works_from_any_thread_and_is_not_recorded(tmp_path: Path) -> None:
     """Others look at it as often as they like; what the executive asked is the same."""
     cell = FakeCell()
 
@@ -211,7 +211,7 @@ def test_the_stop_works_from_any_thread_and_is_not_noted(tmp_path: Path) -> None
     assert [e.channel for e in Transcript(tmp_path / TRANSCRIPT)] == [Channel.STOP, Channel.END]
 
 
-def test_the_stop_works_when_nothing_can_be_noted(tmp_path: Path) -> None:
+def test_the_stop_works_when_recording_fails(tmp_path: Path) -> None:
     cell, port_recorder = FakeCell(), PortRecorder(tmp_path)
     heard = port_recorder.between(cell.ports(), CommandQueue())
     assert port_recorder._writer is not None
@@ -244,7 +244,7 @@ def computed(cell: Workcell, skill: Callable[[], Any]) -> Outcome[Any]:
 
 
 @pytest.mark.parametrize("pressed", [False, True])
-def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
+def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     tmp_path: Path, workers: ThreadPoolExecutor, pressed: bool
 ) -> None:
     """How often the stop was asked meanwhile is the wall clock's affair; whether it was set is decided by."""
@@ -284,7 +284,7 @@ def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolE
 
 
 @pytest.mark.parametrize("name", ["Clock", "Arms", "Head", "Gripper", "Tactile", "Camera", "Stop", "Attendant"])
-def test_every_method_of_every_port_is_taken_down_and_answered(name: str, tmp_path: Path) -> None:
+def test_every_method_of_every_port_is_recorded_and_replayed(name: str, tmp_path: Path) -> None:
     """A port that learns something new has to be taken down with it."""
     protocol = getattr(robots.ports, name)
     methods = {n for n, m in inspect.getmembers(protocol, inspect.isfunction) if not n.startswith("_")}
@@ -305,7 +305,7 @@ def of_kind(ports: Ports, name: str) -> list[Any]:
     return named.get(name) or [getattr(ports, name.lower())]
 
 
-def test_every_port_is_exchanged_for_one_that_is_taken_down(tmp_path: Path) -> None:
+def test_every_port_is_wrapped_for_recording(tmp_path: Path) -> None:
     bare = FakeCell().ports()
     port_recorder = PortRecorder(tmp_path)
     heard = port_recorder.between(bare, CommandQueue()).ports
@@ -323,7 +323,7 @@ def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
     assert port_recorder.close() is None and list(tmp_path.iterdir()) == []
 
 
-def test_an_altered_answer_is_what_is_answered(tmp_path: Path) -> None:
+def test_an_altered_answer_is_replayed_as_altered(tmp_path: Path) -> None:
     """The answers come from the transcript and from nowhere else."""
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.arms.state())
     whole = Transcript(tmp_path / TRANSCRIPT)

@@ -145,9 +145,7 @@ def test_a_storage_error_ends_the_transcript_and_not_the_run(tmp_path: Path) -> 
     assert list(Transcript(tmp_path / TRANSCRIPT)) == sleeps(5)
 
 
-def test_a_disk_that_stands_still_does_not_fill_the_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_blocked_disk_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.recording.transcript.transcript.PENDING", 1000)
     monkeypatch.setattr("cell.recording.transcript.transcript.EVERY_S", 30.0)
     writer = TranscriptWriter(tmp_path, CONSTANTS)

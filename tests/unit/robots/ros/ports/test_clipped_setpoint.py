@@ -49,7 +49,7 @@ def test_the_set_point_stays_within_limits_and_reach(q: Array, qd: Array, before
 
 
 @given(q=anywhere | inside | far_out, qd=anywhere, before=far_out)
-def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
+def test_a_set_point_outside_the_limits_never_jumps_or_moves_further_out(
     q: Array, qd: Array, before: Array
 ) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
@@ -59,7 +59,7 @@ def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
 
 
 @given(goal=inside, before=far_out)
-def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Array) -> None:
+def test_a_set_point_outside_the_limits_returns_inside(goal: Array, before: Array) -> None:
     """As directly as from anywhere else, a step's reach at a time."""
     steps = int(np.ceil(np.max(np.abs(goal - before) / REACH))) + 1
     for _ in range(steps):
@@ -102,7 +102,7 @@ def test_the_set_point_moves_towards_the_requested_one(q: Array, before: Array) 
 
 
 @given(q=anywhere | inside | far_out, before=far_out, stands=far_out)
-def test_joints_that_stray_are_sent_no_further_than_around_where_they_are_and_were_sent(
+def test_straying_joints_get_set_points_near_their_position_or_last_set_point(
     q: Array, before: Array, stands: Array
 ) -> None:
     sent = clip_setpoint(q, np.zeros(14), before, stands, LIMITS, 0.0)
@@ -112,7 +112,7 @@ def test_joints_that_stray_are_sent_no_further_than_around_where_they_are_and_we
 
 
 @given(before=inside, stands=inside)
-def test_blocked_joints_are_held_where_they_stand_however_far_they_were_sent(before: Array, stands: Array) -> None:
+def test_blocked_joints_are_held_at_their_position(before: Array, stands: Array) -> None:
     sent = clip_setpoint(stands, np.zeros(14), before, stands, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, stands)
     assert not sent.clipped

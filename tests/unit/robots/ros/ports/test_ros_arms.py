@@ -252,9 +252,7 @@ def test_the_robot_hears_what_is_returned(puppet: Puppet, arms: Arms, limits: Jo
     assert clipped > 0
 
 
-def test_no_further_from_the_last_set_point_than_the_joints_go(
-    puppet: Puppet, arms: Arms, limits: JointLimits
-) -> None:
+def test_set_points_keep_the_joint_velocity_limits(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     puppet.deaf = {LIMB[side] + "joint_command" for side in Side}
     reach = limits.velocity * JUMP_TIME
     stood = puppet.q.copy()
@@ -343,7 +341,7 @@ def test_commands_are_refused_immediately_after_a_triggered_stop(puppet: Puppet,
 
 
 @pytest.mark.parametrize("wrong", [np.full(14, np.nan), np.full(14, np.inf), np.zeros(7), np.zeros((14, 1))])
-def test_no_joint_vector_is_no_command(puppet: Puppet, arms: Arms, wrong: Array) -> None:
+def test_a_command_of_the_wrong_shape_is_refused(puppet: Puppet, arms: Arms, wrong: Array) -> None:
     assert refused(arms.port, wrong) is FailureKind.HARDWARE_FAULT
     assert refused(arms.port, puppet.q, wrong) is FailureKind.HARDWARE_FAULT
     one = puppet.q.copy()

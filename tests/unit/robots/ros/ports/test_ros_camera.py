@@ -126,7 +126,7 @@ def test_colour_and_depth_of_one_moment_come_together(film: Film, camera: RosCam
         assert not frame.rgb.flags.writeable and not frame.depth.flags.writeable
 
 
-def test_depth_of_the_moment_before_is_not_taken_for_its_own(film: Film, camera: RosCamera) -> None:
+def test_depth_of_an_earlier_exposure_is_not_used(film: Film, camera: RosCamera) -> None:
     """At 60 pictures a second both lie near enough, and the wrong one is there first."""
     film.colour = film.depth = lambda n: 50.0 + n / 60
     for _ in range(3):
@@ -141,7 +141,7 @@ def test_a_lost_depth_picture_is_waited_out(film: Film, camera: RosCamera) -> No
     np.testing.assert_array_equal(frame.depth, depths(int(frame.rgb[0, 0, 0])))
 
 
-def test_the_figures_of_the_camera_come_with_it(film: Film, camera: RosCamera) -> None:
+def test_a_picture_has_the_camera_intrinsics(film: Film, camera: RosCamera) -> None:
     k = camera.capture().intrinsics
     assert (k.width, k.height, k.fx, k.fy, k.cx, k.cy) == (WIDTH, HEIGHT, 5.0, 6.0, 2.0, 1.5)
 

@@ -108,13 +108,15 @@ def test_sleeping_ends_at_the_time_of_the_topic(told: Told) -> None:
     assert told.clock.now() == 2.0
 
 
-def test_a_step_that_rounding_hides_is_none(told: Told) -> None:
+def test_a_time_step_below_rounding_is_ignored(told: Told) -> None:
     told.set(2.0)
     told.clock.sleep_until(2.0 + 1e-9)
 
 
 @pytest.mark.parametrize("talks", [False, True], ids=["silent", "says the same again"])
-def test_a_clock_that_stands_still_has_died(told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool) -> None:
+def test_a_clock_that_stands_still_is_a_driver_error(
+    told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool
+) -> None:
     monkeypatch.setattr(clock_module, "SILENCE_S", 0.4)
     told.set(7.0)
     over = threading.Event()

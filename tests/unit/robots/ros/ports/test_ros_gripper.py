@@ -61,7 +61,7 @@ def fault(port: RosGripper, opening: float = 0.02, force: float = 6.0) -> str:
     return caught.value.what
 
 
-def test_it_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> None:
+def test_a_gripper_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> None:
     bench.port.calibrate()
     bench.port.command(FULL / 2, 12.0)
     bench.done()
@@ -190,7 +190,7 @@ def test_a_repeated_command_is_sent_only_after_a_new_calibration(
     assert bench.port.state().calibrated
 
 
-def test_more_than_it_can_is_as_much_as_it_can(bench: Bench) -> None:
+def test_openings_and_forces_are_clipped_to_the_gripper_limits(bench: Bench) -> None:
     bench.calibrate()
     bench.port.command(1.0, 1000.0)
     bench.done()
@@ -239,7 +239,7 @@ def test_a_command_that_is_not_a_number_is_refused(bench: Bench, wrong: float) -
     assert not bench.port.state().moving
 
 
-def test_its_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> None:
+def test_the_gripper_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> None:
     bench.hand.position, bench.hand.force, bench.hand.moving, bench.hand.calibrated = 25.0, 40.0, 1, 1
     wait(lambda: bench.port.state().calibrated, "heard")
     state = bench.port.state()

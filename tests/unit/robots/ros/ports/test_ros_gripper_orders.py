@@ -192,7 +192,7 @@ def test_the_last_of_many_commands_right_after_a_calibration_is_done() -> None:
 
 
 @pytest.mark.parametrize("states", range(8))
-def test_calibrated_once_more_while_it_is_being_calibrated(states: int) -> None:
+def test_a_second_calibration_during_the_first_is_done(states: int) -> None:
     """The end of the first is not taken for that of the second."""
     bench = Bench()
     bench.calibrate()

@@ -85,7 +85,7 @@ def tactile(puppet: Puppet, node: Node) -> tuple[RosTactile, HandClock]:
     return port, clock
 
 
-def test_the_cells_stand_as_they_do_on_the_pads(tactile: tuple[RosTactile, HandClock]) -> None:
+def test_tactile_cells_are_arranged_as_on_the_pads(tactile: tuple[RosTactile, HandClock]) -> None:
     reading = tactile[0].reading()
     assert reading.side is LEFT and reading.stamp == 100.0
     np.testing.assert_array_equal(reading.cells, np.arange(24.0).reshape(2, 4, 3))

@@ -341,7 +341,9 @@ def test_a_persistent_fault_is_reported(puppet: Puppet, stop: RosStop, monkeypat
         stop.reset()
 
 
-def test_an_error_that_outlives_the_stop_does_not_keep_it(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_a_remaining_error_does_not_prevent_the_reset_of_a_stop(
+    puppet: Puppet, stop: RosStop, monkeypatch
+) -> None:
     """A robot can be enabled with one: it is the robot's to refuse."""
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     stop.trigger("a test")

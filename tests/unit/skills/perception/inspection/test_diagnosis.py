@@ -61,7 +61,7 @@ def test_each_figure_by_itself_is_refused_beyond_its_limit_and_only_there(figure
 
 
 @pytest.mark.parametrize(("figure", "kind"), [*LIMITS[:3], LIMITS[4]])
-def test_a_good_fold_is_the_less_sure_the_nearer_it_comes_to_a_limit(figure, kind):
+def test_the_confidence_of_a_good_fold_falls_towards_a_limit(figure, kind):
     assert [verdict(**figure(x))[1] for x in (0.4, 0.7, 0.98)] == pytest.approx([0.80, 0.65, 0.51], abs=0.01)
 
 

@@ -52,7 +52,7 @@ def test_heights_are_judged_away_from_the_rim_and_from_every_fold_line(lines: tu
         assert not (judged & (np.abs(line.signed_distance(HERE)) < S.fold_margin - 1e-9)).any()
 
 
-def test_the_height_of_a_stack_is_one_that_only_a_twentieth_of_it_exceeds() -> None:
+def test_the_stack_height_is_the_95th_percentile() -> None:
     rng = np.random.default_rng(0)
     height = rng.permutation(np.linspace(0.0, 1.0, STACK.size)).reshape(STACK.shape).astype(np.float32)
     judged = np.ones(STACK.shape, bool)
@@ -73,7 +73,7 @@ def test_too_few_seen_cells_give_no_excess_height() -> None:
     assert extra_height(excess, few) == pytest.approx(0.05)
 
 
-def test_the_area_that_is_piled_up_is_that_of_what_stands_too_high() -> None:
+def test_the_piled_area_is_the_area_above_the_height_limit() -> None:
     """A heap of 30 by 40 mm on a stack, seen with pixels of 2 mm; then a part is not judged, or was not seen."""
     excess = np.zeros(VIEW.shape, np.float32)
     heap = within((0.600, 0.630), (0.0, 0.040))

@@ -88,11 +88,11 @@ def test_a_fold_as_predicted_is_accepted():
 
 
 @pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
-def test_how_high_the_stack_stands_is_seen(thickness):
+def test_the_height_of_the_stack_is_measured(thickness):
     assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
 
 
-def test_a_height_that_too_little_is_seen_of_is_none():
+def test_a_height_from_too_few_pixels_is_nan():
     judged = np.zeros((40, 40), bool)
     judged[:10, :10] = True
     assert np.isnan(upper_height(np.full((40, 40), 0.01, np.float32), judged))
@@ -202,7 +202,7 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
 
 
 @pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
-def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
+def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
     """What is seen of the edge lies where it should; the unseen end's target lacks its layer."""
     seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
     lag = np.zeros(9)

@@ -158,14 +158,14 @@ def looked_at(after, before, step=STEP, motion=STILL, **shape):
 
 
 @pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
-def test_an_edge_that_lies_too_far_out_or_too_far_in_is_found_there(lag):
+def test_an_edge_too_far_out_or_in_is_measured(lag):
     """To the 2 mm in which places are told."""
     seen = looked_at(*towel(lag))
     assert np.abs(seen.lag - lag).max() < 0.0045
     assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005
 
 
-def test_an_edge_that_lies_further_in_than_one_looks_is_at_least_so_far_in():
+def test_an_edge_beyond_the_search_range_is_reported_at_its_limit():
     seen = looked_at(*towel(lambda t: 0.2 * (t > 0.78)))
     assert np.abs(seen.lag[:7]).max() < 0.0045 and seen.lag[7:] == pytest.approx(0.12, abs=0.0025)
     assert seen.corner > 0.1

@@ -115,7 +115,7 @@ def test_snapping_finds_the_tip_of_a_well_rounded_corner():
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.03, -0.02])
-def test_a_crotch_is_found_though_the_table_near_it_is_too_narrow_to_see(spread):
+def test_a_crotch_is_found_between_close_legs(spread):
     """The boundary ends 25 mm short of the crotch, where the legs are 3 mm apart."""
     truth = trousers(spread, spread)
     crotch = TROUSERS_NAMES.index("crotch")
