@@ -26,7 +26,7 @@ test: setup            ## lint, types, import floors and the whole test suite
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(PARALLEL)
 
-quick: setup           ## the tests that take a minute together: no whole runs, cloth, pictures, ROS or browser
+quick: setup           ## the tests that take a minute together: no whole runs, and nothing marked long
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long"
 
 lint: setup

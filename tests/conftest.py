@@ -33,9 +33,25 @@ COMPUTES_CLOTH = (
     "skills/cloth",
     "skills/trajectory",
 )
-DRAWS_PICTURES = ("cell/simulation/test_camera_sensor.py", "skills/perception")
+COMPILES = ("cell/operator/progress/test_compiling.py",)
+DRAWS_PICTURES = (
+    "cell/commands/test_perceive_command.py",
+    "cell/config/test_new_garment.py",
+    "cell/simulation/test_camera_sensor.py",
+    "skills/perception",
+)
+PLANS_MOTIONS = (
+    "calibration/test_hand_eye.py",
+    "cell/calibrating",
+    "robots/test_robot_models.py",
+    "skills/motion/test_plan.py",
+)
 OPENS_A_BROWSER = ("cell/operator/console/test_page.py",)
-LONG = tuple(UNIT / place for place in (*COMPUTES_CLOTH, *DRAWS_PICTURES, *OPENS_A_BROWSER))
+LONG = tuple(
+    UNIT / place
+    for group in (COMPUTES_CLOTH, COMPILES, DRAWS_PICTURES, PLANS_MOTIONS, OPENS_A_BROWSER)
+    for place in group
+)
 assert all(place.exists() for place in LONG)
 
 
