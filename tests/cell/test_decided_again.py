@@ -1,4 +1,4 @@
-"""A run is decided again by what was read then: the same, or the first decision that differs, at its place."""
+"""Replay of a run's decisions from its transcript: equal, or the first difference with its place."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 @pytest.fixture
 def copied(seen: Any, tmp_path: Path) -> RunRecord:
-    """The run, in a folder that a test may damage."""
+    """A copy of the run that a test may damage."""
     folder = tmp_path / seen.record.id
     shutil.copytree(seen.folder, folder, ignore=shutil.ignore_patterns("run.rrd", "*.html", "*.png"))
     return replace(seen.record, directory=folder)
 
 
 def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
-    """The transcript of a run, written anew."""
+    """Replace the transcript of a run by an altered one."""
     transcript = Transcript(run.directory / TRANSCRIPT)
     write_transcript(run.directory, transcript.constants, alter(list(transcript)))
 
 
 def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
-    """With another answer at a place."""
+    """The exchanges with the answer at one place replaced."""
     return [*exchanges[:at], replace(exchanges[at], answer=pack(value)), *exchanges[at + 1 :]]
 
 
@@ -65,7 +65,7 @@ def decided(seen: Any, run: RunRecord) -> Verdict:
 
 
 def test_replaying_a_whole_run_repeats_every_decision(seen: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two folds, with the optimiser's search, on as many threads as then; every set-point bit for bit."""
+    """Two folds with the optimiser's search on the same number of threads; set-points agree bit for bit."""
     line = ["replay", seen.record.id, "--decide", "--json", "--logs", str(seen.request.logs)]
     before = sorted(p.name for p in seen.request.logs.rglob("*"))
     assert main(line) == 0
@@ -94,7 +94,7 @@ def test_a_truncated_transcript_is_compared_up_to_its_end(seen: Any, copied: Run
 
 
 class WallClock:
-    """Never says the same twice, as that of a real cell."""
+    """A clock that never returns the same time twice, as in a real cell."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -124,7 +124,7 @@ class GivesUp:
 
 
 def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Path) -> None:
-    """Not simulated, by a clock that goes as it likes: what was read is all that it depends on."""
+    """The run is not marked as simulated and its clock is irregular: decisions depend on the readings alone."""
     request, operator = fold_request(tmp_path, record=True), GivesUp()
     result = fold_once(request, operator.begin, (operator,))
     assert result.failure is not None and result.failure["kind"] == "aborted"
@@ -140,7 +140,7 @@ def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Pat
 
 
 def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any, copied: RunRecord) -> None:
-    """The head is not where it was: no picture is taken."""
+    """The head reading is off, so no picture is taken."""
     pictures: list[int] = []
 
     def turn(exchanges: list[Exchange]) -> list[Exchange]:
@@ -159,7 +159,7 @@ def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any
 
 
 def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copied: RunRecord) -> None:
-    """The garment is gone from it."""
+    """The garment is erased from the picture."""
 
     def erase(exchanges: list[Exchange]) -> list[Exchange]:
         store = FrameStore(copied.directory / FRAMES)
@@ -182,7 +182,7 @@ def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copie
 
 
 def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: RunRecord) -> None:
-    """In the midst of the first motion: the arms would be told to hold."""
+    """One arm reading of the first motion is off by 0.5 rad, so the arms are commanded to hold."""
     at: list[int] = []
 
     def stray(exchanges: list[Exchange]) -> list[Exchange]:
@@ -233,7 +233,7 @@ def test_a_changed_figure_in_the_journal_alone_is_reported(seen: Any) -> None:
 
 
 class Enough:
-    """Ends what is decided again after an effect: the rest does not matter."""
+    """Ends the replay after an effect."""
 
     def __init__(self, effect: str) -> None:
         self._effect = effect

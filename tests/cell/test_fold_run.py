@@ -1,4 +1,4 @@
-"""A whole run of the simulated cell: what it did, sent and left behind, and that it can be repeated."""
+"""A whole run of the simulated cell: effects, set-points, files, and reproducibility."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_every_effect_has_an_intent_followed_by_its_result(seen: Any) -> None:
 
 
 def test_the_state_machine_reaches_the_same_end_from_the_journal_alone(seen: Any) -> None:
-    """From the entries alone the pure machine comes to the same end by the same effects."""
+    """The journal's events drive the machine through the same effects to the same end."""
     machine = Executive()
     for entry in seen.entries:
         if entry.kind == "event":
@@ -163,7 +163,7 @@ def test_every_set_point_keeps_the_joints_limits(seen: Any) -> None:
 
 
 def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
-    """Approach and fold are one planned motion each: second differences of what was sent are its accelerations."""
+    """Approach and fold are one planned motion each: second differences of the set-points are accelerations."""
     limits = load_model().limits("planning", 1.0)
     for effect in (Effect.APPROACH, Effect.FOLD):
         sent = [s for s in seen.onlooker.set_points if s.effect is effect]
@@ -176,7 +176,7 @@ def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
 
 
 def test_moving_arms_are_commanded_at_least_every_50_ms(seen: Any) -> None:
-    """A command holds for 0.2 s; within one effect none may run out."""
+    """A command expires after 0.2 s; within one effect none may expire."""
     for a, b in pairwise(seen.onlooker.set_points):
         if a.effect is b.effect and np.abs(a.qd).max() > 1e-3:
             assert b.t - a.t < 0.05
@@ -229,7 +229,7 @@ def test_the_recording_holds_every_series_and_every_transition(seen: Any) -> Non
 
 
 class Loads(HTMLParser):
-    """What a browser would fetch to show a page."""
+    """Collects the resources that a browser would load for a page."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -277,7 +277,7 @@ def test_optimised_trajectories_are_saved_in_the_user_library(seen: Any) -> None
 
 
 def test_the_same_seed_gives_the_same_journal_without_recording_and_scorer(seen: Any, unseen: Any) -> None:
-    """A run is a function of its seed, and nothing in it depends on being watched or scored."""
+    """A run is a function of its seed. Recording and scoring change nothing."""
     assert list(told(unseen.entries)) == list(told(seen.entries))
 
 
@@ -306,7 +306,7 @@ def test_a_run_without_recording_leaves_no_score_and_no_recording(unseen: Any) -
 
 
 def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:
-    """A journal without what the wall's clock has put into it."""
+    """The journal's entries without wall-clock times."""
     for e in entries:
         yield e.sequence, e.cell_time, e.state, e.kind, e.name, e.answers, _timeless(e.payload)
 

@@ -1,4 +1,4 @@
-"""`foldcell hil` as it is typed: whole runs of the simulated cell, and what a build server reads of them."""
+"""The command `foldcell hil`: whole runs of the simulated cell, JSON and JUnit results."""
 
 from __future__ import annotations
 

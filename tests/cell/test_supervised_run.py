@@ -1,4 +1,4 @@
-"""A whole run under an operator who sits at the page: a fold is approved, paused, resumed; the next is not."""
+"""A whole run supervised from the operator's page: approve, pause, resume, abort."""
 
 from __future__ import annotations
 

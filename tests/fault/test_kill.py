@@ -1,5 +1,4 @@
-"""`kill -9` in the middle of a run: the journal tells what was under way, the cell is free for the next run, and
-whoever goes on with it folds the garment."""
+"""`kill -9` during a run: the journal names the interrupted effect, and the run can be resumed."""
 
 from __future__ import annotations
 
@@ -32,7 +31,7 @@ def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[s
 
 
 def under_way(logs: Path) -> str | None:
-    """The effect that the journal's last run is in the middle of, read as another process would."""
+    """The unfinished effect of the journal's last run, read from another process."""
     with suppress(StorageError), Journal.open(logs / "journal.db", readonly=True) as journal:
         runs = journal.runs()
         intent = journal.last_intent(runs[-1].id) if runs else None
@@ -54,7 +53,7 @@ def alive(pid: int) -> bool:
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """A run in a process of its own, killed as it grasps."""
+    """A run in its own process, killed during the grasp."""
     folder = tmp_path_factory.mktemp("killed")
     settings, logs = folder / "cell.yaml", folder / "logs"
     settings.write_text(yaml.safe_dump(dict(PLAIN)), encoding="utf-8")
@@ -112,7 +111,7 @@ def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> 
 
 
 def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None:
-    """All but the last moment before the kill: into the grasp."""
+    """The replay reaches the grasp; at most the last two seconds are missing."""
     answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
     figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
     assert answer.returncode == 0 and figures["same"], figures
@@ -126,7 +125,7 @@ def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None
 
 
 def test_child_processes_end_with_the_killed_run(killed: dict[str, Any]) -> None:
-    """The render process would else stay behind, one for every crash."""
+    """Otherwise every crash would leave a render process."""
     assert killed["helpers"]
     deadline = time.monotonic() + 10.0
     while any(alive(pid) for pid in killed["helpers"]) and time.monotonic() < deadline:
@@ -148,7 +147,7 @@ def test_the_next_run_can_open_the_cell(killed: dict[str, Any]) -> None:
 
 
 def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -> None:
-    """In another process, from what is on disk: it lets go, parks, looks again, and folds the garment."""
+    """Another process resumes from disk: it opens the hands, parks, looks again and folds the garment."""
     logs = killed["logs"]
     folder = min(p for p in logs.iterdir() if p.is_dir())
     answer = foldcell("resume", folder.name, "--json", "--logs", str(logs), timeout=LONGEST_S)

@@ -38,7 +38,7 @@ def abort(ports: Ports, commands: CommandQueue, n: int) -> None:
 
 
 def parked(onlooker: Onlooker) -> bool:
-    """The arms at their rest pose, the hands open."""
+    """Whether the arms are at their rest pose and the hands open."""
     return bool(np.abs(onlooker.last_q - load_model().q_park).max() < 0.02 and min(onlooker.openings) > 0.03)
 
 
@@ -53,7 +53,7 @@ def told(request: FoldRequest) -> list[Any]:
 def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The hands hold the garment where it is; the run ends as a fault, and says why the report is all there is."""
+    """The hands hold the garment in place, the run ends as a fault, and the result explains the missing files."""
     journals: list[Journal] = []
     opened = Journal.open
 
@@ -96,7 +96,7 @@ def test_a_run_without_a_garment_ends_not_folded(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [FaultKind.CAMERA_BLACK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_SILENT])
 def test_a_broken_camera_is_retried_before_the_run_ends(kind: FaultKind, tmp_path: Path) -> None:
-    """It breaks after the picture of the empty table. A frozen one would show that table for ever."""
+    """The camera breaks after the picture of the empty table; a frozen one keeps showing that table."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(Fault(kind))
     result = onlooker.fold(request)
@@ -119,8 +119,8 @@ def test_a_recovered_camera_is_used_again(tmp_path: Path) -> None:
 
 
 def test_a_camera_failure_during_a_fold_changes_neither_the_fold_nor_its_inspection(tmp_path: Path) -> None:
-    """The pictures on the way are for the record. Afterwards the folded garment is looked at, not taken for a
-    smaller one that lies flat."""
+    """Pictures during a fold are for the recording only. Afterwards the folded garment is inspected and not
+    recognised as a smaller flat one."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
         Fault(FaultKind.CAMERA_SILENT, duration=6.0)
@@ -281,7 +281,7 @@ def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
 
 
 def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
-    """Its threads must not go on computing what is void, and what they found so far is not kept."""
+    """Its threads stop computing, and their intermediate result is discarded."""
     onlooker = Onlooker()
     searching = {"optimiser": {"simulations": 300, "method": "paper", "use_library": False}}
     request = fold_request(tmp_path, searching, record=True)
@@ -318,7 +318,7 @@ def test_a_signal_stops_the_run_and_is_named_as_its_reason(
 
 
 def test_an_aborted_run_has_a_recording_and_a_report(tmp_path: Path) -> None:
-    """Recording and report are made however a run ends."""
+    """Every end of a run writes recording and report."""
     onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, record_truth=True)
     onlooker.after[Effect.LOOK] = abort
     result = onlooker.fold(request)
