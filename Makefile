@@ -26,8 +26,8 @@ test: setup            ## lint, types, import floors and the whole test suite
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(PARALLEL)
 
-quick: setup           ## the tests without the whole runs
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
+quick: setup           ## the tests that take a minute together: no whole runs, and nothing marked long
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long"
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy

@@ -1,7 +1,96 @@
-"""What holds for all tests."""
+"""Settings of the whole suite: untimed properties, the skips that are allowed, and the tests that take long."""
 
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.optional_parts import ALLOWED_SKIPS, may_be_skipped, skip_summary
 
 # A busy machine is no defect: neither a property nor the drawing of its examples is timed.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
+
+UNIT = Path(__file__).parent / "unit"
+COMPUTES_CLOTH = (
+    "benchmarks/test_bench_cloth.py",
+    "benchmarks/test_ideal_folds.py",
+    "calibration/test_identify.py",
+    "calibration/test_material_tests.py",
+    "calibration/test_mujoco_peer.py",
+    "cell/campaigns/test_library_build.py",
+    "cell/commands/test_optimise_command.py",
+    "cell/executive/effects/test_effects_adapting.py",
+    "cell/executive/effects/test_effects_planning.py",
+    "cell/simulation/test_cloth_body.py",
+    "cell/simulation/test_honest_loop.py",
+    "cell/simulation/test_score.py",
+    "cell/simulation/test_world.py",
+    "skills/cloth",
+    "skills/trajectory",
+)
+COMPILES = ("cell/operator/progress/test_compiling.py",)
+DRAWS_PICTURES = (
+    "cell/commands/test_perceive_command.py",
+    "cell/config/test_new_garment.py",
+    "cell/simulation/test_camera_sensor.py",
+    "skills/perception",
+)
+PLANS_MOTIONS = (
+    "calibration/test_hand_eye.py",
+    "cell/calibrating",
+    "robots/test_robot_models.py",
+    "skills/motion/test_plan.py",
+)
+OPENS_A_BROWSER = ("cell/operator/console/test_page.py",)
+LONG = tuple(
+    UNIT / place
+    for group in (COMPUTES_CLOTH, COMPILES, DRAWS_PICTURES, PLANS_MOTIONS, OPENS_A_BROWSER)
+    for place in group
+)
+assert all(place.exists() for place in LONG)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        talks_over_ros = "rosmaster" in getattr(item, "fixturenames", ())
+        if talks_over_ros or any(item.path.is_relative_to(place) for place in LONG):
+            item.add_marker(pytest.mark.long)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.skipped and not hasattr(report, "wasxfail"):
+        fail_unless_allowed(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    if report.skipped:
+        fail_unless_allowed(report)
+    return report
+
+
+def fail_unless_allowed(report: Any) -> None:
+    if not may_be_skipped(reason_of(report)):
+        report.outcome = "failed"
+        report.longrepr = f"skipped, and {ALLOWED_SKIPS} does not allow it: {reason_of(report)}"
+
+
+def reason_of(report: Any) -> str:
+    """The reason of a skip without pytest's own prefix."""
+    where = report.longrepr
+    return str(where[2] if isinstance(where, tuple) else where).removeprefix("Skipped: ")
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    line = skip_summary(reason_of(report) for report in terminalreporter.stats.get("skipped", ()))
+    if line:
+        terminalreporter.write_line(line)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import socket
 import subprocess
@@ -13,20 +12,19 @@ from collections.abc import Iterator
 
 import pytest
 
-from robots.baxter.ros.installation import find_ros
+from tests.optional_parts import ROS, ROS_PATH
 
 __all__ = ["rosmaster"]
 
 BEGIN_S = 30.0
-PATH = os.pathsep.join((os.environ.get("PATH", os.defpath), "/opt/ros/noetic/bin"))
 
 
 @pytest.fixture(scope="session")
 def rosmaster() -> Iterator[str]:
     """The URI of a master that answers; this process's environment names it."""
-    program = shutil.which("rosmaster", path=PATH)
-    if find_ros() is None or program is None:
-        pytest.skip("ROS 1 is not installed (rospy and rosmaster)")
+    ROS.require()
+    program = shutil.which("rosmaster", path=ROS_PATH)
+    assert program is not None
     port = free_port()
     with tempfile.TemporaryDirectory(prefix="foldcell-ros-") as logs, pytest.MonkeyPatch.context() as patch:
         uri = f"http://127.0.0.1:{port}"

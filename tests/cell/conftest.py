@@ -1,4 +1,4 @@
-"""One whole run, looked at from many sides."""
+"""One recorded run of the simulated cell, shared by all tests of this folder."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cell.states.fold_request import FoldRequest, FoldResult
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 4, "use_library": False}}
-"""Few simulations, on two threads: that the optimum is found is tested elsewhere."""
+"""Few simulations on two threads: other tests check the optimum."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A run that has ended, with all that it left behind."""
+    """A finished run with its result, its journal and its folder."""
 
     request: FoldRequest
     result: FoldResult
@@ -42,11 +42,11 @@ def see(folder: Path, **options: bool) -> Seen:
 
 @pytest.fixture(scope="session")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
-    """A medium towel folded with everything on: recording, report, scorer."""
+    """A medium towel folded with recording, report and scorer."""
     yield see(tmp_path_factory.mktemp("seen"), record=True, record_truth=True)
 
 
 @pytest.fixture(scope="session")
 def unseen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
-    """The same seed, with recording, scorer and truth taken out."""
+    """The same seed without recording, scorer and ground truth."""
     return see(tmp_path_factory.mktemp("unseen"), record=False, record_truth=False)

@@ -1,4 +1,4 @@
-"""A run is decided again by what was read then: the same, or the first decision that differs, at its place."""
+"""Replay of a run's decisions from its transcript: equal, or the first difference with its place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cell.hardware.driver import OpenCell
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord
 from cell.recording.transcript.replay_ports import Halt
-from cell.recording.transcript.transcript import TRANSCRIPT, Transcript, write_transcript
+from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
 from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
@@ -29,26 +29,27 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
 from tests.runs import decided_again, fold_request
+from tests.transcripts import write_transcript
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 @pytest.fixture
 def copied(seen: Any, tmp_path: Path) -> RunRecord:
-    """The run, in a folder that a test may damage."""
+    """A copy of the run that a test may damage."""
     folder = tmp_path / seen.record.id
     shutil.copytree(seen.folder, folder, ignore=shutil.ignore_patterns("run.rrd", "*.html", "*.png"))
     return replace(seen.record, directory=folder)
 
 
 def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
-    """The transcript of a run, written anew."""
+    """Replace the transcript of a run by an altered one."""
     transcript = Transcript(run.directory / TRANSCRIPT)
-    write_transcript(transcript.path, transcript.constants, alter(list(transcript)))
+    write_transcript(run.directory, transcript.constants, alter(list(transcript)))
 
 
 def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
-    """With another answer at a place."""
+    """The exchanges with the answer at one place replaced."""
     return [*exchanges[:at], replace(exchanges[at], answer=pack(value)), *exchanges[at + 1 :]]
 
 
@@ -63,8 +64,8 @@ def decided(seen: Any, run: RunRecord) -> Verdict:
 # the same
 
 
-def test_the_whole_run_is_decided_the_same(seen: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two folds, with the optimiser's search, on as many threads as then; every set-point bit for bit."""
+def test_replaying_a_whole_run_repeats_every_decision(seen: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two folds with the optimiser's search on the same number of threads; set-points agree bit for bit."""
     line = ["replay", seen.record.id, "--decide", "--json", "--logs", str(seen.request.logs)]
     before = sorted(p.name for p in seen.request.logs.rglob("*"))
     assert main(line) == 0
@@ -80,11 +81,11 @@ def test_the_whole_run_is_decided_the_same(seen: Any, capsys: pytest.CaptureFixt
     assert sorted(p.name for p in seen.request.logs.rglob("*")) == before, "it has left something behind"
 
 
-def test_the_transcript_is_small(seen: Any) -> None:
+def test_the_transcript_is_smaller_than_8_mb(seen: Any) -> None:
     assert (seen.folder / TRANSCRIPT).stat().st_size < 8e6
 
 
-def test_one_that_breaks_off_is_compared_as_far_as_it_goes(seen: Any, copied: RunRecord) -> None:
+def test_a_truncated_transcript_is_compared_up_to_its_end(seen: Any, copied: RunRecord) -> None:
     altered(copied, lambda exchanges: exchanges[:4000])
     verdict = decided(seen, copied)
     assert verdict.same and verdict.exchanges == 4000
@@ -93,7 +94,7 @@ def test_one_that_breaks_off_is_compared_as_far_as_it_goes(seen: Any, copied: Ru
 
 
 class WallClock:
-    """Never says the same twice, as that of a real cell."""
+    """A clock that never returns the same time twice, as in a real cell."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -122,8 +123,8 @@ class GivesUp:
     def performed(self, t: float, step: Step, result: Any) -> None: ...
 
 
-def test_a_run_that_no_seed_can_repeat_is_decided_the_same(tmp_path: Path) -> None:
-    """Not simulated, by a clock that goes as it likes: what was read is all that it depends on."""
+def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Path) -> None:
+    """The run is not marked as simulated and its clock is irregular: decisions depend on the readings alone."""
     request, operator = fold_request(tmp_path, record=True), GivesUp()
     result = fold_once(request, operator.begin, (operator,))
     assert result.failure is not None and result.failure["kind"] == "aborted"
@@ -138,8 +139,8 @@ def test_a_run_that_no_seed_can_repeat_is_decided_the_same(tmp_path: Path) -> No
 # another decision
 
 
-def test_an_altered_reading_is_told_where_it_changes_what_is_done(seen: Any, copied: RunRecord) -> None:
-    """The head is not where it was: no picture is taken."""
+def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any, copied: RunRecord) -> None:
+    """The head reading is off, so no picture is taken."""
     pictures: list[int] = []
 
     def turn(exchanges: list[Exchange]) -> list[Exchange]:
@@ -157,8 +158,8 @@ def test_an_altered_reading_is_told_where_it_changes_what_is_done(seen: Any, cop
     assert there.cell_time_s == photograph.cell_time
 
 
-def test_an_altered_picture_is_told_where_it_is_seen(seen: Any, copied: RunRecord) -> None:
-    """The garment is gone from it."""
+def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copied: RunRecord) -> None:
+    """The garment is erased from the picture."""
 
     def erase(exchanges: list[Exchange]) -> list[Exchange]:
         store = FrameStore(copied.directory / FRAMES)
@@ -180,8 +181,8 @@ def test_an_altered_picture_is_told_where_it_is_seen(seen: Any, copied: RunRecor
     assert "no_garment" in there.now
 
 
-def test_a_straying_arm_is_told_at_the_tick_at_which_it_strays(seen: Any, copied: RunRecord) -> None:
-    """In the midst of the first motion: the arms would be told to hold."""
+def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: RunRecord) -> None:
+    """One arm reading of the first motion is off by 0.5 rad, so the arms are commanded to hold."""
     at: list[int] = []
 
     def stray(exchanges: list[Exchange]) -> list[Exchange]:
@@ -200,7 +201,7 @@ def test_a_straying_arm_is_told_at_the_tick_at_which_it_strays(seen: Any, copied
     assert "tactile" in there.then and "a reading of the arms" in there.now
 
 
-def test_other_settings_are_told_where_they_decide(seen: Any, copied: RunRecord) -> None:
+def test_changed_settings_are_reported_at_the_first_decision_they_change(seen: Any, copied: RunRecord) -> None:
     path = copied.directory / "cell.yaml"
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
     settings["computing"]["perception_s"] += 0.25
@@ -211,7 +212,7 @@ def test_other_settings_are_told_where_they_decide(seen: Any, copied: RunRecord)
     assert float(there.now.split()[2]) - float(there.then.split()[2]) == pytest.approx(0.25)
 
 
-def test_another_program_is_told_where_it_decides(
+def test_a_changed_program_is_reported_at_the_first_decision_it_changes(
     seen: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cell.executive.effects.moving.HEAD_TURN_S", 1.0)
@@ -221,7 +222,7 @@ def test_another_program_is_told_where_it_decides(
     assert "then   a set-point for the arms" in text and "now    a look at the clock" in text
 
 
-def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: Any) -> None:
+def test_a_changed_figure_in_the_journal_alone_is_reported(seen: Any) -> None:
     entries = list(seen.entries)
     at = next(i for i, e in enumerate(entries) if (e.kind, e.name) == ("result", "recognise"))
     payload = {**entries[at].payload, "confidence": 0.125}
@@ -232,7 +233,7 @@ def test_another_figure_in_the_ledger_is_told_though_nothing_else_differs(seen: 
 
 
 class Enough:
-    """Ends what is decided again after an effect: the rest does not matter."""
+    """Ends the replay after an effect."""
 
     def __init__(self, effect: str) -> None:
         self._effect = effect
@@ -247,25 +248,25 @@ class Enough:
 # what is missing
 
 
-def test_a_missing_picture_is_told_of(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_pictures_is_a_storage_error(seen: Any, copied: RunRecord) -> None:
     shutil.rmtree(copied.directory / FRAMES)
     with pytest.raises(StorageError, match="missing or damaged"):
         decided(seen, copied)
 
 
-def test_a_missing_transcript_is_told_of(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_transcript_is_a_storage_error(seen: Any, copied: RunRecord) -> None:
     (copied.directory / TRANSCRIPT).unlink()
     with pytest.raises(StorageError, match="has no transcript"):
         decided(seen, copied)
 
 
-def test_a_missing_request_is_told_of(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_request_is_a_configuration_error(seen: Any, copied: RunRecord) -> None:
     (copied.directory / "request.json").unlink()
     with pytest.raises(ConfigurationError, match="the request of the run"):
         decided(seen, copied)
 
 
-def test_settings_that_are_refused_are_told_of(seen: Any, copied: RunRecord) -> None:
+def test_replay_with_invalid_settings_is_a_configuration_error(seen: Any, copied: RunRecord) -> None:
     path = copied.directory / "cell.yaml"
     path.write_text(path.read_text(encoding="utf-8") + "oven: hot\n", encoding="utf-8")
     with pytest.raises(ConfigurationError, match="oven"):

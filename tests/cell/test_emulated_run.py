@@ -1,4 +1,4 @@
-"""A fold by the real robot's driver, over ROS, of the cell that stands in another process."""
+"""Folds by the real robot's driver over ROS; the simulated cell runs in another process."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.ros.installation import find_ros
+from tests.optional_parts import ROS
 from tests.runs import decided_again
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(600),
-    pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed"),
+    ROS.required,
 ]
 
 SCRIPT = """
@@ -34,7 +34,7 @@ expect:
 
 
 def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
-    """In a process of its own: it is a ROS node for as long as it lives."""
+    """Run a command in its own process, because a process can be a ROS node only once."""
     done = subprocess.run(
         [sys.executable, "-m", "cell.commands.main", *arguments, "--driver", "emulator", "--json"],
         capture_output=True, text=True, timeout=500, cwd=Path(__file__).parents[2], check=False,
@@ -45,7 +45,7 @@ def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
 
 
 def test_a_towel_is_folded_over_ros(tmp_path: Path) -> None:
-    """In real time, on whatever machine this is: that it passes is measured elsewhere; here the loop is whole."""
+    """The run is in real time, so its quality depends on the machine. Trials measure how often it passes."""
     code, result = foldcell("fold", "small_towel", "--seed", "1", "--logs", str(tmp_path))
     assert (result["driver"], result["simulated"], result["world"]) == ("emulator", True, "xpbd")
     assert code in (0, 2), result["failure"]

@@ -1,4 +1,4 @@
-"""A whole run of the simulated cell: what it did, sent and left behind, and that it can be repeated."""
+"""A whole run of the simulated cell: effects, set-points, files, and reproducibility."""
 
 from __future__ import annotations
 
@@ -29,16 +29,11 @@ NEAR_THE_TABLE = frozenset({Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEA
 # how it ended
 
 
-def test_it_comes_to_a_declared_end_with_the_code_that_fits(seen: Any) -> None:
-    """How often a towel is folded is measured by trials; here one fold has to be made, and the end be told."""
+def test_the_towel_ends_folded_with_exit_code_0(seen: Any) -> None:
     result = seen.result
-    assert (result.result, result.state, result.exit_code) in {
-        ("folded", "folded", 0),
-        ("not_folded", "not_folded", 2),
-    }
-    assert result.steps[0]["done"]
-    assert all(step["done"] for step in result.steps) is (result.state == "folded")
-    assert (result.failure is None) is (result.state == "folded")
+    assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
+    assert all(step["done"] for step in result.steps)
+    assert result.failure is None
 
 
 def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
@@ -50,14 +45,14 @@ def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
     assert 0.5 < score["iou"] <= 1.0
 
 
-def test_the_camera_sees_how_high_the_stack_stands(seen: Any) -> None:
+def test_the_observed_height_grows_with_each_fold_and_agrees_with_the_score(seen: Any) -> None:
     steps = seen.result.as_json()["steps"]
     assert all(step["done"] for step in steps)
     assert 0.004 < steps[0]["observed_height_m"] < steps[1]["observed_height_m"]
     assert steps[-1]["observed_height_m"] == pytest.approx(seen.result.score["height_m"], abs=0.007)
 
 
-def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
+def test_the_json_result_has_all_documented_keys(seen: Any) -> None:
     figures = json.loads(json.dumps(seen.result.as_json(), allow_nan=False))
     for key in ("garment", "seed", "driver", "result", "score", "steps", "robot_time_s", "wall_time_s",
                 "stage_times_s", "run_dir"):  # fmt: skip
@@ -76,14 +71,14 @@ def test_the_last_json_line_has_what_the_contract_names(seen: Any) -> None:
 # the journal
 
 
-def test_the_ledger_has_no_gaps_and_time_does_not_go_back(seen: Any) -> None:
+def test_the_journal_has_no_gaps_and_its_times_never_decrease(seen: Any) -> None:
     assert [e.sequence for e in seen.entries] == list(range(1, len(seen.entries) + 1))
     for clock in ("cell_time", "wall_time"):
         times = [getattr(e, clock) for e in seen.entries]
         assert all(a <= b for a, b in pairwise(times))
 
 
-def test_every_effect_has_its_intent_and_then_its_result(seen: Any) -> None:
+def test_every_effect_has_an_intent_followed_by_its_result(seen: Any) -> None:
     open_intent: Entry | None = None
     for entry in seen.entries:
         if entry.kind == "intent":
@@ -99,8 +94,8 @@ def test_every_effect_has_its_intent_and_then_its_result(seen: Any) -> None:
     assert noted == [e.value for e, _ in seen.onlooker.performed if e not in quiet]
 
 
-def test_the_ledger_replays_through_the_machine(seen: Any) -> None:
-    """From the entries alone the pure machine comes to the same end by the same effects."""
+def test_the_state_machine_reaches_the_same_end_from_the_journal_alone(seen: Any) -> None:
+    """The journal's events drive the machine through the same effects to the same end."""
     machine = Executive()
     for entry in seen.entries:
         if entry.kind == "event":
@@ -113,7 +108,7 @@ def test_the_ledger_replays_through_the_machine(seen: Any) -> None:
     assert machine.state in TERMINAL and machine.state.value == seen.result.state
 
 
-def test_the_ledgers_summary_is_the_result(seen: Any) -> None:
+def test_the_summary_in_the_journal_equals_the_result(seen: Any) -> None:
     kept = json.loads((seen.folder / "result.json").read_text(encoding="utf-8"))
     summary = {k: v for k, v in seen.record.summary.items() if k != "schema"}
     assert kept == summary == json.loads(json.dumps(seen.result.as_json()))
@@ -125,7 +120,7 @@ def test_the_ledgers_summary_is_the_result(seen: Any) -> None:
 # time
 
 
-def test_robot_time_is_the_cells_clock_from_first_to_last(seen: Any) -> None:
+def test_robot_time_is_the_cell_time_between_first_and_last_entry(seen: Any) -> None:
     result, entries = seen.result, seen.entries
     assert result.robot_time_s == pytest.approx(entries[-1].cell_time - entries[0].cell_time, abs=1e-6)
     assert sum(result.stage_times_s.values()) == pytest.approx(result.robot_time_s, abs=0.1)
@@ -137,7 +132,7 @@ def test_wall_time_covers_the_run(seen: Any) -> None:
     assert within <= seen.result.wall_time_s <= seen.record.ended - seen.record.started + 5.0
 
 
-def test_computing_is_charged_as_declared(seen: Any) -> None:
+def test_computing_takes_the_declared_cell_time_per_simulation(seen: Any) -> None:
     costs = seen.request.settings.computing
     spans = {e.sequence: e for e in seen.entries if e.kind == "intent"}
     charged = [
@@ -168,7 +163,7 @@ def test_every_set_point_keeps_the_joints_limits(seen: Any) -> None:
 
 
 def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
-    """Approach and fold are one planned motion each: second differences of what was sent are its accelerations."""
+    """Approach and fold are one planned motion each: second differences of the set-points are accelerations."""
     limits = load_model().limits("planning", 1.0)
     for effect in (Effect.APPROACH, Effect.FOLD):
         sent = [s for s in seen.onlooker.set_points if s.effect is effect]
@@ -180,14 +175,14 @@ def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
         assert (acceleration <= 1.05 * limits.acceleration).all()
 
 
-def test_the_arms_are_commanded_without_a_break_while_they_move(seen: Any) -> None:
-    """A command holds for 0.2 s; within one effect none may run out."""
+def test_moving_arms_are_commanded_at_least_every_50_ms(seen: Any) -> None:
+    """A command expires after 0.2 s; within one effect none may expire."""
     for a, b in pairwise(seen.onlooker.set_points):
         if a.effect is b.effect and np.abs(a.qd).max() > 1e-3:
             assert b.t - a.t < 0.05
 
 
-def test_no_set_point_touches_what_it_must_not(seen: Any) -> None:
+def test_no_set_point_is_in_collision(seen: Any) -> None:
     table = seen.request.settings.table
     checker = CollisionChecker(load_model(), table, body_margin=0.005, table_margin=0.010, fingertip_margin=0.010)
     for s in seen.onlooker.set_points[::5]:
@@ -195,7 +190,7 @@ def test_no_set_point_touches_what_it_must_not(seen: Any) -> None:
         assert contact is None, f"{contact} at {s.t:.2f} s in {s.effect}"
 
 
-def test_it_ends_with_the_arms_parked_and_the_hands_open(seen: Any) -> None:
+def test_the_run_ends_with_parked_arms_and_open_hands(seen: Any) -> None:
     assert np.abs(seen.onlooker.last_q - load_model().q_park).max() < 0.02
     assert min(seen.onlooker.openings) > 0.015
 
@@ -203,7 +198,7 @@ def test_it_ends_with_the_arms_parked_and_the_hands_open(seen: Any) -> None:
 # what it left behind
 
 
-def test_the_runs_folder_is_whole(seen: Any) -> None:
+def test_the_run_folder_is_complete(seen: Any) -> None:
     names = {p.name for p in seen.folder.iterdir()}
     assert {"cell.yaml", "report.html", "result.json", "run.rrd"} <= names
     assert not any(name.startswith(".") or name.endswith(".part") for name in names), "something half-written"
@@ -214,7 +209,7 @@ def test_the_runs_folder_is_whole(seen: Any) -> None:
     assert not is_held(seen.request.logs / "cell.lock")
 
 
-def test_the_recording_is_complete_and_tells_the_same_story(seen: Any) -> None:
+def test_the_recording_holds_every_series_and_every_transition(seen: Any) -> None:
     import rerun.chunk
 
     assert seen.result.recording == {"dropped": 0, "live_dropped": 0, "errors": [], "live_errors": []}
@@ -234,7 +229,7 @@ def test_the_recording_is_complete_and_tells_the_same_story(seen: Any) -> None:
 
 
 class Loads(HTMLParser):
-    """What a browser would fetch to show a page."""
+    """Collects the resources that a browser would load for a page."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -249,7 +244,7 @@ class Loads(HTMLParser):
         self.fetched += [w for w in wanted if w and not w.startswith(("data:", "#"))]
 
 
-def test_the_report_needs_nothing_from_elsewhere(seen: Any) -> None:
+def test_the_report_loads_no_external_resources(seen: Any) -> None:
     text = (seen.folder / "report.html").read_text(encoding="utf-8")
     page = Loads()
     page.feed(text)
@@ -258,7 +253,7 @@ def test_the_report_needs_nothing_from_elsewhere(seen: Any) -> None:
     assert page.pictures >= 12, "six key frames of each fold"
 
 
-def test_the_report_says_what_the_result_says(seen: Any) -> None:
+def test_the_report_names_every_step_and_the_robot_time(seen: Any) -> None:
     text = re.sub(r"<[^>]+>", " ", (seen.folder / "report.html").read_text(encoding="utf-8"))
     assert "simulated" in text
     for step in seen.result.steps:
@@ -266,7 +261,7 @@ def test_the_report_says_what_the_result_says(seen: Any) -> None:
     assert f"{seen.result.robot_time_s:.1f}" in text
 
 
-def test_what_was_optimised_is_kept_in_the_users_library(seen: Any) -> None:
+def test_optimised_trajectories_are_saved_in_the_user_library(seen: Any) -> None:
     loaded = load_library(seen.request.logs)
     assert [r for path, r in loaded.refused if path.parent == seen.request.logs] == []
     kept = json.loads((seen.request.logs / "library.json").read_text(encoding="utf-8"))
@@ -281,8 +276,8 @@ def test_what_was_optimised_is_kept_in_the_users_library(seen: Any) -> None:
 # the same again
 
 
-def test_the_same_seed_decides_the_same_without_scorer_and_truth(seen: Any, unseen: Any) -> None:
-    """A run is a function of its seed, and nothing in it depends on being watched or scored."""
+def test_the_same_seed_gives_the_same_journal_without_recording_and_scorer(seen: Any, unseen: Any) -> None:
+    """A run is a function of its seed. Recording and scoring change nothing."""
     assert list(told(unseen.entries)) == list(told(seen.entries))
 
 
@@ -292,7 +287,7 @@ def test_the_same_seed_sends_the_same_set_points_bit_for_bit(seen: Any, unseen: 
     assert all(np.array_equal(x.q, y.q) and np.array_equal(x.qd, y.qd) for x, y in zip(a, b, strict=True))
 
 
-def test_the_same_seed_sees_the_same_pictures_bit_for_bit(seen: Any, unseen: Any) -> None:
+def test_the_same_seed_gives_the_same_pictures_bit_for_bit(seen: Any, unseen: Any) -> None:
     frames = [
         [r.context.sight.frame for r in run.onlooker.results if r.context.sight.frame is not None]
         for run in (seen, unseen)
@@ -303,7 +298,7 @@ def test_the_same_seed_sees_the_same_pictures_bit_for_bit(seen: Any, unseen: Any
         assert np.array_equal(a.depth, b.depth, equal_nan=True)
 
 
-def test_a_run_that_nobody_watches_is_not_scored_and_not_recorded(unseen: Any) -> None:
+def test_a_run_without_recording_leaves_no_score_and_no_recording(unseen: Any) -> None:
     assert unseen.result.score is None
     left = {p.name for p in unseen.folder.iterdir()}
     assert {"cell.yaml", "request.json", "result.json"} <= left
@@ -311,7 +306,7 @@ def test_a_run_that_nobody_watches_is_not_scored_and_not_recorded(unseen: Any) -
 
 
 def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:
-    """A journal without what the wall's clock has put into it."""
+    """The journal's entries without wall-clock times."""
     for e in entries:
         yield e.sequence, e.cell_time, e.state, e.kind, e.name, e.answers, _timeless(e.payload)
 

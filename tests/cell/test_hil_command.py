@@ -1,4 +1,4 @@
-"""`foldcell hil` as it is typed: whole runs of the simulated cell, and what a build server reads of them."""
+"""The command `foldcell hil`: whole runs of the simulated cell, JSON and JUnit results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ expect:
 """
 
 
-def test_scripts_that_pass_and_one_that_does_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_hil_reports_passing_scripts_and_a_failing_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
     junit = tmp_path / "hil.xml"
@@ -60,7 +60,7 @@ def test_scripts_that_pass_and_one_that_does_not(tmp_path: Path, capsys: pytest.
     assert [case.find("failure") is None for case in suite] == [True, False, True]
 
 
-def test_nothing_is_performed_while_one_script_is_bad(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_script_runs_if_one_of_them_is_invalid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / "bad.yaml"
     bad.write_text(STOPPED.replace("end:", "ends:"), encoding="utf-8")
     logs = tmp_path / "logs"
@@ -73,11 +73,9 @@ def test_nothing_is_performed_while_one_script_is_bad(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
+def test_results_are_kept_when_a_signal_arrives_between_two_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    if signal.getsignal(number) is signal.SIG_IGN:
-        pytest.skip("the signal is ignored here, as under nohup")
     performed: list[str] = []
 
     def perform(script: Script, *_: Any, **__: Any) -> ScriptResult:
@@ -89,14 +87,19 @@ def test_what_was_performed_is_kept_when_a_signal_comes_between_two_runs(
     monkeypatch.setattr("cell.commands.run.hil.run_script", perform)
     junit = tmp_path / "hil.xml"
     scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
-    code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
+    default = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(number, default)  # it may be ignored, as under nohup
+    try:
+        code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
+    finally:
+        signal.signal(number, before)
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert code == 128 + number and figures["failed"] == 1 and len(figures["not_performed"]) == 2
     suite = ElementTree.parse(junit).getroot()
     assert [suite.get(k) for k in ("tests", "failures", "skipped")] == ["3", "1", "2"]
 
 
-def test_a_kill_loses_nothing_that_was_performed(tmp_path: Path) -> None:
+def test_a_killed_campaign_keeps_the_results_of_finished_scripts(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
     logs = tmp_path / "logs"
@@ -111,7 +114,7 @@ def test_a_kill_loses_nothing_that_was_performed(tmp_path: Path) -> None:
     assert [script["name"] for script in figures["scripts"]] == ["stopped"] and len(figures["not_performed"]) == 1
 
 
-def test_nobody_reading_changes_no_exit_code(tmp_path: Path) -> None:
+def test_a_closed_output_pipe_does_not_change_the_exit_code(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
     hil = f"{sys.executable} -m cell.commands.main hil {bad} {bad} --logs {tmp_path / 'logs'}"

@@ -1,4 +1,4 @@
-"""A whole run under an operator who sits at the page: a fold is approved, paused, resumed; the next is not."""
+"""A whole run supervised from the operator's page: approve, pause, resume, abort."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ class Operator(threading.Thread):
         return "resume" if board["note"].startswith("paused") else "pause"
 
 
-def test_an_operator_at_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
     monkeypatch.setattr(

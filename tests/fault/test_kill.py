@@ -1,5 +1,4 @@
-"""`kill -9` in the middle of a run: the journal tells what was under way, the cell is free for the next run, and
-whoever goes on with it folds the garment."""
+"""`kill -9` during a run: the journal names the interrupted effect, and the run can be resumed."""
 
 from __future__ import annotations
 
@@ -32,7 +31,7 @@ def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[s
 
 
 def under_way(logs: Path) -> str | None:
-    """The effect that the journal's last run is in the middle of, read as another process would."""
+    """The unfinished effect of the journal's last run, read from another process."""
     with suppress(StorageError), Journal.open(logs / "journal.db", readonly=True) as journal:
         runs = journal.runs()
         intent = journal.last_intent(runs[-1].id) if runs else None
@@ -54,7 +53,7 @@ def alive(pid: int) -> bool:
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """A run in a process of its own, killed as it grasps."""
+    """A run in its own process, killed during the grasp."""
     folder = tmp_path_factory.mktemp("killed")
     settings, logs = folder / "cell.yaml", folder / "logs"
     settings.write_text(yaml.safe_dump(dict(PLAIN)), encoding="utf-8")
@@ -78,12 +77,12 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             "while_running": while_running}  # fmt: skip
 
 
-def test_while_it_lived_it_was_running(killed: dict[str, Any]) -> None:
+def test_a_run_is_listed_as_running_until_it_is_killed(killed: dict[str, Any]) -> None:
     (run,) = killed["while_running"]["runs"]
     assert (run["status"], run["pid"]) == ("running", killed["pid"])
 
 
-def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
+def test_the_journal_is_intact_after_a_kill(killed: dict[str, Any]) -> None:
     with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         assert journal.check() == "ok"
         (run,) = journal.runs()
@@ -93,7 +92,7 @@ def test_the_ledger_opens_and_is_sound(killed: dict[str, Any]) -> None:
     assert {"prepare", "look", "recognise", "plan_motion", "approach"} <= {e.name for e in entries}
 
 
-def test_runs_tells_what_was_under_way(killed: dict[str, Any]) -> None:
+def test_the_runs_command_names_the_interrupted_effect(killed: dict[str, Any]) -> None:
     answer = foldcell("runs", "--json", "--logs", str(killed["logs"]))
     assert answer.returncode == 0
     (run,) = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])["runs"]
@@ -104,15 +103,15 @@ def test_runs_tells_what_was_under_way(killed: dict[str, Any]) -> None:
         assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"])).stdout
 
 
-def test_nothing_looks_finished_that_is_not(killed: dict[str, Any]) -> None:
+def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> None:
     (folder,) = [p for p in killed["logs"].iterdir() if p.is_dir()]
     names = {p.name for p in folder.iterdir()}
     assert "result.json" not in names and "report.html" not in names
     assert "cell.yaml" in names
 
 
-def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
-    """All but the last moment before the kill: into the grasp."""
+def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None:
+    """The replay reaches the grasp; at most the last two seconds are missing."""
     answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
     figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
     assert answer.returncode == 0 and figures["same"], figures
@@ -125,8 +124,8 @@ def test_what_it_had_decided_is_decided_again(killed: dict[str, Any]) -> None:
     assert entries[-1].cell_time - figures["cell_time_s"] < 2.0
 
 
-def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
-    """The render process would else stay behind, one for every crash."""
+def test_child_processes_end_with_the_killed_run(killed: dict[str, Any]) -> None:
+    """Otherwise every crash would leave a render process."""
     assert killed["helpers"]
     deadline = time.monotonic() + 10.0
     while any(alive(pid) for pid in killed["helpers"]) and time.monotonic() < deadline:
@@ -137,7 +136,7 @@ def test_its_helpers_end_with_it(killed: dict[str, Any]) -> None:
     assert left == []
 
 
-def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
+def test_the_next_run_can_open_the_cell(killed: dict[str, Any]) -> None:
     request = fold_request(killed["folder"])
     assert request.logs == killed["logs"]
     onlooker = Onlooker()
@@ -147,8 +146,8 @@ def test_the_next_run_has_the_cell(killed: dict[str, Any]) -> None:
         assert [r.status for r in journal.runs()] == ["interrupted", "not_folded"]
 
 
-def test_the_run_can_be_gone_on_with(killed: dict[str, Any]) -> None:
-    """In another process, from what is on disk: it lets go, parks, looks again, and folds the garment."""
+def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -> None:
+    """Another process resumes from disk: it opens the hands, parks, looks again and folds the garment."""
     logs = killed["logs"]
     folder = min(p for p in logs.iterdir() if p.is_dir())
     answer = foldcell("resume", folder.name, "--json", "--logs", str(logs), timeout=LONGEST_S)

@@ -38,7 +38,7 @@ def abort(ports: Ports, commands: CommandQueue, n: int) -> None:
 
 
 def parked(onlooker: Onlooker) -> bool:
-    """The arms at their rest pose, the hands open."""
+    """Whether the arms are at their rest pose and the hands open."""
     return bool(np.abs(onlooker.last_q - load_model().q_park).max() < 0.02 and min(onlooker.openings) > 0.03)
 
 
@@ -50,8 +50,10 @@ def told(request: FoldRequest) -> list[Any]:
 # the journal
 
 
-def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hands hold the garment where it is; the run ends as a fault, and says why the report is all there is."""
+def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hands hold the garment in place, the run ends as a fault, and the result explains the missing files."""
     journals: list[Journal] = []
     opened = Journal.open
 
@@ -82,7 +84,7 @@ def test_a_ledger_that_is_lost_in_mid_fold(tmp_path: Path, monkeypatch: pytest.M
 # seeing
 
 
-def test_no_garment(tmp_path: Path) -> None:
+def test_a_run_without_a_garment_ends_not_folded(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
     result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
     assert (result.state, result.exit_code) == ("not_folded", 2)
@@ -93,8 +95,8 @@ def test_no_garment(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [FaultKind.CAMERA_BLACK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_SILENT])
-def test_a_broken_camera_is_looked_through_again_and_then_given_up(kind: FaultKind, tmp_path: Path) -> None:
-    """It breaks after the picture of the empty table. A frozen one would show that table for ever."""
+def test_a_broken_camera_is_retried_before_the_run_ends(kind: FaultKind, tmp_path: Path) -> None:
+    """The camera breaks after the picture of the empty table; a frozen one keeps showing that table."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(Fault(kind))
     result = onlooker.fold(request)
@@ -105,7 +107,7 @@ def test_a_broken_camera_is_looked_through_again_and_then_given_up(kind: FaultKi
     assert onlooker.count(Effect.APPROACH) == 0 and parked(onlooker)
 
 
-def test_a_camera_that_comes_back_is_believed_again(tmp_path: Path) -> None:
+def test_a_recovered_camera_is_used_again(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.AWAIT_GARMENT] = lambda ports, commands, n: onlooker.inject(
         Fault(FaultKind.CAMERA_BLACK, duration=0.9)
@@ -116,9 +118,9 @@ def test_a_camera_that_comes_back_is_believed_again(tmp_path: Path) -> None:
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN]
 
 
-def test_a_camera_that_fails_during_a_fold_costs_neither_the_fold_nor_the_judgement_of_it(tmp_path: Path) -> None:
-    """The pictures on the way are for the record. Afterwards the folded garment is looked at, not taken for a
-    smaller one that lies flat."""
+def test_a_camera_failure_during_a_fold_changes_neither_the_fold_nor_its_inspection(tmp_path: Path) -> None:
+    """Pictures during a fold are for the recording only. Afterwards the folded garment is inspected and not
+    recognised as a smaller flat one."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
         Fault(FaultKind.CAMERA_SILENT, duration=6.0)
@@ -130,7 +132,7 @@ def test_a_camera_that_fails_during_a_fold_costs_neither_the_fold_nor_the_judgem
     assert onlooker.events(Effect.INSPECT) == [Event.NEXT_FOLD]
 
 
-def test_a_camera_that_fails_before_the_garment_is_laid_photographs_the_empty_table_later(tmp_path: Path) -> None:
+def test_the_empty_table_is_photographed_after_a_camera_recovers(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.after[Effect.PREPARE] = lambda ports, commands, n: onlooker.inject(
         Fault(FaultKind.CAMERA_BLACK, duration=0.8)
@@ -145,9 +147,7 @@ def test_a_camera_that_fails_before_the_garment_is_laid_photographs_the_empty_ta
 # planning
 
 
-def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     methods = []
 
     def broken(step: Any, mesh: Any, vertices: Any, material: Any, method: str, *rest: Any, **options: Any) -> Any:
@@ -172,7 +172,7 @@ def test_an_optimiser_that_fails_gives_way_to_the_plain_arc(
     assert spent[1] - spent[0] == pytest.approx(0.7), "failed simulations cost their time too"
 
 
-def test_an_optimiser_that_always_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_ends_when_the_optimiser_always_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
     monkeypatch.setattr("cell.executive.effects.planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
     onlooker = Onlooker()
@@ -181,7 +181,7 @@ def test_an_optimiser_that_always_fails_ends_the_run(tmp_path: Path, monkeypatch
     assert onlooker.count(Effect.CHOOSE_TRAJECTORY) == 2 and onlooker.count(Effect.APPROACH) == 0
 
 
-def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
+def test_a_crashing_skill_ends_the_run_as_a_fault_with_parked_arms(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def crash(*_: Any, **__: Any) -> None:
@@ -197,7 +197,7 @@ def test_a_skill_that_crashes_ends_as_a_fault_with_the_arms_parked(
 
 
 @pytest.mark.parametrize("which", ["half", "quarter"])
-def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
+def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str
 ) -> None:
     first = {step.name: step.variants[0].name for step in load_garment("small_towel").plan}
@@ -227,7 +227,7 @@ def test_a_fold_that_cannot_be_reached_is_made_in_the_plans_other_way(
 # gripping
 
 
-def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
+def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
     onlooker.after[Effect.GRASP] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
     fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1)
@@ -253,7 +253,7 @@ def test_a_missed_grasp_is_felt_and_tried_again(tmp_path: Path) -> None:
 # stop
 
 
-def test_a_stop_in_the_middle_of_a_fold(tmp_path: Path) -> None:
+def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
     stopped_at: list[float] = []
     began: list[float] = []
@@ -280,8 +280,8 @@ def test_a_stop_in_the_middle_of_a_fold(tmp_path: Path) -> None:
     assert again.same and again.broken_off is None and again.set_points == len(onlooker.set_points)
 
 
-def test_a_stop_ends_a_long_optimisation_within_moments(tmp_path: Path) -> None:
-    """Its threads must not go on computing what is void, and what they found so far is not kept."""
+def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
+    """Its threads stop computing, and their intermediate result is discarded."""
     onlooker = Onlooker()
     searching = {"optimiser": {"simulations": 300, "method": "paper", "use_library": False}}
     request = fold_request(tmp_path, searching, record=True)
@@ -301,7 +301,9 @@ def test_a_stop_ends_a_long_optimisation_within_moments(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_signal_stops_the_run_and_names_itself(number: signal.Signals, code: int, tmp_path: Path) -> None:
+def test_a_signal_stops_the_run_and_is_named_as_its_reason(
+    number: signal.Signals, code: int, tmp_path: Path
+) -> None:
     before = signal.getsignal(number)
     onlooker, request = Onlooker(), fold_request(tmp_path)
     onlooker.before[Effect.LOOK] = lambda ports, commands, n: os.kill(os.getpid(), number)
@@ -315,8 +317,8 @@ def test_a_signal_stops_the_run_and_names_itself(number: signal.Signals, code: i
 # what the run leaves
 
 
-def test_an_aborted_run_is_whole(tmp_path: Path) -> None:
-    """Recording and report are made however a run ends."""
+def test_an_aborted_run_has_a_recording_and_a_report(tmp_path: Path) -> None:
+    """Every end of a run writes recording and report."""
     onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, record_truth=True)
     onlooker.after[Effect.LOOK] = abort
     result = onlooker.fold(request)

@@ -1,4 +1,4 @@
-"""A run that was stopped with cloth in the hands, and one that died between two effects: each is gone on with."""
+"""Resuming a run that was stopped with cloth in the hands, and one that died between two effects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 class Died(BaseException):
-    """As good as a kill: nothing in the run may catch it."""
+    """Stands for a kill: the run must not catch it."""
 
 
 def last_run(request: FoldRequest) -> Interrupted:
@@ -34,7 +34,7 @@ def last_run(request: FoldRequest) -> Interrupted:
 
 
 def after_the_restart(request: FoldRequest) -> tuple[FoldResult, Onlooker]:
-    """The last run of the journal, gone on with, and who looked on."""
+    """Resume the journal's last run; -> its result and the onlooker."""
     onlooker, interrupted = Onlooker(), last_run(request)
     return onlooker.fold(interrupted.request, interrupted=interrupted), onlooker
 
@@ -43,8 +43,8 @@ def die(ports: Ports, commands: CommandQueue, n: int) -> None:
     raise Died
 
 
-def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
-    """Nothing re-arms by itself; told to go on it lets go, parks, finds the half-folded towel and folds it."""
+def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path) -> None:
+    """Nothing re-arms by itself. On resume the hands open, the arms park, and the towel is found and folded."""
     request = fold_request(
         tmp_path, {}, record_truth=True
     )  # the usual arcs: cloth that was let go lies less neatly
@@ -70,8 +70,8 @@ def test_stopped_with_lifted_cloth_in_its_hands(tmp_path: Path) -> None:
     assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
 
 
-def test_died_when_the_first_fold_lay_in_its_place(tmp_path: Path) -> None:
-    """The fold was made and nobody had looked at it: that comes first, and it is not made again."""
+def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it(tmp_path: Path) -> None:
+    """The first fold was finished but not inspected: the resumed run inspects it first."""
     request = fold_request(tmp_path, {}, record=True)  # the usual arcs may lose a corner of the last fold
 
     with pytest.raises(Died):
@@ -93,7 +93,7 @@ SHIFT = 0.03  # [m]
 
 
 def moved(world: bytes, shift: float) -> bytes:
-    """The world with its garment so far to the left."""
+    """The world checkpoint with the garment shifted to the left."""
     with np.load(io.BytesIO(world)) as data:
         arrays = dict(data)
     for name in ("x", "xp", "ref", "last"):
@@ -101,8 +101,8 @@ def moved(world: bytes, shift: float) -> bytes:
     return packed(**arrays)
 
 
-def test_the_executive_that_goes_on_knows_only_what_it_sees(tmp_path: Path) -> None:
-    """The garment is moved while nobody runs: it is folded where it lies now."""
+def test_a_resumed_run_finds_a_garment_that_was_moved(tmp_path: Path) -> None:
+    """The garment is moved between the two runs and folded at its new place."""
     request = fold_request(tmp_path)
 
     with pytest.raises(Died):

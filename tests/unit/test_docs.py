@@ -85,7 +85,7 @@ def test_the_pages_are_there() -> None:
     assert all(p.stat().st_size > 500 for p in PAGES)
 
 
-def test_the_main_commands_are_told() -> None:
+def test_the_readme_names_the_main_commands() -> None:
     told = " ".join(line for page, line in commands() if page == "README.md")
     assert "fold medium_towel" in told
     assert {"fold", "test"} <= {target for page, target in targets() if page == "README.md"}
@@ -117,7 +117,7 @@ def test_every_make_target_exists() -> None:
     assert {target for _, target in targets()} - rules() == set()
 
 
-def test_make_promises_no_target_that_it_lacks() -> None:
+def test_every_phony_target_is_defined() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     promised = {name for line in re.findall(r"^\.PHONY:(.*)$", text, flags=re.M) for name in line.split()}
     assert promised - rules() == set()
@@ -141,7 +141,7 @@ def holders() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("rule", "path"), holders())
-def test_what_holds_an_invariant_exists(rule: str, path: str) -> None:
+def test_files_named_by_the_invariants_exist(rule: str, path: str) -> None:
     place = ROOT / path
     assert place.is_file() or (place.is_dir() and list(place.rglob("test_*.py"))), (
         f"'{rule}...' is held by nothing"
@@ -155,7 +155,7 @@ def test_every_file_that_is_named_exists() -> None:
     assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
-def test_every_link_leads_somewhere() -> None:
+def test_every_link_has_a_target() -> None:
     broken = set()
     for page in PAGES:
         for link in re.findall(r"\]\(([^)\s]+)", page.read_text(encoding="utf-8")):
@@ -164,7 +164,7 @@ def test_every_link_leads_somewhere() -> None:
     assert broken == set()
 
 
-def test_the_figures_that_safety_is_told_by_are_those_of_the_cell() -> None:
+def test_the_safety_page_states_the_figures_of_the_cell() -> None:
     """Somebody stands beside the arms because of them."""
     shipped = load_settings()
     told = {

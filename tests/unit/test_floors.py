@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from tests.optional_parts import GIT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -61,10 +61,9 @@ def test_a_circle_between_packages_is_found(tmp_path: Path) -> None:
 
 def tracked_texts() -> list[Path]:
     """What belongs to the repository: what git knows or would add."""
+    GIT.require()
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
-    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    if answer.returncode:
-        pytest.skip("not a git checkout")
+    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return [ROOT / name for name in answer.stdout.split("\0") if name and (ROOT / name).is_file()]
 
 
@@ -74,7 +73,7 @@ def foreign_paths() -> tuple[str, ...]:
     return tuple(f"/{a}/{b}" for a, b in places)
 
 
-def test_no_text_names_a_place_outside_the_repository() -> None:
+def test_no_text_names_a_path_outside_the_repository() -> None:
     found = []
     for path in tracked_texts():
         data = path.read_bytes()
@@ -92,6 +91,6 @@ def test_pins_are_versions_and_no_addresses() -> None:
         assert "/" not in line and "@" not in line
 
 
-def test_every_package_says_that_it_is_typed() -> None:
+def test_every_package_is_marked_as_typed() -> None:
     for floor in ("cell", "calibration", "skills", "robots"):
         assert (ROOT / floor / "py.typed").is_file()

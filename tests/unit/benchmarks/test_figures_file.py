@@ -50,6 +50,6 @@ def test_figures_are_the_whole_file_or_its_last_line(shape: str | None, tmp_path
     assert read_figures(file, "cloth") == figures
 
 
-def test_a_folder_is_no_file(tmp_path: Path) -> None:
+def test_a_folder_instead_of_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read"):
         read_figures(tmp_path, "cloth")

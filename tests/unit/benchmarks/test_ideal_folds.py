@@ -31,11 +31,11 @@ def strain(mesh: ClothMesh, x: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / mesh.edge_length - 1.0
 
 
-def test_no_fold_is_the_flat_garment(mesh: ClothMesh) -> None:
+def test_without_folds_the_garment_is_flat(mesh: ClothMesh) -> None:
     assert np.array_equal(ideal_fold(mesh, (), FABRIC), mesh.lay_flat(FABRIC.thickness))
 
 
-def test_a_turned_garment_is_neither_strained_nor_tangled_nor_flung(mesh: ClothMesh) -> None:
+def test_a_turned_garment_has_no_strain_no_crossings_and_no_speed(mesh: ClothMesh) -> None:
     before = ideal_fold(mesh, (HALF,), FABRIC)
     turned = turned_over(mesh, (HALF, QUARTER), FABRIC, before)
     assert count_crossings(turned, mesh.triangles) == 0
@@ -51,7 +51,7 @@ def test_a_turned_garment_is_neither_strained_nor_tangled_nor_flung(mesh: ClothM
     assert count_crossings(simulation.positions, mesh.triangles) == 0
 
 
-def test_what_lies_flat_is_put_exactly_on_its_target(mesh: ClothMesh) -> None:
+def test_flat_parts_lie_exactly_on_their_target(mesh: ClothMesh) -> None:
     turned = turned_over(mesh, (HALF, QUARTER), FABRIC, ideal_fold(mesh, (HALF,), FABRIC))
     goal = target_vertices(mesh, (HALF, QUARTER), FABRIC)
     far = np.minimum(*(np.abs(line.signed_distance(goal[:, :2])) for line in (HALF, QUARTER))) > 0.12
@@ -79,7 +79,7 @@ def test_an_earlier_crease_keeps_its_height(mesh: ClothMesh) -> None:
     assert height[1] > 1.4 * height[0]
 
 
-def test_a_single_layer_creases_as_if_it_had_been_mapped_but_without_the_jolt(mesh: ClothMesh) -> None:
+def test_a_single_layer_crease_has_the_height_of_the_mapped_one(mesh: ClothMesh) -> None:
     """A crease that starts flat opens to the same loop, and at more than 1 m/s pushes the layers off."""
     d, x = d_relax(mesh, (HALF,), FABRIC)
     mapped = mapped_fold(mesh, (HALF,), FABRIC)

@@ -36,7 +36,7 @@ def test_the_worst_figures_by_hand() -> None:
     assert worst["towel_step_s_max"] == 4.5 and worst["two_layer_step_s_max"] == 9.0
 
 
-def test_the_page_tells_every_step_and_what_is_not_met() -> None:
+def test_the_page_lists_every_step_and_every_unmet_target() -> None:
     more = {"simulations": 15, "cpu_seconds": 33.0}
     rows = [
         row("a", "default", 8.0, **more), row("a", "two_parameter", 6.5), row("a", "paper", None),
@@ -78,7 +78,7 @@ def test_arcs_are_judged_on_every_fine_mesh_in_turn(monkeypatch: pytest.MonkeyPa
     assert sorted(seen) == [1.0, 1.0, 2.0, 2.0, 6.0, 6.0]
 
 
-def test_figures_are_kept_until_what_they_were_measured_of_changes(tmp_path: Path) -> None:
+def test_figures_are_kept_until_their_inputs_change(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "kept.json"
     key = fingerprint("small_towel", budget=25)
     Kept(path).put(key, "0/default", {"D_mm": 1.5})

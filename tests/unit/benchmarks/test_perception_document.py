@@ -38,7 +38,7 @@ def test_the_page_holds_the_figures_and_its_pictures(tmp_path: Path, monkeypatch
         assert cv2.imread(str(tmp_path / "pictures" / f"{name}.png")) is not None
 
 
-def test_a_point_is_drawn_where_its_axes_say() -> None:
+def test_points_are_drawn_at_their_axis_coordinates() -> None:
     """A curve at the top right corner of its diagram ends on that corner of the frame."""
     plain = document.draw_curve({"sag": []})
     marked = document.draw_curve({"sag": [(0.0, 1.0), (120.0, 1.0)]})

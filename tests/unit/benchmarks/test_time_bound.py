@@ -14,7 +14,7 @@ LIMITS = load_model().planning
 
 
 @pytest.mark.parametrize("distance", [0.3, 1.5])
-def test_one_joint_on_a_straight_line_takes_the_closed_form(distance: float) -> None:
+def test_the_time_bound_of_one_joint_has_a_closed_form(distance: float) -> None:
     """Bang-bang, with a level top where the speed limit is reached: D / v + v / a, or 2 sqrt(D / a)."""
     goal = np.zeros(14)
     goal[0] = distance
@@ -24,14 +24,14 @@ def test_one_joint_on_a_straight_line_takes_the_closed_form(distance: float) -> 
     assert bound.lower == pytest.approx(exact, rel=2e-3) and bound.lower <= bound.upper + 1e-9
 
 
-def test_a_cap_on_the_tools_speed_is_part_of_it() -> None:
+def test_the_time_bound_includes_the_tool_speed_cap() -> None:
     goal = np.full(14, 0.05)
     length = np.linspace(0.0, 1.0, 60)[:, None]
     bound = time_bound(length * goal, LIMITS, lengths=length, speed=0.1)
     assert bound.lower == pytest.approx(10.0, rel=0.02)
 
 
-def test_no_timed_motion_beats_it() -> None:
+def test_no_timed_motion_is_faster_than_the_bound() -> None:
     rng = np.random.default_rng(3)
     x = np.linspace(0.0, 1.0, 60)[:, None]
     for _ in range(5):
@@ -43,7 +43,7 @@ def test_no_timed_motion_beats_it() -> None:
         assert time_path(path, LIMITS).duration > bound.lower
 
 
-def test_shares_are_of_what_the_arms_are_sent() -> None:
+def test_peak_shares_use_the_interpolant_sent_to_the_arms() -> None:
     rng = np.random.default_rng(4)
     motion = free_motion(*(rng.uniform(LIMITS.lower, LIMITS.upper) for _ in range(2)), LIMITS)
     t = rng.uniform(0.0, motion.duration, 50)

@@ -58,7 +58,7 @@ def test_corners_are_found_where_a_pinhole_projects_them() -> None:
         assert np.sqrt((off**2).sum(axis=1).mean()) < 0.15 and np.abs(off.mean(axis=0)).max() < 0.06
 
 
-def test_a_board_that_leaves_the_picture_is_known_by_its_numbers() -> None:
+def test_a_partly_visible_board_is_identified_by_its_markers() -> None:
     T = pose(np.random.default_rng(1), lean=0.2)
     T[0, 3] += 0.17
     view = find_board(painted(T))
@@ -68,11 +68,11 @@ def test_a_board_that_leaves_the_picture_is_known_by_its_numbers() -> None:
 
 
 @pytest.mark.parametrize("shade", [0, 110, 255])
-def test_no_board_is_no_view(shade: int) -> None:
+def test_a_picture_without_a_board_gives_no_view(shade: int) -> None:
     assert find_board(np.full((480, 640, 3), shade, np.uint8)) is None
 
 
-def test_drawing_leaves_the_picture_alone() -> None:
+def test_drawing_does_not_change_the_picture() -> None:
     picture = painted(pose(np.random.default_rng(2)))
     before = picture.copy()
     view = find_board(picture)
@@ -137,7 +137,7 @@ def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[Boa
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("lean", "moved"), [(0.2, True), (0.4, True), (0.7, True), (0.5, False)])
-def test_boards_that_all_face_one_way_give_no_camera(lean: float, moved: bool, seed: int) -> None:
+def test_boards_with_equal_orientations_give_no_camera(lean: float, moved: bool, seed: int) -> None:
     refused = fit_intrinsics(parallel(20, lean, seed, moved)).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "alike" in refused.what
     # every focal length fits them: what is claimed to be known of it must not be small
@@ -161,7 +161,7 @@ def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
     assert sum(isinstance(e, Note) and e.picture is not None for e in asked) == 7
 
 
-def test_a_board_that_nobody_shows_is_out_of_view() -> None:
+def test_a_board_that_is_never_shown_is_out_of_view() -> None:
     dark = sight(np.zeros((480, 640, 3), np.uint8))
     outcome, asked = run(calibrate_camera(CameraSettings(views=5)), {Look: lambda _: dark})
     assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW and outcome.failure.hint

@@ -104,7 +104,7 @@ def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
         assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-def test_a_lens_that_nobody_measured_draws_the_pose_along_and_the_deviation_tells(robot: RobotModel) -> None:
+def test_an_unmeasured_lens_shifts_the_pose_and_raises_its_deviation(robot: RobotModel) -> None:
     """A focal length 1 % off looks like a camera that hangs higher: the fit is as good, the pose is not."""
     sheet = replace(INTRINSICS, fx=1.01 * INTRINSICS.fx, fy=1.01 * INTRINSICS.fy)
     cell = Cell(robot, 1)
@@ -166,13 +166,13 @@ def test_a_board_that_slips_in_the_hand_shows_in_the_standard_deviation(robot: R
         assert mm < 1.2e3 * c.position_sigma and degrees < 1.2 * np.rad2deg(c.angle_sigma)
 
 
-def test_two_hands_tell_more_than_one(robot: RobotModel) -> None:
+def test_two_hands_reduce_the_standard_deviation(robot: RobotModel) -> None:
     one = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
     two = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8)).unwrap() for s in range(3)]
     assert np.mean([c.position_sigma for c in two]) < np.mean([c.position_sigma for c in one])
 
 
-def test_poses_and_pictures_that_cannot_tell_are_refused(robot: RobotModel) -> None:
+def test_uninformative_poses_and_pictures_are_refused(robot: RobotModel) -> None:
     views = Cell(robot, 1).views(6)
     still = [replace(v, q=views[0].q, view=views[0].view) for v in views if v.side is Side.LEFT]
     wrong_lens = replace(INTRINSICS, fx=1.08 * INTRINSICS.fx)
@@ -195,7 +195,7 @@ def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, an
     return run(calibrate_hand_eye(robot, CAMERA, TABLE, HandEyeSettings(views=views)), given)
 
 
-def test_the_board_goes_from_hand_to_hand(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_procedure_uses_the_board_in_each_hand(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = Cell(robot, 2)
     outcome, asked = procedure(robot, monkeypatch, cell, {}, views=8)
     assert off(cell.X, outcome.unwrap().T_base_camera)[0] < 3.0
@@ -205,7 +205,7 @@ def test_the_board_goes_from_hand_to_hand(robot: RobotModel, monkeypatch: pytest
     assert isinstance(asked[first - 2], Reach) and isinstance(asked[first + 1], Grip)  # given at a pose, then held
 
 
-def test_a_hand_that_reaches_nothing_never_takes_the_board(robot: RobotModel, monkeypatch) -> None:
+def test_a_hand_without_reachable_views_does_not_take_the_board(robot: RobotModel, monkeypatch) -> None:
     far = Outcome(failure=Failure(FailureKind.UNREACHABLE, "too far"))
     outcome, asked = procedure(robot, monkeypatch, Cell(robot, 3), {Reach: lambda e: far})
     assert outcome.failure and outcome.failure.kind is FailureKind.UNREACHABLE

@@ -67,7 +67,7 @@ def test_a_fold_that_drags_moves_the_estimate_towards_the_truth(dragging, factor
     assert found.friction.learned > 0.5
 
 
-def test_a_fold_that_drags_nothing_tells_nothing():
+def test_a_fold_without_drag_leaves_the_prior_unchanged():
     """With an ordinary arc what rests stays put at any of these frictions: the prior stays, and says so."""
     paths = steep(0.25)
     found = identify_material([seen(0.65, paths)], candidates(paths, (0.6, 1.6)), BELIEVED)
@@ -86,7 +86,7 @@ def moving(frictions, stretches, slope=0.1, growth=0.0):
 
 
 @pytest.mark.parametrize("truth", [0.32, 0.45, 0.6])
-def test_a_made_drift_is_read_back(truth):
+def test_a_synthetic_drift_is_recovered(truth):
     grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
     outline = np.asarray(shapely.box(0.1 * np.log(truth), 0.0, 0.1 * np.log(truth) + 0.3, 0.3).exterior.coords)[
         :-1
@@ -108,7 +108,7 @@ def test_stretch_is_learned_only_where_the_outline_shows_it():
     assert learned[1].value == pytest.approx(0.042, rel=0.12)
 
 
-def test_what_no_candidate_explains_widens_the_estimate():
+def test_an_unexplained_outline_widens_the_estimate():
     grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
     fitting, strange = shapely.box(-0.08, 0.0, 0.22, 0.3), shapely.box(-0.08, 0.0, 0.22, 0.45)
     a, b = (identify_material([np.asarray(s.exterior.coords)[:-1]], grid, BELIEVED) for s in (fitting, strange))
@@ -116,7 +116,7 @@ def test_what_no_candidate_explains_widens_the_estimate():
 
 
 @pytest.mark.parametrize("bad", ["nan", "count", "order"])
-def test_what_does_not_fit_is_refused(bad):
+def test_inconsistent_input_is_refused(bad):
     grid = moving((0.5, 0.3) if bad == "order" else (0.3, 0.5), (0.03,))
     square = np.array([[0.0, 0], [0.3, 0], [0.3, 0.3], [0, np.nan if bad == "nan" else 0.3]])
     with pytest.raises(ConfigurationError):
@@ -124,7 +124,7 @@ def test_what_does_not_fit_is_refused(bad):
 
 
 @given(st.floats(0.05, 3.0), st.floats(0.0, 1.0), st.floats(0.3, 0.7))
-def test_an_update_goes_part_of_the_way_and_never_beyond_its_bound(value, learned, believed):
+def test_an_update_is_damped_and_bounded(value, learned, believed):
     """Between what was believed and the estimate, the further the more was learned; both frictions alike."""
     estimate = MaterialEstimate(Quantity(value, 0.1, learned), Quantity(0.03, 0.01, 0.0), 0.002)
     before = BELIEVED.with_friction(believed)

@@ -107,7 +107,7 @@ def test_the_virtual_garment_elongates_as_measured(hung):
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch, phase):
+def test_a_garment_with_two_hanging_shapes_is_calibrated(monkeypatch, phase):
     """Elongation over stiffness as two layers have it: proportional, but for jumps of 0.15 percentage points."""
 
     def jumping(shape, material, substeps=None, pictures=0):
@@ -124,7 +124,7 @@ def test_a_garment_that_hangs_now_one_way_now_another_is_calibrated(monkeypatch,
 
 
 @pytest.mark.parametrize("middle", [0.01085, 0.0109, 0.0110, 0.0112])
-def test_what_is_wanted_within_a_jump_is_found_between_its_sides(monkeypatch, middle):
+def test_a_stretch_within_a_jump_is_found_between_its_two_sides(monkeypatch, middle):
     """From its starts one after another hangs the other way within a thousandth of the stiffness: fabrics that
     differ by more hang 0.08 percentage points too little or too much."""
 
@@ -158,7 +158,7 @@ def test_a_stretch_that_cannot_be_reached_is_refused_with_the_reason(monkeypatch
     assert said in error.value.hint
 
 
-def test_a_garment_by_a_clip_stretches_more_than_its_strip_by_an_edge(hung):
+def test_a_garment_on_a_clip_stretches_more_than_a_strip_on_an_edge(hung):
     """All of the weight goes through the clip: the same fabric's strip, as long as the garment, elongates less."""
     assert hung.hang_drop > hung.shape.rest_length
 
@@ -170,11 +170,11 @@ def test_the_calibrated_fabric_hangs_alike_on_another_mesh(hung):
     assert found.mean() == pytest.approx(0.02, abs=3e-3)
 
 
-def test_the_reference_strip_is_the_solvers():
+def test_the_reference_strip_equals_that_of_the_solver():
     assert SolverSettings().reference_drop == REFERENCE_DROP
 
 
-def test_the_line_that_is_measured_lies_in_the_garment():
+def test_the_measured_line_lies_in_the_garment():
     """Of an L the far ends do not see each other: cloth between them would not hang straight."""
     ell = np.array([[0.0, 0.0], [0.6, 0.0], [0.6, 0.1], [0.1, 0.1], [0.1, 0.6], [0.0, 0.6]])
     names = tuple("abcdef")
@@ -202,7 +202,7 @@ def test_a_paper_garment_loses_no_weight_at_the_clip():
         (bending_length, (math.nan,)), (bending_length, (0.5,)),
     ],
 )  # fmt: skip
-def test_measurements_that_cannot_be_are_refused_with_their_values(measure, values):
+def test_impossible_measurements_are_refused_with_their_values(measure, values):
     with pytest.raises(ConfigurationError) as error:
         measure(*values)
     assert error.value.hint and error.value.values

@@ -1,11 +1,11 @@
 """The independent cloth itself, where the optional extra is installed."""
 
-import pytest
+from tests.optional_parts import MUJOCO
 
-pytest.importorskip("mujoco")
+pytestmark = MUJOCO.required
 
 
-def test_mujocos_cloth_slides_and_hangs_as_the_closed_forms():
+def test_mujocos_cloth_agrees_with_the_closed_forms():
     from benchmarks.cloth import mujoco_peer
 
     figures = {}
@@ -15,7 +15,7 @@ def test_mujocos_cloth_slides_and_hangs_as_the_closed_forms():
     assert figures["mujoco_hang_error_pp_max"] < 0.4
 
 
-def test_a_coarse_towel_folds_alike_in_both():
+def test_both_solvers_fold_a_coarse_towel_alike():
     """Two independent solvers, the same mesh, fabric and pads: the folds end within a few millimetres."""
     from benchmarks.cloth import mujoco_peer
     from benchmarks.cloth.scenes import SharedFold, mirrored, towel_half, towel_mesh

@@ -45,14 +45,14 @@ def felt_as(felt: Touched, force: np.ndarray) -> Touched:
 
 
 @pytest.mark.parametrize("offset", [-0.5, 0.2, 0.3, 0.5])
-def test_what_the_tips_read_in_the_air_is_no_press(offset: float) -> None:
+def test_a_constant_tactile_offset_in_the_air_does_not_move_the_contact(offset: float) -> None:
     """Rubber that was pressed once reads something when it hangs free again."""
     felt = press(-0.1, 0.03)
     z, k = contact_height(felt_as(felt, felt.force + offset)).unwrap()
     assert z == pytest.approx(-0.1, abs=5e-5) and k == pytest.approx(STIFFNESS, rel=0.02)
 
 
-def test_a_press_that_begins_in_contact_is_fitted_all_the_same() -> None:
+def test_a_press_that_begins_in_contact_is_fitted() -> None:
     felt = press(-0.1)
     on = felt.height < -0.1003
     begun = Touched(felt.side, felt.x, felt.y, felt.height[on], felt.force[on])
@@ -60,7 +60,7 @@ def test_a_press_that_begins_in_contact_is_fitted_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("softness", [300.0, 500.0, 700.0])
-def test_a_cloth_on_the_table_is_no_table(softness: float) -> None:
+def test_a_soft_contact_is_not_taken_for_the_table(softness: float) -> None:
     """A layer of 2 mm that gives way under the tips, and the table below it."""
     felt = press(-0.1, 0.03)
     soft = softness * np.clip(-0.098 - felt.height, 0.0, 0.002)
@@ -69,14 +69,14 @@ def test_a_cloth_on_the_table_is_no_table(softness: float) -> None:
 
 
 @pytest.mark.parametrize("at", [20, 40, 60])
-def test_tips_whose_zero_jumps_on_the_way_give_no_contact(at: int) -> None:
+def test_a_jump_of_the_tactile_zero_gives_no_contact(at: int) -> None:
     felt = press(-0.1, 0.03)
     jumped = felt.force + np.where(np.arange(len(felt.force)) >= at, 0.5, 0.0)
     refused = contact_height(felt_as(felt, jumped)).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
 
 
-def test_tips_that_stiffen_are_a_spring_to_a_third_of_a_millimetre() -> None:
+def test_stiffening_tips_shift_the_contact_by_less_than_a_third_of_a_millimetre() -> None:
     felt = press(-0.1, 0.03)
     depth = np.maximum(0.0, -0.1 - felt.height)
     stiffening = STIFFNESS * depth * (1.0 + depth / depth.max()) / 2.0
@@ -113,7 +113,7 @@ def fitted(points: np.ndarray, **settings: float) -> Outcome:
     return fit_plane(points, sides[: len(points)], np.full(len(points), STIFFNESS), TableSettings(**settings))
 
 
-def test_a_plane_is_found_as_it_is() -> None:
+def test_an_exact_plane_is_recovered() -> None:
     c = fitted(plane(7)).unwrap()
     assert (c.height, c.tilt_x, c.tilt_y) == pytest.approx((-0.104, 0.004, -0.003), abs=1e-12)
     assert c.residual_rms == pytest.approx(0.0, abs=1e-12)
@@ -134,7 +134,7 @@ def test_three_points_leave_no_residual() -> None:
     assert fitted(plane(3)).unwrap().residual_rms is None
 
 
-def test_points_in_a_line_a_thing_on_the_table_and_a_leaning_table_are_refused() -> None:
+def test_collinear_points_objects_and_tilted_tables_are_refused() -> None:
     line = plane(5)
     line[:, 1] = 0.5 * line[:, 0]
     thing = plane(8)
@@ -149,7 +149,7 @@ def flat(effect: Touch) -> Outcome:
     return Outcome(press(-0.1042 + lift, side=effect.side, at=(effect.x, effect.y)))
 
 
-def test_the_procedure_touches_with_both_arms_and_says_how_they_differ() -> None:
+def test_the_procedure_touches_with_both_arms_and_reports_their_difference() -> None:
     outcome, asked = run(calibrate_table(TABLE), {Touch: flat})
     c = outcome.unwrap()
     assert c.height == pytest.approx(-0.1042, abs=5e-5) and c.arms_differ == pytest.approx(4e-4, abs=1e-6)
@@ -179,7 +179,7 @@ def test_no_hand_goes_down_beside_a_narrow_table() -> None:
     assert len(outcome.unwrap().points) == 8 and all(e.x <= 0.70 for e in asked if isinstance(e, Touch))
 
 
-def test_no_contact_ends_it_and_too_few_points_too() -> None:
+def test_the_procedure_ends_without_contact_or_with_too_few_points() -> None:
     air = Outcome(failure=Failure(FailureKind.NO_CONTACT, "nothing there"))
     outcome, asked = run(calibrate_table(TABLE), {Touch: lambda e: air})
     assert outcome.failure and outcome.failure.kind is FailureKind.NO_CONTACT and len(asked) == 1
@@ -189,6 +189,6 @@ def test_no_contact_ends_it_and_too_few_points_too() -> None:
 
 
 @pytest.mark.parametrize("points", [0, 2, MOST_POINTS + 1])
-def test_numbers_of_points_that_make_no_plane(points: int) -> None:
+def test_too_few_points_for_a_plane_are_refused(points: int) -> None:
     with pytest.raises(ValueError, match="3 to"):
         TableSettings(points=points)

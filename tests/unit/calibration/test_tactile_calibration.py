@@ -46,7 +46,7 @@ def test_noise_is_found_beside_a_drift() -> None:
 
 
 @pytest.mark.parametrize("period", [60.0, 20.0, 15.0, 7.5, 5.0])
-def test_a_drift_that_comes_back_within_the_horizon_is_one(period: float) -> None:
+def test_a_drift_that_returns_within_the_horizon_counts(period: float) -> None:
     """A swing of amplitude A changes by 2 A sin(pi t / period) in a time t, at most, and by 2 A from half a period
     on: a zero may be taken at its worst moment, and used at its worst."""
     swing = 0.25
@@ -65,7 +65,7 @@ def test_noise_alone_is_no_drift() -> None:
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.05, 30.0])
-def test_a_dead_or_raving_cell_is_named(gain: float) -> None:
+def test_a_dead_or_erratic_cell_is_named(gain: float) -> None:
     heard = readings()
     for r in heard:
         r.cells[1, 2, 0] *= gain
@@ -86,7 +86,7 @@ def figures(tip_noise: float = TIP, pad_drift: float = 0.0, pad_noise: float = 0
     return FingerFigures(CELL, pad_noise, tip_noise, pad_drift, 0.0, 100.0)
 
 
-def test_thresholds_are_ten_deviations_of_what_is_compared() -> None:
+def test_thresholds_are_ten_standard_deviations_of_the_compared_signal() -> None:
     contact, held = thresholds({Side.LEFT: figures()}, GRASP).unwrap()
     assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / GRASP.zero_readings), abs=1e-3)
     mean = np.sqrt(1 / GRASP.confirm_readings + 1 / GRASP.zero_readings)
@@ -125,7 +125,7 @@ def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
-def test_a_threshold_that_a_press_does_not_reach_is_told_as_that() -> None:
+def test_a_threshold_above_the_press_is_reported_as_such() -> None:
     heard = Outcome(Heard({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
@@ -134,7 +134,7 @@ def test_a_threshold_that_a_press_does_not_reach_is_told_as_that() -> None:
 
 
 @pytest.mark.parametrize("first", [1e-3, 2e-3, 0.01, 0.02])
-def test_false_contacts_are_counted_over_the_horizon_however_late_the_first_reading_came(first: float) -> None:
+def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(first: float) -> None:
     """Over a network stamps are when messages came: the first two may be any time apart."""
     heard = readings(tip=0.09)
     heard[0] = replace(heard[0], stamp=heard[1].stamp - first)
@@ -142,7 +142,7 @@ def test_false_contacts_are_counted_over_the_horizon_however_late_the_first_read
     assert false_contacts(heard, 5.0, GRASP, TactileSettings()) == (0, 6)
 
 
-def test_readings_that_end_too_soon_count_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readings_shorter_than_the_horizon_count_no_false_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
     """And that is told: none of none would look as good as none of twelve."""
     monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
     heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
@@ -158,6 +158,6 @@ def test_no_hand_presses_beside_a_narrow_table(y: tuple[float, float]) -> None:
     assert "not on the table" in outcome.failure.what and not asked
 
 
-def test_listening_has_to_outlast_the_horizon() -> None:
+def test_listening_must_be_longer_than_the_horizon() -> None:
     with pytest.raises(ValueError, match="twice"):
         TactileSettings(seconds=20.0)

@@ -15,14 +15,14 @@ def pixel(point: Array, pan: float = 0.0) -> Array:
     return np.array([u / w, v / w])
 
 
-def test_looks_at_its_target_with_far_up_and_left_left() -> None:
+def test_the_camera_looks_at_its_target_with_far_up_and_left_left() -> None:
     target = np.array(TARGET)
     np.testing.assert_allclose(pixel(target), [INTRINSICS.cx, INTRINSICS.cy], atol=1e-9)
     assert pixel(target + np.array([0.1, 0, 0]))[1] < INTRINSICS.cy  # further from the robot is up
     assert pixel(target + np.array([0, 0.1, 0]))[0] < INTRINSICS.cx  # the robot's left is left
 
 
-def test_sees_the_table_where_garments_lie() -> None:
+def test_the_camera_sees_the_table_where_garments_lie() -> None:
     for x in (0.22, 1.10):
         for y in (-0.55, 0.55):
             u, v = pixel(np.array([x, y, -0.10]))
@@ -36,7 +36,7 @@ def test_the_head_panel_is_below_every_line_of_sight() -> None:
     assert INTRINSICS.fy * p[1] / p[2] + INTRINSICS.cy > INTRINSICS.height
 
 
-def test_turns_about_the_head_joint() -> None:
+def test_the_camera_turns_about_the_head_joint() -> None:
     turned = T_base_camera(0.5)
     expected = T_base_head(0.5) @ np.linalg.inv(T_base_head(0.0)) @ np.append(EYE, 1.0)
     np.testing.assert_allclose(turned[:3, 3], expected[:3], atol=1e-12)

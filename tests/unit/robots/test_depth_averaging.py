@@ -20,7 +20,7 @@ def test_noise_goes_down_with_the_root_of_the_number_of_exposures() -> None:
         assert abs(error.std() - 0.002 / np.sqrt(count)) < 0.1 * 0.002 / np.sqrt(count)
 
 
-def test_what_fewer_than_half_of_them_saw_nobody_saw() -> None:
+def test_cells_seen_by_a_minority_of_exposures_are_invalid() -> None:
     exposures = noisy(8)
     for k, exposure in enumerate(exposures):
         exposure[0, :] = np.nan if k < 4 else exposure[0, :]
@@ -30,7 +30,7 @@ def test_what_fewer_than_half_of_them_saw_nobody_saw() -> None:
     assert np.isfinite(mean[0]).all() and np.isnan(mean[1:3]).all() and np.isfinite(mean[3:]).all()
 
 
-def test_beside_an_edge_there_is_no_surface_between_the_two() -> None:
+def test_depth_beside_an_edge_is_never_between_the_two_surfaces() -> None:
     for seen, near in ((8, 3), (8, 4), (7, 3), (6, 3), (5, 2)):
         exposures = noisy(8)
         for k, exposure in enumerate(exposures):
@@ -40,7 +40,7 @@ def test_beside_an_edge_there_is_no_surface_between_the_two() -> None:
     assert np.abs(mean_depth([np.full((1, 1), 1.0, np.float32), np.full((1, 1), 1.1, np.float32)]) - 1.0) < 1e-6
 
 
-def test_one_exposure_is_itself_and_none_changes_what_it_is_given() -> None:
+def test_averaging_one_exposure_returns_it_and_inputs_stay_unchanged() -> None:
     one = noisy(1)[0]
     assert mean_depth([one]) is one
     exposures = noisy(8)

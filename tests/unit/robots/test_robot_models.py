@@ -47,7 +47,7 @@ def test_vectors_are_left_then_right(model: RobotModel) -> None:
         assert np.array_equal(model.tool_pose(side.other, moved), model.tool_pose(side.other, model.q_park))
 
 
-def test_the_sets_of_limits_are_nested(model: RobotModel) -> None:
+def test_commissioning_planning_and_protective_limits_are_nested(model: RobotModel) -> None:
     for slow, fast in ((model.commissioning, model.planning), (model.planning, model.protective)):
         for name in ("velocity", "acceleration", "jerk"):
             assert np.all(getattr(slow, name) <= getattr(fast, name))
@@ -85,7 +85,7 @@ def test_poses_of_random_joints_are_found_again(model: RobotModel) -> None:
             assert np.all(q >= model.planning.lower[cut]) and np.all(q <= model.planning.upper[cut])
 
 
-def test_motions_keep_its_limits(model: RobotModel) -> None:
+def test_motions_keep_the_limits_of_the_model(model: RobotModel) -> None:
     rng = np.random.default_rng(3)
     for _ in range(4):
         a, b, c = (drawn(model, rng) for _ in range(3))

@@ -70,7 +70,7 @@ def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path
 
 
 @pytest.mark.parametrize(("believed", "kind"), [(-0.055, "no_contact"), (-0.145, "low_confidence")])
-def test_a_table_that_is_elsewhere_ends_safely_and_writes_nothing(
+def test_calibrating_a_missing_table_ends_safely_and_writes_nothing(
     believed: float, kind: str, tmp_path: Path, capsys
 ) -> None:
     (tmp_path / "table.yaml").write_text(table_text(believed))
@@ -81,7 +81,7 @@ def test_a_table_that_is_elsewhere_ends_safely_and_writes_nothing(
     assert not out.exists() and "file" not in report
 
 
-def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
+def test_a_stop_ends_a_calibration_immediately(tmp_path: Path) -> None:
     held: list[Ports] = []
 
     def say(text: str) -> None:
@@ -99,7 +99,7 @@ def test_a_stop_ends_a_calibration_where_it_is(tmp_path: Path) -> None:
     assert last.name == "make_safe" and last.payload["event"] == "held"
 
 
-def test_only_a_refused_plan_is_for_the_procedure_to_answer(tmp_path: Path) -> None:
+def test_only_a_refused_plan_is_returned_to_the_procedure(tmp_path: Path) -> None:
     asked: list[object] = []
 
     def stubborn(_: object):  # type: ignore[no-untyped-def]
@@ -132,7 +132,7 @@ def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
         assert [e.name for e in journal.entries(run.id, "result")] == ["prepare", "grip", "make_safe"]
 
 
-def test_a_ledger_that_is_lost_ends_a_calibration_with_the_arms_held(
+def test_losing_the_journal_ends_a_calibration_with_the_arms_held(
     tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Exit 3, not 64: the arms have moved. After the touch that cannot be noted they are only told to stand."""
@@ -244,7 +244,7 @@ def test_files_that_are_no_calibration_are_refused(group: str, text: str, tmp_pa
 # the board in a hand
 
 
-def test_the_board_in_a_hand_is_planned_with() -> None:
+def test_plans_include_the_board_in_a_hand() -> None:
     """What is free for the bare hand is not free where the card would go through the table."""
     settings = load_settings()
     robot = load_robot(settings)

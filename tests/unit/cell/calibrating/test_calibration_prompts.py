@@ -10,7 +10,7 @@ from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
 
 
-def test_only_what_is_asked_for_can_be_approved() -> None:
+def test_only_an_open_question_can_be_approved() -> None:
     said: list[str] = []
     asking = CalibrationPrompts(said.append)
     assert asking.may() == {Event.ABORT}

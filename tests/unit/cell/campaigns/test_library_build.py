@@ -116,7 +116,7 @@ def test_progress_counts_every_simulation_and_never_goes_back() -> None:
         assert one.entry is not None and told[-1] == one.entry.dissimilarity
 
 
-def test_an_interrupted_build_goes_on_to_the_same_library(tmp_path: Path, serial: Library) -> None:
+def test_a_resumed_build_makes_the_same_library_after_an_interruption(tmp_path: Path, serial: Library) -> None:
     unfinished = UnfinishedBuild(tmp_path / "library.json", BOTH)
 
     def interrupt(step: BuiltStep) -> None:
@@ -139,7 +139,7 @@ def test_an_interrupted_build_goes_on_to_the_same_library(tmp_path: Path, serial
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_build_goes_on_to_the_same_library(tmp_path: Path, serial: Library) -> None:
+def test_a_resumed_build_makes_the_same_library_after_a_kill(tmp_path: Path, serial: Library) -> None:
     """SIGKILL, at no chosen moment after the first entry."""
     code = (
         "from pathlib import Path; from cell.campaigns.library.unfinished_build import UnfinishedBuild\n"
@@ -165,7 +165,7 @@ def test_a_killed_build_goes_on_to_the_same_library(tmp_path: Path, serial: Libr
     assert to_json(built(finished=finished)) == to_json(serial)
 
 
-def test_only_what_belongs_to_this_build_is_taken_over(serial: Library) -> None:
+def test_a_resumed_build_uses_only_its_own_entries(serial: Library) -> None:
     half, quarter = serial.entries[:2]
     foreign = Library((
         replace(half, method="paper"),
@@ -190,7 +190,7 @@ def test_a_damaged_entry_of_an_unfinished_build_counts_as_not_built(tmp_path: Pa
     assert UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries == ()
 
 
-def test_a_build_leaves_alone_what_one_of_other_garments_has_left(tmp_path: Path, serial: Library) -> None:
+def test_a_build_keeps_unfinished_entries_of_other_garments(tmp_path: Path, serial: Library) -> None:
     cut_short, other = UnfinishedBuild(tmp_path / "library.json", [TOWEL]), serial.entries[2]
     cut_short.keep(serial.entries[0])
     beside = UnfinishedBuild(tmp_path / "library.json", [SMALL])
@@ -224,7 +224,7 @@ def test_the_folder_of_a_build_is_made_for_its_first_entry(tmp_path: Path, seria
     assert len(UnfinishedBuild(tmp_path / "arcs" / "library.json", [TOWEL]).library.entries) == 1
 
 
-def test_a_garment_whose_folds_are_planned_otherwise_is_built_anew(tmp_path: Path, serial: Library) -> None:
+def test_a_garment_with_a_changed_plan_is_built_again(tmp_path: Path, serial: Library) -> None:
     part = UnfinishedBuild(tmp_path / "library.json", [TOWEL])
     for entry in serial.entries[:2]:
         part.keep(entry)
@@ -250,7 +250,7 @@ def test_a_garment_ends_at_the_step_that_fails_and_the_others_are_built() -> Non
     assert seen[-1].done == seen[-1].total == 3
 
 
-def test_what_a_report_raises_ends_all_searches() -> None:
+def test_an_exception_in_the_report_callback_ends_all_searches() -> None:
     calls = []
 
     def count(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -267,7 +267,7 @@ def test_what_a_report_raises_ends_all_searches() -> None:
         built(at_once=0)
 
 
-def test_a_built_library_replaces_what_it_built_and_nothing_else(tmp_path: Path, serial: Library) -> None:
+def test_a_built_library_replaces_only_its_own_entries(tmp_path: Path, serial: Library) -> None:
     path = tmp_path / "library.json"
     stale = tuple(replace(e, simulations=3) for e in serial.entries)
     other = replace(serial.entries[0], garment="curtain")
@@ -281,7 +281,7 @@ def test_a_built_library_replaces_what_it_built_and_nothing_else(tmp_path: Path,
     ]  # fmt: skip
 
 
-def test_the_command_builds_writes_and_tells(
+def test_the_build_command_writes_the_library_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
     monkeypatch.setattr("cell.commands.library.build.worker_pool", ThreadPoolExecutor)
@@ -306,7 +306,7 @@ def test_the_command_builds_writes_and_tells(
     assert path.read_text() == first and not part.path.exists()
 
 
-def test_a_build_is_for_the_cell_that_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arcs are judged with the lift before them, at the speed at which this cell folds."""
     lifts = []
 

@@ -13,7 +13,7 @@ from cell.campaigns.trials import Trial, run_trials, tabulate, wilson_interval
 
 
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_interval_is_scipys(counts: tuple[int, int]) -> None:
+def test_the_confidence_interval_agrees_with_scipy(counts: tuple[int, int]) -> None:
     k, n = counts
     expected = binomtest(k, n).proportion_ci(method="wilson")
     assert wilson_interval(k, n) == pytest.approx((expected.low, expected.high), abs=1e-12)
@@ -24,7 +24,7 @@ def test_the_papers_result() -> None:
     assert (round(low, 2), round(high, 2)) == (0.84, 0.97)
 
 
-def test_no_runs_say_nothing() -> None:
+def test_zero_runs_give_the_full_interval() -> None:
     assert wilson_interval(0, 0) == (0.0, 1.0)
     with pytest.raises(ValueError, match="3 of 2"):
         wilson_interval(3, 2)
@@ -36,7 +36,7 @@ def figures(result: str, passed: bool | None, robot: float = 60.0) -> dict[str, 
             "steps": [{"recoveries": ["lower", "inward"]}, {"recoveries": 1}]}  # fmt: skip
 
 
-def test_success_is_the_scorers_word() -> None:
+def test_success_is_decided_by_the_scorer() -> None:
     assert Trial("g", 1, figures("folded", True)).success
     assert not Trial("g", 1, figures("folded", False)).success  # it says so, the scorer does not
     assert not Trial("g", 1, figures("not_folded", True)).success
@@ -44,7 +44,7 @@ def test_success_is_the_scorers_word() -> None:
     assert not Trial("g", 1, None, "crashed").success
 
 
-def test_rows_count_what_happened() -> None:
+def test_rows_count_results_recoveries_and_failures() -> None:
     trials = [
         Trial("b", 1, figures("folded", True, 50.0)),
         Trial("b", 2, figures("folded", False, 70.0)),
@@ -70,7 +70,7 @@ def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
     assert next(t for t in trials if t.seed == 2).error == "RuntimeError: broken"
 
 
-def test_runs_that_a_dead_worker_left_are_not_performed() -> None:
+def test_runs_of_a_dead_worker_count_as_not_performed() -> None:
     """They are no faults of the cell, and no part of the table."""
 
     def work(garment: str, seed: int) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def contents(folder: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "command", ["fold", "fold --json", "supervise", "optimise", "garment show", "library build"]
 )
-def test_an_unknown_garment(refused: Callable[..., str], command: str) -> None:
+def test_an_unknown_garment_is_refused(refused: Callable[..., str], command: str) -> None:
     name, *options = command.split(" --")
     refused(" ".join([name, "medium_towl", *(f"--{o}" for o in options)]), "medium_towl", "medium_towel")
 
@@ -82,7 +82,7 @@ def test_an_unknown_garment(refused: Callable[..., str], command: str) -> None:
         ({"keypoints": {"near_right": [-150, -210], "far_right": [150, -210]}}, ["keypoints", "150", "metres"]),
     ],
 )
-def test_a_garment_file_that_is_wrong(
+def test_an_invalid_garment_file_is_refused(
     refused: Callable[..., str], folder: Path, change: dict[str, Any], parts: list[str]
 ) -> None:
     garment = yaml.safe_load(shipped_garment_path("small_towel").read_text(encoding="utf-8")) | change
@@ -96,7 +96,7 @@ def test_a_garment_file_that_is_wrong(
     ids=["a date that is none", "nested", "a number without end", "a key twice", "a list", "no text"],
 )
 @pytest.mark.parametrize("command", ["fold mine.yaml", "calibrate friction mine.yaml --height 0.3 --length 1"])
-def test_a_garment_file_that_is_no_good_yaml(
+def test_a_garment_file_with_bad_yaml_is_refused(
     refused: Callable[..., str], folder: Path, command: str, text: str
 ) -> None:
     (folder / "mine.yaml").write_text(text)
@@ -104,7 +104,9 @@ def test_a_garment_file_that_is_no_good_yaml(
 
 
 @pytest.mark.parametrize("name", ["./nofile.yaml", "./folder.yaml", "./odd.yaml"])
-def test_a_garment_file_to_measure_that_is_none(refused: Callable[..., str], folder: Path, name: str) -> None:
+def test_measuring_an_invalid_garment_file_is_refused(
+    refused: Callable[..., str], folder: Path, name: str
+) -> None:
     (folder / "folder.yaml").mkdir()
     (folder / "odd.yaml").write_text("material: {friction_angle_deg: [1, 2]}")
     refused(f"calibrate friction {name} --height 0.3 --length 0.8", name.removeprefix("./"))
@@ -115,7 +117,7 @@ def test_a_garment_file_to_measure_that_is_none(refused: Callable[..., str], fol
     ["--depth depth.png --reference empty.png", "--reference-depth depth.png"],
 )
 @pytest.mark.parametrize("command", ["perceive picture.png", "garment new picture.png --like small_towel"])
-def test_an_empty_table_of_which_a_part_is_missing(
+def test_an_incomplete_picture_of_the_empty_table_is_refused(
     refused: Callable[..., str], folder: Path, command: str, files: str
 ) -> None:
     for name, picture in (("picture", (480, 640, 3)), ("empty", (480, 640, 3)), ("depth", (480, 640))):
@@ -125,7 +127,7 @@ def test_an_empty_table_of_which_a_part_is_missing(
 
 
 @pytest.mark.parametrize("kind", ["empty", "several arrays", "text"])
-def test_a_depth_file_that_is_no_array(refused: Callable[..., str], folder: Path, kind: str) -> None:
+def test_a_depth_file_without_an_array_is_refused(refused: Callable[..., str], folder: Path, kind: str) -> None:
     cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
     with Path("depth.npy").open("wb") as file:
         if kind == "several arrays":
@@ -135,7 +137,7 @@ def test_a_depth_file_that_is_no_array(refused: Callable[..., str], folder: Path
     refused("perceive picture.png --unit m --depth depth.npy", "depth.npy", "array")
 
 
-def test_a_surface_that_the_garment_was_never_measured_on(refused: Callable[..., str], folder: Path) -> None:
+def test_an_unmeasured_surface_is_refused(refused: Callable[..., str], folder: Path) -> None:
     (folder / "cell.yaml").write_text("surface: ice\n")
     message = refused("fold small_towel --cell cell.yaml", "ice", "bare_table")
     assert "surface" in message
@@ -155,7 +157,9 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize(("text", "parts"), SETTINGS)
-def test_settings_that_are_wrong(refused: Callable[..., str], folder: Path, text: str, parts: list[str]) -> None:
+def test_invalid_settings_are_refused(
+    refused: Callable[..., str], folder: Path, text: str, parts: list[str]
+) -> None:
     (folder / "cell.yaml").write_text(text)
     refused("fold small_towel --cell cell.yaml --json", *parts)
 
@@ -165,7 +169,7 @@ def test_settings_that_are_wrong(refused: Callable[..., str], folder: Path, text
     ["supervise small_towel", "trials --garments small_towel --n 1", "optimise small_towel --export out.csv",
      "library build small_towel", "perceive picture.png"],
 )  # fmt: skip
-def test_every_command_that_takes_settings_refuses_them(
+def test_every_command_with_settings_refuses_invalid_ones(
     refused: Callable[..., str], folder: Path, line: str
 ) -> None:
     (folder / "cell.yaml").write_text("table: {height: 820}")
@@ -174,7 +178,7 @@ def test_every_command_that_takes_settings_refuses_them(
 
 
 @pytest.mark.parametrize("line", ["fold small_towel --cell none.yaml", "fold small_towel --cell ."])
-def test_settings_that_cannot_be_read(refused: Callable[..., str], line: str) -> None:
+def test_unreadable_settings_are_refused(refused: Callable[..., str], line: str) -> None:
     refused(line)
 
 
@@ -190,7 +194,7 @@ def in_millimetres(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("spoil", [truncated, in_millimetres, lambda _: b"\x89PNG\xff\x00", lambda _: b"", None])
-def test_a_calibration_that_cannot_be_used(
+def test_an_unusable_calibration_is_refused(
     refused: Callable[..., str], folder: Path, spoil: Callable[[str], bytes] | None
 ) -> None:
     """The message names the settings file with its line, the key, and the calibration file."""
@@ -207,13 +211,13 @@ def test_a_calibration_that_cannot_be_used(
 
 
 @pytest.mark.parametrize("logs", ["a_file", "a_file/logs", "/proc/logs", "/proc/1/task/logs"])
-def test_logs_that_cannot_be_written(refused: Callable[..., str], folder: Path, logs: str) -> None:
+def test_unwritable_logs_are_refused(refused: Callable[..., str], folder: Path, logs: str) -> None:
     """Also for root, whom no permission binds."""
     (folder / "a_file").write_text("in the way")
     refused(f"fold small_towel --logs {logs}", logs, "--logs DIR")
 
 
-def test_logs_named_by_the_environment(
+def test_the_environment_can_name_the_logs(
     refused: Callable[..., str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (folder / "a_file").write_text("in the way")
@@ -221,16 +225,14 @@ def test_logs_named_by_the_environment(
     refused("fold small_towel --json", "a_file", "FOLDCELL_LOGS")
 
 
-def test_a_cell_that_is_in_use(refused: Callable[..., str], folder: Path) -> None:
+def test_a_cell_in_use_is_refused(refused: Callable[..., str], folder: Path) -> None:
     (folder / "logs").mkdir()
     with OwnerLock(folder / "logs" / "cell.lock") as owner:
         refused("fold small_towel", "in use by process", str(owner.path))
 
 
 @pytest.mark.parametrize("kind", ["text", "another program's"])
-def test_a_ledger_that_is_not_ours_is_left_alone(
-    folder: Path, capsys: pytest.CaptureFixture[str], kind: str
-) -> None:
+def test_a_foreign_journal_is_left_unchanged(folder: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
     journal_file = folder / "logs" / "journal.db"
     journal_file.parent.mkdir()
     if kind == "text":

@@ -58,7 +58,7 @@ def test_the_printed_board_is_found_at_its_stated_size(tmp_path: Path, capsys) -
     assert told["square_mm"] == 36.0 and told["pattern_mm"] == [7 * 36.0, 5 * 36.0]
 
 
-def test_the_ruler_is_as_long_as_it_says(tmp_path: Path, capsys) -> None:
+def test_the_ruler_has_its_printed_length(tmp_path: Path, capsys) -> None:
     told = written(tmp_path / "board.png", capsys)
     picture, pixel = png(tmp_path / "board.png")
     below = picture[round((210 + told["pattern_mm"][1]) / 2 / pixel) + 10 :, :]
@@ -71,7 +71,7 @@ def test_the_ruler_is_as_long_as_it_says(tmp_path: Path, capsys) -> None:
     assert (last - first) * pixel == pytest.approx(told["ruler_mm"], abs=0.05)
 
 
-def test_text_and_ruler_are_no_trouble_as_a_camera_sees_them() -> None:
+def test_text_and_ruler_do_not_disturb_the_detection() -> None:
     sheet = draw_sheet()
     small = cv2.resize(sheet, (640, round(640 * 210 / 297)), interpolation=cv2.INTER_AREA)
     index, places = corners_mm(small, 297 / 640)
@@ -100,13 +100,13 @@ def test_the_pdf_is_the_same_page(tmp_path: Path, capsys) -> None:
 
 
 @pytest.mark.parametrize(("name", "word"), [("board.svg", "PDF"), ("no/such/folder/board.pdf", "No such")])
-def test_what_cannot_be_written_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
+def test_an_unwritable_output_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
     assert main(["calibrate", "board", "--output", str(tmp_path / name), "--json"]) == 64
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert word in told["error"] and told["hint"] and list(tmp_path.iterdir()) == []
 
 
-def test_people_are_told_what_to_do_with_it(tmp_path: Path, capsys) -> None:
+def test_the_board_command_prints_instructions(tmp_path: Path, capsys) -> None:
     assert main(["calibrate", "board", "--output", str(tmp_path / "board.png")]) == 0
     said = capsys.readouterr().out
     for word in ("DICT_4X4_50", "36", "304.8", "100 %", "100 mm", "276 x 204 mm", "tab"):

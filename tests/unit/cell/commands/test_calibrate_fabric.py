@@ -44,7 +44,7 @@ def test_friction_file_and_recording(call, tmp_path):
     assert code == 64 and "--replace" in told["hint"] and out.read_text() == before
 
 
-def test_bending_is_no_longer_assumed(call, tmp_path):
+def test_a_measured_bending_length_is_not_marked_as_assumed(call, tmp_path):
     code, told = call("bending", "small_towel", "--overhang", 0.036)
     assert code == 0
     fabric = load_garment(told["file"]).material
@@ -107,7 +107,7 @@ def test_any_layout_of_a_garment_file_is_edited(material):
     assert {k: v for k, v in found.items() if k != "material"} == data
 
 
-def test_a_remark_at_the_margin_costs_the_file_neither_its_remarks_nor_its_layout():
+def test_unindented_comments_keep_comments_and_layout_of_the_file():
     text = SHIPPED.replace("material:\n", "material:\n# measured on the bench\n")
     edited = with_material(text, "mine", {"thickness": 0.003}, {"thickness": "a gauge"}, ())
     assert "# measured on the bench" in edited and len(edited.splitlines()) == len(text.splitlines())

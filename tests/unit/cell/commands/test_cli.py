@@ -213,7 +213,7 @@ def test_json_is_the_last_line(fake: FakeRun, capsys: pytest.CaptureFixture[str]
     assert last_json(capsys.readouterr().out) == FIGURES
 
 
-def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_names_the_run_folder(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     main(["fold", "medium_towel"])
     text = capsys.readouterr().out
     for part in ("folded", "simulated", "0.950", "61.5 s", "/logs/run/report.html", "/logs/run/run.rrd"):
@@ -222,7 +222,7 @@ def test_the_summary_tells_where_to_look(fake: FakeRun, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_the_summary_tells_what_the_recording_lacks(
+def test_the_summary_names_gaps_of_the_recording(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, there: bool
 ) -> None:
     """And where it is only if there is one."""
@@ -237,9 +237,7 @@ def test_the_summary_tells_what_the_recording_lacks(
     assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
 
 
-def test_the_summary_tells_which_figure_missed_its_limit(
-    fake: FakeRun, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     limits = {"iou": 0.9, "edges_m": 0.03, "height_m": 0.0195, "drift_rad": 0.1745}
     score = {"passed": False, "iou": 0.95, "edges_m": 0.01, "height_m": 0.0241, "drift_rad": 0.2, "limits": limits}
     fake.answer = Result({**FIGURES, "score": score})
@@ -250,7 +248,7 @@ def test_the_summary_tells_which_figure_missed_its_limit(
     )
 
 
-def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_names_the_reason_of_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
     assert main(["fold", "vest"]) == 2
@@ -266,7 +264,7 @@ def test_the_summary_tells_why_it_was_not_folded(fake: FakeRun, capsys: pytest.C
         ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
     ],
 )
-def test_the_summary_tells_how_far_a_fold_came(
+def test_the_summary_shows_how_far_each_fold_got(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
 ) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
@@ -274,7 +272,7 @@ def test_the_summary_tells_how_far_a_fold_came(
     assert told in capsys.readouterr().out
 
 
-def test_a_run_that_saw_little_has_a_summary_too(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_without_observations_has_a_summary(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "steps": []}, 2)
     assert main(["fold", "auto"]) == 2
     assert "NOT FOLDED" in capsys.readouterr().out
@@ -335,7 +333,7 @@ def bad_input(capsys: pytest.CaptureFixture[str], fake: FakeRun, line: list[str]
     assert fake.requests == []
 
 
-def test_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_an_unknown_garment_is_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bad_input(capsys, fake, ["fold", "medium_towl"], "medium_towl", "did you mean medium_towel")
     assert not (tmp_path / "logs").exists()
 
@@ -349,7 +347,7 @@ def test_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str], t
         ("camera: {calibration: none.yaml}", "none.yaml"),
     ],
 )
-def test_bad_settings(
+def test_invalid_settings_are_a_usage_error(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, part: str
 ) -> None:
     (tmp_path / "broken.yaml").write_bytes(b"\xff\x00\xfe")
@@ -358,7 +356,9 @@ def test_bad_settings(
     assert not (tmp_path / "logs").exists()
 
 
-def test_read_only_logs(fake: FakeRun, capsys: pytest.CaptureFixture[str], lockable: Any) -> None:
+def test_read_only_logs_are_a_usage_error(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str], lockable: Any
+) -> None:
     with lockable.read_only():
         for logs in (lockable.folder, lockable.folder / "new"):
             bad_input(capsys, fake, ["fold", "medium_towel", "--logs", str(logs)], str(logs), "--logs DIR")
@@ -389,7 +389,7 @@ def journal_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_runs_tells_how_each_ended(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_lists_how_each_run_ended(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["runs"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 4
@@ -398,7 +398,7 @@ def test_runs_tells_how_each_ended(journal_file: Path, capsys: pytest.CaptureFix
     assert lines[3].endswith("running")
 
 
-def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_lists_the_failure_that_ended_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Journal.open(tmp_path / "journal.db") as journal:
         run = journal.begin_run(garment="vest", seed=1, driver="sim")
         run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
@@ -408,7 +408,7 @@ def test_runs_tells_what_ended_a_run_that_did_not_fold(tmp_path: Path, capsys: p
     assert last_json(capsys.readouterr().out)["runs"][0]["failure"] == "no_garment"
 
 
-def test_runs_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_can_be_listed_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["runs", "--json", "--last", "2"])
     runs = last_json(capsys.readouterr().out)["runs"]
     assert [r["status"] for r in runs] == ["interrupted", "running"]
@@ -416,7 +416,7 @@ def test_runs_as_json(journal_file: Path, capsys: pytest.CaptureFixture[str]) ->
     assert runs[1]["pid"] == os.getpid()
 
 
-def test_runs_without_any(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_list_of_runs_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["runs", "--logs", str(tmp_path / "none")]) == 0
     assert "no runs yet" in capsys.readouterr().out
     assert not (tmp_path / "none").exists()
@@ -441,7 +441,7 @@ def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.Capture
     [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
      ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
 )  # fmt: skip
-def test_why_there_is_no_page(
+def test_report_says_why_a_run_has_no_page(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
 ) -> None:
     (run,) = journal_file.glob(f"{name}*")
@@ -467,7 +467,7 @@ def test_replay_without_a_recording(journal_file: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(("name", "says"), [("2001", "has no transcript"), ("2008", "has not ended")])
-def test_a_run_that_cannot_be_decided_again(
+def test_a_run_that_cannot_be_replayed_is_refused_with_its_reason(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
 ) -> None:
     assert main(["replay", name, "--decide", "--json"]) == 64
@@ -477,18 +477,18 @@ def test_a_run_that_cannot_be_decided_again(
 
 
 @pytest.mark.parametrize("command", ["report", "replay"])
-def test_a_run_that_is_not_there(journal_file: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+def test_an_unknown_run_is_refused(journal_file: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     assert main([command, "nonsense"]) == 64
     assert "there is no run 'nonsense'" in capsys.readouterr().err
 
 
-def test_output_that_nobody_reads_is_no_error(journal_file: Path) -> None:
+def test_a_closed_output_pipe_is_no_error(journal_file: Path) -> None:
     command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} | true; exit ${{PIPESTATUS[0]}}"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 0 and answer.stderr == ""
 
 
-def test_output_that_cannot_be_written_is_told(journal_file: Path) -> None:
+def test_unwritable_output_is_reported(journal_file: Path) -> None:
     """Not as a bug, nor as a traceback with an exit code of Python's own."""
     command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} --json > /dev/full"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
@@ -498,7 +498,7 @@ def test_output_that_cannot_be_written_is_told(journal_file: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
-def test_streams_that_are_closed_or_full_hinder_nothing(journal_file: Path, closed: str) -> None:
+def test_closed_or_full_streams_do_not_stop_a_command(journal_file: Path, closed: str) -> None:
     for line, code in (("runs", 0), ("report nonsense", 64)):
         command = f"{sys.executable} -m cell.commands.main {line} --logs {journal_file} {closed}"
         assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
@@ -507,7 +507,7 @@ def test_streams_that_are_closed_or_full_hinder_nothing(journal_file: Path, clos
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("line", ["runs --help", "garment list"])
-def test_who_waits_for_a_reader_can_be_ended(line: str, unbuffered: str) -> None:
+def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffered: str) -> None:
     """A pager that stands: by its signal, not with a traceback. What waits in a buffer is not waited for again."""
     reader, full = os.pipe()
     try:
@@ -534,7 +534,7 @@ def test_who_waits_for_a_reader_can_be_ended(line: str, unbuffered: str) -> None
         os.close(full)
 
 
-def test_streams_that_are_closed_lead_nowhere_in_a_child_process_too() -> None:
+def test_closed_streams_are_safe_to_write_to_in_a_child_process() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
@@ -546,7 +546,7 @@ with lasting_streams():
     assert subprocess.run(command).returncode == 0
 
 
-def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -> None:
+def test_a_stream_with_a_small_encoding_does_not_stop_a_command(tmp_path: Path) -> None:
     """A name with an umlaut in a terminal of another code page was called a bug, and the result was lost."""
     script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "Wäsche"
@@ -565,7 +565,7 @@ def test_a_stream_that_cannot_hold_all_letters_hinders_nothing(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("error", [errno.EPIPE, errno.ENOSPC])
-def test_a_run_keeps_its_exit_code_whoever_reads(
+def test_a_run_keeps_its_exit_code_if_its_output_is_closed(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
 ) -> None:
     """`foldcell fold vest | head` of a garment that was not folded has not gone well."""
@@ -586,7 +586,7 @@ def test_garment_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert "medium_towel" in names
 
 
-def test_garment_check_draws_what_is_good_and_names_what_is_not(
+def test_garment_check_draws_valid_plans_and_names_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = tmp_path / "bad.yaml"
@@ -649,7 +649,7 @@ def test_perceive_without_a_garment(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no picture", b"\x89PNG\r\n\x1a\n broken"])
-def test_perceive_refuses_what_is_no_picture(
+def test_perceive_refuses_a_file_that_is_no_picture(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
 ) -> None:
     if content is not None:
@@ -703,7 +703,7 @@ def test_exported_poses_read_back_as_the_tool_paths() -> None:
 
 
 @pytest.mark.parametrize("line", ["--export out.txt", "--export none/out.csv", "--step 9"])
-def test_optimise_refuses_before_it_works(
+def test_optimise_checks_its_arguments_first(
     line: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -737,7 +737,7 @@ def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: p
     assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
 
 
-def test_runs_of_a_campaign_know_the_users_library_and_nothing_of_each_other(
+def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
@@ -768,7 +768,7 @@ def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
     assert len(kept["not_performed"]) == 7
 
 
-def test_a_worker_that_died_is_told_beside_the_table(
+def test_a_dead_worker_is_reported_with_the_table(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)

@@ -24,7 +24,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
         monkeypatch.setattr(doctor, "NATIVE", ("json",))
 
 
-def test_this_machine_is_well(tmp_path: Path) -> None:
+def test_all_checks_pass_on_this_machine(tmp_path: Path) -> None:
     checks = examine(tmp_path)
     assert [c for c in checks if c.verdict is Verdict.BAD] == []
     names = by_name(checks)
@@ -54,7 +54,7 @@ def test_native_module_that_does_not_load(monkeypatch: pytest.MonkeyPatch) -> No
     assert check.verdict is Verdict.BAD and "no_such_module" in check.found
 
 
-def test_other_versions_than_the_pinned_ones_are_told() -> None:
+def test_versions_that_differ_from_the_pinned_ones_are_reported() -> None:
     version = metadata.version("numpy")
     assert doctor._package("numpy", version).verdict is Verdict.GOOD
     other = doctor._package("numpy", "1.0.0")
@@ -70,7 +70,7 @@ def test_constraints_are_read() -> None:
     }
 
 
-def test_what_developers_need_is_not_required_of_users() -> None:
+def test_developer_packages_are_not_required_of_users() -> None:
     packages = required_packages()
     assert "numpy" in packages and "rerun-sdk" in packages
     assert "pytest" not in packages
@@ -82,13 +82,13 @@ def test_read_only_logs_are_bad(lockable: Any) -> None:
     assert check.verdict is Verdict.BAD and "--logs DIR" in check.hint
 
 
-def test_a_broken_ledger_is_bad(tmp_path: Path) -> None:
+def test_a_broken_journal_is_bad(tmp_path: Path) -> None:
     (tmp_path / "journal.db").write_bytes(b"x" * 5000)
     checks = [c for c in examine(tmp_path) if c.verdict is Verdict.BAD]
     assert len(checks) == 1 and "journal.db" in checks[0].found + checks[0].hint
 
 
-def test_a_check_that_breaks_is_bad_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crashing_check_is_bad_and_the_others_continue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> list[Check]:
         raise ConfigurationError("the model is gone", "install it")
 

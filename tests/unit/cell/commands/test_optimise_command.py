@@ -85,7 +85,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path
     return json.loads(out.getvalue().splitlines()[-1]), folder
 
 
-def test_a_plan_of_ones_own_gets_steps_and_target_shapes(tmp_path: Path) -> None:
+def test_a_user_plan_gets_steps_and_target_shapes(tmp_path: Path) -> None:
     """Against the folded square by hand: corners at (0.58 +- 0.18, +- 0.18), mirrored in the diagonals."""
     garment = load_garment(write(tmp_path, napkin()))
     state = garment.flat_state(*garment.poses.middle)
@@ -110,7 +110,7 @@ def test_a_plan_of_ones_own_gets_steps_and_target_shapes(tmp_path: Path) -> None
     assert target[:, 2].max() == pytest.approx(3.5 * garment.material.thickness), "four layers"
 
 
-def test_and_trajectories_by_simulation(told: tuple[dict[str, Any], Path]) -> None:
+def test_a_new_plan_gets_trajectories_by_simulation(told: tuple[dict[str, Any], Path]) -> None:
     answer, _ = told
     assert answer["garment"] == "napkin" and answer["method"] == "initial"
     assert [s["name"] for s in answer["steps"]] == ["triangle", "smaller"]
@@ -183,7 +183,7 @@ def test_the_export_reads_back_as_the_trajectory(told: tuple[dict[str, Any], Pat
         assert np.allclose(across, 0, atol=1e-5), "the held line lies along the fold line"
 
 
-def test_tools_move_no_faster_than_the_cell_lets_them(tmp_path: Path) -> None:
+def test_exported_tools_keep_the_speed_limit_of_the_cell(tmp_path: Path) -> None:
     garment, out = write(tmp_path, napkin()), tmp_path / "poses.csv"
     (tmp_path / "cell.yaml").write_text("motion: {tool_speed: 0.12}\n")
     line = ["optimise", str(garment), "--step", "1", "--method", "initial", "--export", str(out)]
@@ -194,7 +194,7 @@ def test_tools_move_no_faster_than_the_cell_lets_them(tmp_path: Path) -> None:
     assert 0.10 < speed.max() < 0.125 < SPEED
 
 
-def test_both_formats_say_the_same(told: tuple[dict[str, Any], Path]) -> None:
+def test_both_export_formats_hold_the_same_poses(told: tuple[dict[str, Any], Path]) -> None:
     _, folder = told
     value = json.loads((folder / "poses.json").read_text())
     assert value["garment"] == "napkin" and value["frame"] == "table" and value["schema"] == 1

@@ -39,7 +39,9 @@ def test_a_photograph_is_measured_in_its_pixels(
     assert max(np.linalg.norm(found - c, axis=1).min() for c in corners) < 0.01 * size[0]
 
 
-def test_what_is_refused_says_why_under_the_same_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_refused_picture_has_the_same_json_keys_and_a_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     photograph(tmp_path / "table.png", (640, 480), garment=False)
     assert main(["perceive", str(tmp_path / "table.png"), "--unit", "px", "--json"]) == 2
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -58,7 +60,7 @@ def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("kind", "seed", "error"), [("towel", 18, 0.02), ("skirt", 5, 0.03), ("shorts", 4, 0.05), ("vest", 42, 0.05)]
 )
-def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, error: float) -> None:
+def test_garments_in_independently_drawn_photographs_are_measured(kind: str, seed: int, error: float) -> None:
     """Tilted, unevenly lit, vignetted, JPEG; error: over the garment's diagonal."""
     picture = drawn(kind, seed)
     seen = look_at(picture, [load_garment(name) for name in list_garments()]).unwrap()
@@ -69,6 +71,6 @@ def test_garments_in_photographs_drawn_by_other_means(kind: str, seed: int, erro
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("thrown", 7), ("hung", 8)])
-def test_what_does_not_lie_flat_is_refused_with_what_helps(kind: str, seed: int) -> None:
+def test_a_garment_that_is_not_flat_is_refused_with_a_hint(kind: str, seed: int) -> None:
     failure = look_at(drawn(kind, seed), [load_garment(name) for name in list_garments()]).failure
     assert failure is not None and "spread" in failure.hint

@@ -29,7 +29,7 @@ def refusal(tmp_path: Path, text: str) -> ConfigurationError:
     return caught.value
 
 
-def test_shipped_settings_are_a_cell() -> None:
+def test_the_shipped_settings_are_valid() -> None:
     settings = load_settings()
     assert settings.robot == "baxter"
     assert settings.table.height == pytest.approx(-0.10)
@@ -45,7 +45,7 @@ def test_shipped_file_states_every_key() -> None:
             assert model is not None and group.keys() == model.model_fields.keys()
 
 
-def test_a_file_needs_only_what_differs(tmp_path: Path) -> None:
+def test_a_settings_file_needs_only_the_changed_keys(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("table: {height: -0.05}\nmotion:\n  velocity_scale: 0.5\n")
     mine, shipped = load_settings(path), load_settings()
@@ -116,19 +116,21 @@ def test_settings_cannot_be_changed() -> None:
         ("[" * 100_000, ["nested too deep"]),
     ],
 )
-def test_refusals_say_where_what_and_what_is_allowed(tmp_path: Path, text: str, parts: list[str]) -> None:
+def test_errors_name_the_place_the_value_and_the_allowed_values(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
     message = str(refusal(tmp_path, text))
     for part in parts:
         assert part in message
     assert len(message) < 2000
 
 
-def test_every_fault_of_a_file_is_told_at_once(tmp_path: Path) -> None:
+def test_all_errors_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
     message = str(refusal(tmp_path, "tabel: {}\nmotion: {state_age: 0}\n"))
     assert "tabel" in message and "motion.state_age" in message
 
 
-def test_of_several_faults_each_hint_names_its_key(tmp_path: Path) -> None:
+def test_each_hint_names_its_key_if_there_are_several_errors(tmp_path: Path) -> None:
     error = refusal(tmp_path, "table: {height: 5000}\noptimiser: {method: nope}\n")
     first, second = error.hint.splitlines()
     assert first.startswith("table.height: looks like millimetres")
@@ -141,7 +143,7 @@ def test_a_value_out_of_range_carries_its_key(tmp_path: Path) -> None:
     assert error.values["value"] == "820"
 
 
-def test_numbers_as_people_write_them(tmp_path: Path) -> None:
+def test_numbers_in_common_notations_are_read(tmp_path: Path) -> None:
     path = tmp_path / "numbers.yaml"
     path.write_text("motion: {approach_height: 5e-2}\noptimiser: {simulations: 010}\ngrasp: {grip_force: 12}\n")
     settings = load_settings(path)
@@ -151,7 +153,7 @@ def test_numbers_as_people_write_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", ["missing", "folder", "binary", "huge"])
-def test_files_that_are_no_settings(tmp_path: Path, make: str) -> None:
+def test_files_without_settings_are_refused(tmp_path: Path, make: str) -> None:
     path = tmp_path / "cell.yaml"
     if make == "folder":
         path.mkdir()
@@ -163,7 +165,7 @@ def test_files_that_are_no_settings(tmp_path: Path, make: str) -> None:
         load_settings(path)
 
 
-def test_a_missing_file_suggests_its_neighbour(tmp_path: Path) -> None:
+def test_a_missing_file_suggests_a_similar_name(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("")
     with pytest.raises(ConfigurationError, match=r"did you mean .*cell\.yaml"):
         load_settings(tmp_path / "cel.yaml")
@@ -308,13 +310,13 @@ def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", ["camera/rgb", "/", "/a//b", "/1a", "/a b", ""])
-def test_what_is_no_topic_is_refused(tmp_path: Path, topic: str) -> None:
+def test_an_invalid_topic_name_is_refused(tmp_path: Path, topic: str) -> None:
     (tmp_path / "cell.yaml").write_text(f"ros: {{camera_rgb: '{topic}'}}")
     with pytest.raises(ConfigurationError, match="camera_rgb"):
         load_settings(tmp_path / "cell.yaml")
 
 
-def test_every_key_is_read_by_somebody() -> None:
+def test_every_settings_key_is_used() -> None:
     """A setting that does nothing is a lie. (Groups with `settings()` go to their skill whole: tested above.)"""
     root = default_settings_path().parents[1]
     sources = [p for p in root.rglob("*.py") if p.name != "cell_settings.py"]

@@ -67,12 +67,12 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("change", "expected"), BROKEN.values(), ids=BROKEN)
-def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
+def test_errors_in_a_garment_file_are_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
     text = refusal(tmp_path, towel() | change)
     assert all(word in text for word in expected), text
 
 
-def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
+def test_nested_errors_in_the_plan_are_named(tmp_path: Path) -> None:
     data = towel()
     data["plan"][1]["variants"][0]["grasps"][0]["at"] = "sleeve"
     assert "plan.quarter" in refusal(tmp_path, data) and "sleeve" in refusal(tmp_path, data)
@@ -92,7 +92,7 @@ def test_mistakes_deep_in_the_plan_are_named(tmp_path: Path) -> None:
     assert "material.thickness = 2.5" in text and "0.01" in text
 
 
-def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
+def test_grasps_must_lie_on_the_moving_part(tmp_path: Path) -> None:
     data = towel()
     for grasp, point in zip(data["plan"][0]["variants"][0]["grasps"], ("far_right", "near_right"), strict=True):
         grasp |= {"at": point, "inset": [0.0, 0.0]}
@@ -105,7 +105,7 @@ def test_hands_take_hold_of_cloth_that_moves(tmp_path: Path) -> None:
     assert load_garment(write(tmp_path, data)).plan
 
 
-def test_every_way_of_a_step_is_looked_at(tmp_path: Path) -> None:
+def test_every_variant_of_a_step_is_checked(tmp_path: Path) -> None:
     data = towel()
     data["plan"][0]["variants"][1]["moves"] = ["near_right", "far_left"]
     text = refusal(tmp_path, data)
@@ -141,7 +141,7 @@ def test_friction_belongs_to_garment_and_surface(tmp_path: Path) -> None:
     assert "'glass'" in str(caught.value) and "bare_table, felt" in str(caught.value)
 
 
-def test_what_nobody_measured_is_the_papers_average_and_says_so(tmp_path: Path) -> None:
+def test_unmeasured_material_values_are_the_papers_average_and_listed_as_assumed(tmp_path: Path) -> None:
     data = towel()
     del data["material"]
     material = load_garment(write(tmp_path, data), "any_surface").material

@@ -46,7 +46,7 @@ def built() -> Library:
     return build_library([TOWEL], method="initial", predict=perfect)
 
 
-def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library) -> None:
+def test_user_entries_come_first_and_accumulate(tmp_path: Path, built: Library) -> None:
     shipped = load_library().library
     half, quarter = built.entries
     add_entry(tmp_path, half)
@@ -59,7 +59,7 @@ def test_the_users_entries_come_first_and_add_up(tmp_path: Path, built: Library)
     assert found is not None and found.simulations == 99
 
 
-def test_two_who_add_at_once_lose_nothing(tmp_path: Path, built: Library) -> None:
+def test_concurrent_additions_lose_no_entry(tmp_path: Path, built: Library) -> None:
     """As a run that ends while a build writes what it has found in hours."""
     begin = threading.Barrier(2)
 
@@ -74,7 +74,9 @@ def test_two_who_add_at_once_lose_nothing(tmp_path: Path, built: Library) -> Non
     assert not refused and len(library.entries) == 16
 
 
-def test_nothing_is_left_half_written(tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_no_partial_file(
+    tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = user_library_path(tmp_path)
     write_library(path, built)
     before = path.read_bytes()
@@ -123,7 +125,7 @@ def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path
     assert (tmp_path / "library.json.refused-2").read_text() == "broken again"
 
 
-def test_one_damaged_entry_costs_only_itself(tmp_path: Path, built: Library) -> None:
+def test_a_damaged_entry_does_not_affect_the_others(tmp_path: Path, built: Library) -> None:
     path = user_library_path(tmp_path)
     path.write_text(to_json(built).replace('"method": "initial"', '"method": "default"', 1))
     loaded = load_library(tmp_path)

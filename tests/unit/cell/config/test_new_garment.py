@@ -44,7 +44,7 @@ def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return dict(json.loads(capsys.readouterr().out.splitlines()[-1]))
 
 
-def test_a_shirt_of_ones_own(
+def test_a_new_shirt_is_made_from_a_photograph(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -77,7 +77,7 @@ def test_a_shirt_of_ones_own(
         (["--length", "0.44", "--output", "shirt.txt"], ".yaml"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
+def test_invalid_input_is_refused_with_its_reason(
     options: list[str], said: str, shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip

@@ -52,7 +52,7 @@ def ramp(distance: float = 0.5, duration: float = 1.0) -> ArmTrajectory:
     return ArmTrajectory(t, np.outer(shape, one), np.outer(speed, one), np.zeros((101, 14)))
 
 
-def test_the_arms_arrive_and_got_every_set_point() -> None:
+def test_the_arms_receive_every_set_point_and_arrive() -> None:
     cell = FakeCell()
     outcome = stream(loop(cell.ports()), ramp(), None, control())
     assert outcome.ok
@@ -79,7 +79,7 @@ def test_the_interpolant_is_the_closed_form() -> None:
         (lambda c: setattr(c, "follows", False), FailureKind.TRACKING_ERROR),
     ],
 )
-def test_what_goes_wrong_on_the_way_is_named(spoil, kind) -> None:
+def test_a_fault_during_a_motion_is_reported_by_its_kind(spoil, kind) -> None:
     cell = FakeCell()
     cell.at(0.3, lambda: spoil(cell))
     outcome = stream(loop(cell.ports()), ramp(duration=2.0), None, control())
@@ -109,7 +109,7 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) 
 
 
 @pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
-def test_arms_that_are_nowhere_are_not_moved(spoil) -> None:
+def test_arms_without_a_valid_state_are_not_moved(spoil) -> None:
     """Their state is old, or no numbers: nobody knows where a motion would begin."""
     cell = FakeCell()
     cell.now = 5.0
@@ -140,7 +140,7 @@ def test_a_motion_ends_when_the_arms_arrived_or_will_not_come_nearer(sag: float,
     np.testing.assert_allclose(cell.commands[-1][1], 0.5)
 
 
-def test_arms_whose_state_is_as_old_as_the_settings_allow_are_told_to_hold() -> None:
+def test_arms_with_a_state_of_the_maximum_age_are_commanded_to_hold() -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.85
     hold(cell.ports(), LIMITS)
@@ -179,7 +179,7 @@ def paused(pause: float, resume: float) -> tuple[FakeCell, object, PathControl]:
     return cell, stream(loop(cell.ports()), ramp(duration=1.5), None, held), held
 
 
-def test_a_control_that_nobody_uses_changes_nothing() -> None:
+def test_an_unused_control_changes_no_set_point() -> None:
     plain, controlled = FakeCell(), FakeCell()
     stream(loop(plain.ports()), ramp(), None, control())
     stream(loop(controlled.ports()), ramp(), None, control(CommandQueue()))
@@ -188,7 +188,7 @@ def test_a_control_that_nobody_uses_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("pause", [0.05, 0.4, 0.75, 1.1])
-def test_a_pause_comes_to_rest_within_0_6_s_and_goes_on_where_it_stopped(pause: float) -> None:
+def test_a_pause_rests_within_600_ms_and_resumes_where_it_stopped(pause: float) -> None:
     cell, outcome, held = paused(pause, pause + 1.0)
     assert outcome.ok
     assert cell.q == pytest.approx(0.5)
@@ -202,7 +202,7 @@ def test_a_pause_comes_to_rest_within_0_6_s_and_goes_on_where_it_stopped(pause: 
     assert np.abs(np.diff(a)).max() / TICK_S <= PROTECTIVE.jerk[0]
 
 
-def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
+def test_a_pause_during_a_restart_is_smooth() -> None:
     cell, commands = FakeCell(), CommandQueue()
     for t, said in ((0.5, Event.PAUSE), (1.5, Event.RESUME), (1.7, Event.PAUSE), (3.0, Event.RESUME)):
         cell.at(t, lambda said=said: commands.put(said))
@@ -214,7 +214,7 @@ def test_a_pause_during_the_start_after_a_pause_is_as_smooth() -> None:
 
 
 @pytest.mark.parametrize("off", [2.0, -2.0])
-def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
+def test_arms_moved_during_a_pause_do_not_continue(off: float) -> None:
     cell, commands = FakeCell(), CommandQueue()
     cell.at(0.5, lambda: commands.put(Event.PAUSE))
     cell.at(1.5, lambda: setattr(cell, "follows", False))
@@ -225,7 +225,7 @@ def test_arms_that_were_moved_in_a_pause_do_not_go_on(off: float) -> None:
 
 
 @pytest.mark.parametrize("pause", [None, 0.5])
-def test_the_velocities_told_are_those_at_which_the_set_points_move(
+def test_commanded_velocities_are_the_derivative_of_the_set_points(
     pause: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also while the clock runs down and up: a robot that is fed them forward would be kicked by any other."""
@@ -242,7 +242,7 @@ def test_the_velocities_told_are_those_at_which_the_set_points_move(
     assert max(told) > 0.5
 
 
-def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
+def test_a_pause_is_recorded_with_its_times() -> None:
     cell, commands, kept = FakeCell(), CommandQueue(), []
     held = control(commands)
     held.note = lambda name, values: kept.append((name, cell.now, dict(values), abs(derivatives(cell)[1][-1])))
@@ -256,7 +256,7 @@ def test_a_pause_is_kept_with_its_times_while_the_arms_rest() -> None:
     assert went_on == pytest.approx(1.5, abs=2 * TICK_S) and from_there["path_s"] == told["path_s"]
 
 
-def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
+def test_a_resume_before_the_pause_does_not_end_it() -> None:
     cell, commands = FakeCell(), CommandQueue()
     for t, said in ((0.2, Event.RESUME), (0.3, Event.PAUSE), (2.5, Event.RESUME)):
         cell.at(t, lambda said=said: commands.put(said))
@@ -265,7 +265,7 @@ def test_a_resume_said_before_the_pause_does_not_end_it() -> None:
 
 
 @pytest.mark.parametrize("act", [lambda ports: hold(ports, LIMITS), lambda ports: wait(loop(ports), 0.3)])
-def test_arms_of_which_nothing_recent_is_known_are_told_nothing(act) -> None:
+def test_arms_without_a_recent_state_get_no_command(act) -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0
     act(cell.ports())
@@ -295,7 +295,7 @@ def test_a_watched_failure_ends_softly_on_the_path() -> None:
     assert abs(v[-1]) < 0.02 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
 
 
-def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were() -> None:
+def test_silent_arms_are_not_commanded_to_their_last_known_position() -> None:
     """A hold at a state 0.1 s old would tear the arms back by what they moved since."""
     cell = FakeCell()
     cell.at(0.5, lambda: setattr(cell, "frozen_since", cell.now))
@@ -313,7 +313,7 @@ def test_a_stop_in_a_pause_ends_it() -> None:
     assert failure is not None and failure.kind is FailureKind.STOPPED
 
 
-def test_a_driver_that_alters_set_points_is_found_out() -> None:
+def test_altered_set_points_are_detected() -> None:
     cell = FakeCell()
     ports = cell.ports()
     told = ports.arms.command
@@ -340,7 +340,7 @@ def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
 
 @pytest.mark.parametrize("place", [0.0, 0.4])
 @pytest.mark.parametrize("off", [3.0, -3.0])
-def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: float) -> None:
+def test_dropped_arms_get_time_to_recover(place: float, off: float) -> None:
     """What is planned from the depth of a drop begins with a jump once the arms are back."""
     cell = displaced(0.4, place, off)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.full(14, place))) is None
@@ -348,7 +348,7 @@ def test_arms_that_dropped_are_given_the_time_to_come_back(place: float, off: fl
     assert cell.commands == [], "they are sent there already"
 
 
-def test_arms_that_stay_away_are_waited_for_only_so_long() -> None:
+def test_waiting_for_dropped_arms_has_a_time_limit() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.zeros(14))) is None
     assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)
@@ -368,7 +368,7 @@ def test_a_stop_or_silence_ends_the_wait(spoil, kind: FailureKind) -> None:
     assert failure is not None and failure.kind is kind and cell.now < 0.5
 
 
-def test_arms_that_were_never_sent_anywhere_are_not_waited_for() -> None:
+def test_arms_without_a_previous_command_are_not_waited_for() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand()) is None and cell.now == 0.0
 

@@ -143,7 +143,7 @@ def push_arms(cell: FakeCell) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) -> None:
+def test_a_stop_ends_a_motion_within_a_tick(kind: str) -> None:
     """The fake raises on a set-point to a stopped robot."""
     b = bench(kind)
     b.cell.at(AT, lambda: b.ports.stop.trigger("button"))
@@ -153,7 +153,7 @@ def test_a_stop_ends_it_within_a_tick_and_nothing_is_sent_after_it(kind: str) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
+def test_straying_arms_are_commanded_to_hold_where_they_are(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: push_arms(b.cell))
     failure = b.run(kind).failure
@@ -163,7 +163,7 @@ def test_arms_that_stray_are_told_to_hold_where_they_are(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_altered_set_point_is_followed_by_a_hold(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     b = bench(kind)
     through = b.ports.arms.command
 
@@ -179,7 +179,7 @@ def test_a_driver_that_alters_a_set_point_is_told_to_hold(kind: str, monkeypatch
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind: str) -> None:
+def test_silent_arms_are_not_commanded_to_their_last_known_position(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.run(kind).failure
@@ -190,7 +190,7 @@ def test_arms_that_are_no_longer_heard_of_are_not_told_where_they_last_were(kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_the_motion_itself_watches_for_ends_it(kind: str) -> None:
+def test_a_failure_watched_by_the_motion_ends_it(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
     failure = b.run(kind).failure
@@ -215,7 +215,7 @@ class Late:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> None:
+def test_after_a_late_tick_there_is_still_one_set_point_a_tick(kind: str) -> None:
     """The fake raises on a set-point that jumps."""
     in_time, late = bench(kind), bench(kind, lambda clock: Late(clock, 0.15))
     ended = in_time.run(kind), late.run(kind)
@@ -231,7 +231,7 @@ def test_after_a_late_tick_set_points_go_on_from_there_one_a_tick(kind: str) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_program_that_was_suspended_does_not_go_on(kind: str) -> None:
+def test_a_suspended_program_does_not_continue_the_motion(kind: str) -> None:
     b = bench(kind, lambda clock: Late(clock, LOST_S + 0.5))
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.STOPPED and "delayed" in failure.what
@@ -246,7 +246,7 @@ def test_nothing_is_sent_to_a_stopped_robot(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arms_that_are_not_heard_of_do_not_begin(kind: str) -> None:
+def test_silent_arms_do_not_begin_a_motion(kind: str) -> None:
     b = bench(kind)
     b.cell.now, b.cell.frozen_since = 5.0, 4.0
     failure = b.run(kind).failure
@@ -257,7 +257,7 @@ def test_arms_that_are_not_heard_of_do_not_begin(kind: str) -> None:
         assert failure is not None and failure.kind is K.STALE_STATE and b.cell.now == 5.0
 
 
-def test_a_stop_ends_a_wait_of_arms_that_are_not_heard_of() -> None:
+def test_a_stop_ends_waiting_for_silent_arms() -> None:
     b = bench("hold")
     b.cell.now, b.cell.frozen_since = 5.0, 4.0
     b.cell.at(5.2, lambda: b.ports.stop.trigger("button"))
@@ -266,7 +266,7 @@ def test_a_stop_ends_a_wait_of_arms_that_are_not_heard_of() -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "trajectory"])
-def test_what_has_no_path_to_rest_on_is_not_paused_in_the_midst(kind: str) -> None:
+def test_a_motion_without_a_path_defers_a_pause(kind: str) -> None:
     """The order waits in the queue until the run comes to a motion or a state that heeds it."""
     b, commands = bench(kind), CommandQueue()
     b.cell.at(AT, lambda: commands.put(Event.PAUSE))
@@ -287,7 +287,7 @@ def rested(b: Bench, spoil: Callable[[], None], at: float = 1.4) -> Outcome[Any]
     return b.run("trajectory", commands)
 
 
-def test_a_pause_runs_the_clock_down_and_stays_on_the_path() -> None:
+def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
     b = bench("trajectory")
     assert rested(b, lambda: None).ok
     q = np.array([q[0] for _, q in b.cell.commands])
@@ -306,7 +306,7 @@ def test_a_pause_runs_the_clock_down_and_stays_on_the_path() -> None:
         (lambda b: spoil_tactile(b.cell), K.HARDWARE_FAULT, TICK_S),
     ],
 )
-def test_arms_that_rest_in_a_pause_are_judged_as_moving_ones_are(
+def test_resting_arms_are_checked_like_moving_ones(
     spoil: Callable[[Bench], None], kind: FailureKind, known: float
 ) -> None:
     """There is nothing to bring to rest any more: the motion ends at once."""
@@ -316,7 +316,7 @@ def test_arms_that_rest_in_a_pause_are_judged_as_moving_ones_are(
     assert 1.4 <= b.cell.now <= 1.4 + known + 1e-9
 
 
-def test_the_first_failure_is_the_one_that_is_told() -> None:
+def test_the_first_failure_is_reported() -> None:
     """The cells fall silent, and while the arms are brought to rest their state is lost, too."""
     b = bench("trajectory")
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
@@ -348,7 +348,7 @@ class Script:
         return Outcome("done")
 
 
-def test_a_motion_is_sent_what_was_read_after_each_of_its_set_points() -> None:
+def test_a_motion_receives_the_reading_after_each_set_point() -> None:
     b, script = bench("hold"), Script()
     assert b.loop.run(script.begin).value == "done"
     assert [fed.state.stamp for fed in script.heard] == pytest.approx(TICK_S * np.arange(1, 6))
@@ -356,7 +356,7 @@ def test_a_motion_is_sent_what_was_read_after_each_of_its_set_points() -> None:
     assert len(b.cell.commands) == 5
 
 
-def test_orders_go_to_the_motion_once_each() -> None:
+def test_each_order_reaches_the_motion_once() -> None:
     b, script, commands, said = bench("hold"), Script(ticks=9), CommandQueue(), []
     control = PathControl(commands, JOINTS, JOINTS, note=lambda name, _: said.append((name, len(script.heard))))
     b.cell.at(2 * TICK_S, lambda: commands.put(Event.PAUSE))
@@ -368,7 +368,7 @@ def test_orders_go_to_the_motion_once_each() -> None:
 
 
 @pytest.mark.parametrize("off", [0.03, -0.03])
-def test_a_motion_that_begins_elsewhere_is_not_begun(off: float) -> None:
+def test_a_motion_that_starts_at_another_position_is_not_begun(off: float) -> None:
     b, script = bench("hold"), Script(begins=np.full(14, off))
     failure = b.loop.run(script.begin).failure
     assert failure is not None and failure.kind is K.START_MISMATCH
@@ -382,7 +382,7 @@ def test_a_motion_that_the_loop_ends_is_closed() -> None:
     assert script.closed and len(script.heard) == 1
 
 
-def test_a_motion_that_can_be_left_is_told_of_no_state_that_is_too_old() -> None:
+def test_a_motion_that_can_be_left_gets_no_stale_state() -> None:
     """A hand's controller would close its gripper by it."""
     b, heard = bench("hold"), list[Feedback]()
     b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
@@ -397,7 +397,7 @@ def test_a_motion_that_can_be_left_is_told_of_no_state_that_is_too_old() -> None
     assert len(heard) > 5 and all(fed.fresh for fed in heard)
 
 
-def test_a_motion_that_has_to_be_brought_to_rest_is_told_that_a_state_is_too_old() -> None:
+def test_a_motion_that_must_come_to_rest_learns_of_a_stale_state() -> None:
     b, script = bench("hold"), Script(ticks=50)
     b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.loop.run(script.begin).failure
@@ -412,7 +412,7 @@ def test_a_motion_may_end_before_its_first_set_point() -> None:
     assert b.loop.run(Script(ticks=0).begin).value == "done" and b.cell.commands == [] and b.cell.now == 0.0
 
 
-def test_what_a_motion_raises_is_raised() -> None:
+def test_an_exception_in_a_motion_propagates() -> None:
     """A driver that refuses, or a bug, is no failure of the motion's own."""
     b = bench("hold")
 
@@ -424,7 +424,7 @@ def test_what_a_motion_raises_is_raised() -> None:
         b.loop.run(broken)
 
 
-def test_the_driver_is_asked_in_one_order_on_every_tick() -> None:
+def test_the_driver_is_called_in_the_same_order_on_every_tick() -> None:
     """Command, tick, stop, state: what a transcript of the ports is compared by."""
     b, asked = bench("hold"), list[str]()
 

@@ -49,7 +49,7 @@ def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outc
     )
 
 
-def test_what_is_left_of_an_offset_fades_from_one_to_nothing() -> None:
+def test_the_blend_weight_falls_from_one_to_zero() -> None:
     share = np.array([blend(k) for k in range(40)])
     assert share[0] == 1.0 and share[25:] == pytest.approx(0.0) and np.all(np.diff(share) <= 0.0)
 
@@ -81,7 +81,7 @@ def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.Monke
     ],
 )
 @pytest.mark.parametrize("waiting", [False, True])
-def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
+def test_hands_and_waiting_arms_are_checked_like_a_motion(
     spoil, kind, waiting: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Hands, "read", lambda *_: None)
@@ -98,7 +98,7 @@ def test_hands_at_work_and_arms_that_wait_are_watched_as_a_motion_is(
 
 
 @pytest.mark.parametrize("off", [0.03, 0.055])
-def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hands_do_not_start_if_the_arms_were_moved(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody pushed an arm in a pause: a way that was planned from elsewhere would begin with a jump."""
     monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
@@ -110,7 +110,7 @@ def test_hands_whose_arms_were_moved_meanwhile_do_not_begin(off: float, monkeypa
 
 
 @pytest.mark.parametrize("sag", [0.009, 0.018])
-def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hands_on_sagging_arms_start_at_the_last_set_point(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arms that hang below their set-point are not elsewhere: their way begins at the set-point."""
     monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
@@ -122,14 +122,14 @@ def test_hands_of_arms_that_sag_begin_where_they_were_sent(sag: float, monkeypat
 
 
 @pytest.mark.parametrize("off", [0.3, -0.3])
-def test_a_set_point_that_is_far_off_is_not_gone_back_to(off: float) -> None:
+def test_arms_do_not_return_to_a_distant_last_set_point(off: float) -> None:
     """Somebody jogged the arms: they begin where they stand."""
     cell = FakeCell()
     wait(fake_workcell(cell, last_command=LastCommand(np.full(14, off))).loop, 0.1)
     assert np.abs(cell.commands[0][1]).max() == 0.0
 
 
-def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
+def test_hands_do_not_start_without_a_valid_arm_state() -> None:
     cell = FakeCell()
     cell.now, cell.frozen_since = 5.0, 4.0
     ended = still(fake_workcell(cell), lambda side, reading, state: state)
@@ -137,7 +137,7 @@ def test_hands_of_arms_that_are_nowhere_do_not_begin() -> None:
     assert cell.commands == []
 
 
-def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile(
+def test_a_hand_that_never_finishes_is_a_fault_while_the_arms_are_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Hands, "read", lambda *_: None)
@@ -148,9 +148,7 @@ def test_a_hand_that_never_ends_is_a_fault_of_it_and_the_arms_are_held_meanwhile
 
 
 @pytest.mark.parametrize("sag", [0.0, OFF])
-def test_hands_are_told_the_speed_at_which_their_set_points_move(
-    sag: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hand_velocities_are_the_derivative_of_the_set_points(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A robot that is fed its velocities forward would be kicked by any other."""
     monkeypatch.setattr(Hands, "read", lambda hands, side, state: hands.ports.clock.now())
     cell, told = FakeCell(), []

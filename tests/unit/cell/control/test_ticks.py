@@ -40,24 +40,24 @@ def test_ticks_do_not_drift() -> None:
     assert beats(Late(), 500)[-1] == pytest.approx(500 * TICK_S, abs=1e-9)
 
 
-def test_a_little_lateness_is_made_up_for() -> None:
+def test_a_small_delay_is_caught_up() -> None:
     assert beats(Late(0.004, 0.008), 4) == pytest.approx([0.014, 0.028, 0.030, 0.040])
 
 
-def test_a_long_stall_is_not_caught_up_with() -> None:
+def test_a_long_stall_is_not_caught_up() -> None:
     """One set-point a tick, whatever happened: the arms have not gone on meanwhile."""
     seen = beats(Late(0.0, 0.3), 5)
     assert seen == pytest.approx([0.01, 0.32, 0.33, 0.34, 0.35])
 
 
-def test_a_stall_after_which_the_arms_stand_is_told() -> None:
+def test_a_stall_that_stops_the_arms_is_reported() -> None:
     cell = ports(Late(0.0, 0.03, 0.0, 0.2, 0.0))
     ticks = Ticks(cell)
     assert [ticks.wait() for _ in range(5)] == [False, False, False, True, False]
     assert not cell.stop.reasons
 
 
-def test_a_program_that_was_suspended_stops_the_robot() -> None:
+def test_a_suspended_program_stops_the_robot() -> None:
     """Somebody may have come near arms that stood: they must not move on as if nothing had been."""
     cell = ports(Late(0.0, LOST_S + 0.1))
     ticks = Ticks(cell)

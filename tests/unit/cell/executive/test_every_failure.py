@@ -114,12 +114,12 @@ def misbehaviours() -> Iterator[tuple[str, Callable[[RunContext], Result], bool]
     yield "an event that nobody knows", lambda context: Result(Event.START, context), False
 
 
-def test_there_is_a_way_to_everything_that_is_done() -> None:
+def test_every_effect_is_reachable() -> None:
     assert {(row.target, row.effect) for row in TRANSITIONS if row.target not in TERMINAL} <= set(WAYS)
 
 
 @pytest.mark.parametrize("place", WAYS, ids=lambda place: f"{place[0]}-{place[1]}")
-def test_whatever_goes_wrong_there_the_run_ends_safe_and_says_why(place: tuple[State, Effect]) -> None:
+def test_any_failure_in_any_state_ends_safe_with_its_reason(place: tuple[State, Effect]) -> None:
     cell = fake_workcell(FakeCell())
     for what, misbehave, mendable in misbehaviours():
         end, done = run_to(place, misbehave, cell)

@@ -34,16 +34,16 @@ def test_every_state_is_reached_and_can_end() -> None:
         assert reachable(s) & TERMINAL, s
 
 
-def test_nothing_leaves_an_end() -> None:
+def test_terminal_states_have_no_transitions() -> None:
     assert not [r for r in ROWS if r.state in TERMINAL]
 
 
-def test_one_row_for_a_state_and_event() -> None:
+def test_each_state_and_event_has_one_row() -> None:
     assert len({(r.state, r.event) for r in ROWS}) == len(ROWS)
 
 
 @pytest.mark.parametrize("state", WORKING)
-def test_stop_and_crash_are_known_everywhere(state: State) -> None:
+def test_every_state_accepts_stop_and_crash(state: State) -> None:
     """What already makes the cell safe is not begun again, put off or given up."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is state}
     safe = state in {State.GIVING_UP, State.MAKING_SAFE}
@@ -55,7 +55,7 @@ def test_stop_and_crash_are_known_everywhere(state: State) -> None:
     assert to.get(Event.PAUSE) == (None if waits else (State.PAUSED, Effect.WAIT))
 
 
-def test_whatever_way_leads_to_a_state_the_same_is_done_there() -> None:
+def test_the_effect_of_a_state_does_not_depend_on_the_way_into_it() -> None:
     done = {s: {r.effect for r in ROWS if r.target is s} for s in State if s is not State.IDLE}
     several = {
         State.INSPECTING: {Effect.INSPECT, Effect.NEXT_STEP},
@@ -69,7 +69,7 @@ def test_whatever_way_leads_to_a_state_the_same_is_done_there() -> None:
 
 
 @pytest.mark.parametrize("state", WORKING)
-def test_a_failure_is_known_everywhere(state: State) -> None:
+def test_every_working_state_has_a_failure_transition(state: State) -> None:
     """Also where the cell only waits: the arms can be pushed there, and the driver can fall silent. It ends as a
     fault only where the cell could not be made safe."""
     (failed,) = (r for r in ROWS if r.state is state and r.event is Event.FAILED)
@@ -78,7 +78,7 @@ def test_a_failure_is_known_everywhere(state: State) -> None:
     assert safe or failed.target in {State.CLEARING, State.RECOVERING, State.MAKING_SAFE}
 
 
-def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
+def test_hands_on_the_cloth_are_cleared_first() -> None:
     at_work = {
         Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS
     }  # fmt: skip
@@ -88,13 +88,13 @@ def test_hands_on_the_cloth_are_cleared_before_anything_else() -> None:
         assert target is State.CLEARING
 
 
-def test_no_way_into_motion_but_through_the_motion_plan() -> None:
+def test_every_way_into_motion_passes_motion_planning() -> None:
     """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there."""
     sources = {r.state for r in ROWS if r.target is State.APPROACHING}
     assert sources == {State.PLANNING_MOTION, State.AWAITING_APPROVAL}
 
 
-def test_the_straight_run() -> None:
+def test_a_run_without_failures_visits_the_nominal_states() -> None:
     machine = Executive()
     events = [Event.START] + [Event.DONE] * 15 + [Event.NEXT_FOLD] + [Event.DONE] * 9 + [Event.ALL_FOLDED]
     for e in events:
@@ -118,7 +118,7 @@ def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
     assert "start" in e.value.hint
 
 
-def test_resume_enters_the_interrupted_state_anew() -> None:
+def test_resume_enters_the_interrupted_state_again() -> None:
     machine = Executive()
     entered = machine.handle(Event.START)
     machine.handle(Event.PAUSE)
@@ -128,7 +128,7 @@ def test_resume_enters_the_interrupted_state_anew() -> None:
     assert machine.state is entered.target, "and it is there"
 
 
-def test_an_interrupted_run_is_entered_again_only_where_it_looks_first() -> None:
+def test_an_interrupted_run_is_resumed_only_in_states_that_look_first() -> None:
     """Never with hands on the cloth, and no further than the picture that tells how the garment lies."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is State.RESUMING}
     assert set(REENTRIES.values()) == to.keys() - {
@@ -141,7 +141,7 @@ def test_an_interrupted_run_is_entered_again_only_where_it_looks_first() -> None
     assert {r.state for r in ROWS if r.target is State.RESUMING} == {State.IDLE}
 
 
-def test_every_state_that_tells_where_the_garment_is_has_a_reentry() -> None:
+def test_every_state_that_locates_the_garment_has_a_reentry() -> None:
     tells_nothing = {
         State.RESUMING, State.CLEARING, State.RECOVERING, State.ASKING, State.PAUSED, State.GIVING_UP,
         State.MAKING_SAFE,
@@ -151,7 +151,7 @@ def test_every_state_that_tells_where_the_garment_is_has_a_reentry() -> None:
 
 @settings(max_examples=200)
 @given(st.lists(st.sampled_from(list(Event)), max_size=40))
-def test_any_sequence_of_events_stays_on_the_table(events: list[Event]) -> None:
+def test_any_sequence_of_allowed_events_reaches_states_of_the_table_only(events: list[Event]) -> None:
     machine = Executive()
     for e in [Event.START, *events]:
         if e in machine.allowed():
@@ -181,7 +181,7 @@ def test_a_stop_is_never_recovered_by_itself() -> None:
 
 
 @pytest.mark.parametrize("kind", [FailureKind.TRACKING_ERROR, FailureKind.STALE_STATE])
-def test_arms_that_strayed_are_moved_again_once_and_half_a_second_later(kind: FailureKind) -> None:
+def test_strayed_arms_are_moved_again_once_after_half_a_second(kind: FailureKind) -> None:
     """As docs/safety.md tells whoever stands by."""
     first, second = (choose_recovery(kind, n, attended=False) for n in (1, 2))
     assert first.event is Event.GRASP_AGAIN and first.dwell_s == 0.5
@@ -191,7 +191,7 @@ def test_arms_that_strayed_are_moved_again_once_and_half_a_second_later(kind: Fa
 @pytest.mark.parametrize(
     "kind", [FailureKind.SLIPPED, FailureKind.NO_CONTACT, FailureKind.MISSED_GRASP, FailureKind.IN_COLLISION]
 )
-def test_a_grasp_that_failed_is_tried_two_or_three_times_each_time_differently(kind: FailureKind) -> None:
+def test_a_failed_grasp_is_retried_two_or_three_times_with_different_adjustments(kind: FailureKind) -> None:
     tried = [choose_recovery(kind, n, attended=False) for n in range(1, 6)]
     made = [(r.event, r.adjust) for r in tried if r.event is not Event.GIVE_UP]
     assert 2 <= len(made) <= 3 and len(set(made)) == len(made)

@@ -122,7 +122,7 @@ def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
 # the straight way, and the journal
 
 
-def test_a_run_without_trouble(rig: Rig) -> None:
+def test_a_run_without_failures_ends_folded(rig: Rig) -> None:
     end = rig.run()
     assert end.state is State.FOLDED
     assert rig.performed == [*STRAIGHT, Effect.NOTHING]
@@ -130,7 +130,7 @@ def test_a_run_without_trouble(rig: Rig) -> None:
     assert sum(end.stage_times.values()) == pytest.approx(len(STRAIGHT))
 
 
-def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) -> None:
+def test_the_intent_is_on_disk_before_the_effect_and_its_result_after_it(rig: Rig) -> None:
     seen = []
 
     def look_at_the_ledger(cell: Any, context: RunContext) -> Result:
@@ -150,7 +150,7 @@ def test_the_intent_is_on_disk_before_the_effect_and_the_result_after(rig: Rig) 
     assert ended.payload["event"] == "done" and ended.payload["force_n"] == 3.5
 
 
-def test_the_ledger_tells_the_way_through_the_table(rig: Rig) -> None:
+def test_the_journal_records_every_transition(rig: Rig) -> None:
     end = rig.run()
     assert [e.name for e in rig.entries("intent")] == [e.value for e in STRAIGHT]
     assert rig.transitions()[0] == ("start", "preparing")
@@ -166,7 +166,7 @@ def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
     assert failed.payload["values"] == {"n": 0}
 
 
-def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(rig: Rig) -> None:
+def test_an_earlier_failure_is_not_recorded_with_later_successes(rig: Rig) -> None:
     """What the operator says, and a plan that waits for approval, would stand in the journal as failed."""
     approving(rig)
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
@@ -183,7 +183,7 @@ def test_a_failure_that_was_met_before_is_not_told_of_what_went_well_after_it(ri
     ]
 
 
-def test_observers_are_told_of_every_step(rig: Rig) -> None:
+def test_observers_receive_every_step(rig: Rig) -> None:
     class Listener:
         def __init__(self) -> None:
             self.states: list[State] = []
@@ -214,7 +214,7 @@ def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> Non
 
 @pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
 @pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
-def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
+def test_a_garment_released_during_a_fold_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
     held: Any = {Side.LEFT: object()}
     rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, context_with(x, held=held))
     rig.special[effect] = failing(kind)
@@ -223,7 +223,7 @@ def test_a_garment_that_was_let_go_on_its_way_is_looked_for(rig: Rig, effect: Ef
     assert rig.performed[at : at + 4] == [effect, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
 
 
-def test_what_was_not_taken_yet_is_grasped_again_without_a_look(rig: Rig) -> None:
+def test_a_garment_that_was_not_grasped_is_grasped_again_without_a_new_picture(rig: Rig) -> None:
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(Effect.CHOOSE_RECOVERY)
@@ -239,7 +239,7 @@ def pushed(cell: FakeCell) -> None:
 
 
 @pytest.mark.parametrize("spoil", [frozen_state, pushed])
-def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
+def test_pushed_or_silent_arms_during_a_recovery_wait_are_made_safe(
     rig: Rig, spoil: Callable[[FakeCell], None]
 ) -> None:
     rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # it waits for a second before it looks again
@@ -251,7 +251,7 @@ def test_arms_that_are_pushed_or_unknown_while_a_recovery_waits_are_made_safe(
     assert rig.transitions()[-2:] == [("failed", "making_safe"), ("done", "fault")]
 
 
-def test_a_driver_that_fails_while_the_operator_is_asked_is_made_safe(rig: Rig) -> None:
+def test_a_driver_error_during_a_question_makes_the_cell_safe(rig: Rig) -> None:
     def lost(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the clock stands still")
 
@@ -281,7 +281,7 @@ def plan_of(*names: str) -> Any:
     return tuple(FoldStep(name, k, LINE, (), {}, {}) for k, name in enumerate(names))
 
 
-def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig: Rig) -> None:
+def test_skip_needs_a_recognised_garment(rig: Rig) -> None:
     rig.attended()
     rig.special |= {Effect.RECOGNISE: failing(K.UNKNOWN_GARMENT, 9), Effect.NEXT_STEP: next_step}
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
@@ -290,7 +290,7 @@ def test_a_run_in_which_nothing_was_recognised_cannot_be_skipped_to_its_end(rig:
     assert end.context.failure is not None and end.context.failure.kind is K.UNKNOWN_GARMENT
 
 
-def test_a_fold_that_was_left_out_is_told_and_the_garment_is_not_folded(rig: Rig) -> None:
+def test_a_skipped_fold_is_reported_and_the_garment_is_not_folded(rig: Rig) -> None:
     rig.attended()
     rig.special |= {
         Effect.PLAN_FOLDS: lambda c, x: Result(Event.DONE, context_with(x, steps=plan_of("half", "quarter"))),
@@ -324,7 +324,7 @@ def refused_fold(rig: Rig) -> None:
     }
 
 
-def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
+def test_an_inspected_fold_that_is_skipped_counts_as_made(rig: Rig) -> None:
     """Somebody has looked at it, and finds it good enough."""
     refused_fold(rig)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
@@ -332,7 +332,7 @@ def test_a_fold_that_is_left_as_it_was_seen_counts_as_made(rig: Rig) -> None:
     assert end.state is State.FOLDED and [note.name for note in end.context.done] == ["half"]
 
 
-def test_a_fold_that_the_operator_undid_and_left_out_does_not(rig: Rig) -> None:
+def test_a_fold_undone_and_skipped_does_not_count_as_made(rig: Rig) -> None:
     """Whoever says to try again has laid the garment as it was before the fold."""
     refused_fold(rig)
 
@@ -454,7 +454,7 @@ def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_one_approval_is_for_one_plan(rig: Rig) -> None:
+def test_an_approval_holds_for_one_plan_only(rig: Rig) -> None:
     """QueuedCommand twice at the first fold, it must not approve the second."""
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
@@ -465,7 +465,7 @@ def test_one_approval_is_for_one_plan(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
+def test_pause_holds_between_two_effects_until_resume(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     end = rig.run()
@@ -478,7 +478,7 @@ def test_pause_holds_between_two_effects_and_resume_goes_on(rig: Rig) -> None:
     assert rig.cell.commands == []
 
 
-def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_result(rig: Rig) -> None:
+def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -> None:
     def fold(cell: Any, context: RunContext) -> Result:
         cell.note("paused", {"path_s": 1.25})
         return Result(Event.DONE, context)
@@ -497,7 +497,7 @@ def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_resul
     assert entries[k + 1].answers == entries[k - 1].sequence
 
 
-def test_the_motion_that_a_pause_put_off_is_begun_anew(rig: Rig) -> None:
+def test_a_motion_postponed_by_a_pause_starts_after_it(rig: Rig) -> None:
     rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     assert rig.run().state is State.FOLDED
@@ -527,7 +527,7 @@ def test_stop_while_paused(rig: Rig) -> None:
     assert rig.run().state is State.STOPPED
 
 
-def test_an_end_tells_of_its_own_cause_not_of_a_mended_one(rig: Rig) -> None:
+def test_the_result_names_the_final_cause_and_not_a_recovered_failure(rig: Rig) -> None:
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     rig.after[Effect.RETREAT] = rig.say(Event.ABORT)
     end = rig.run()
@@ -542,7 +542,7 @@ def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
     assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
-def test_whoever_ends_a_motion_on_its_way_is_not_asked_what_to_do(rig: Rig) -> None:
+def test_an_abort_during_a_motion_is_not_followed_by_a_question(rig: Rig) -> None:
     rig.attended()
     rig.special[Effect.FOLD] = failing(K.ABORTED)
     end = rig.run()
@@ -551,14 +551,14 @@ def test_whoever_ends_a_motion_on_its_way_is_not_asked_what_to_do(rig: Rig) -> N
     assert rig.transitions()[-2][0] == "abort"
 
 
-def test_pause_cannot_keep_the_cell_from_being_made_safe(rig: Rig) -> None:
+def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:
     rig.special[Effect.LOOK] = failing(K.CATEGORY_MISMATCH)
     rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)
     assert rig.run().state is State.NOT_FOLDED
     assert Effect.WAIT not in rig.performed
 
 
-def test_after_the_last_try_the_operator_decides(rig: Rig) -> None:
+def test_the_operator_is_asked_after_the_last_recovery(rig: Rig) -> None:
     rig.attended()
     rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 3)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
@@ -578,7 +578,7 @@ def lose(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("effect", STRAIGHT)
-def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
+def test_losing_the_journal_ends_the_run_with_the_arms_held(rig: Rig, effect: Effect) -> None:
     rig.after[effect] = lambda: lose(rig)
     end = rig.run()
     assert end.state is State.FAULT
@@ -590,7 +590,7 @@ def test_a_ledger_that_is_lost_ends_the_run_with_the_arms_held(rig: Rig, effect:
     assert last.begun.name == effect.value and last.result is None
 
 
-def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
+def test_an_effect_does_not_start_if_its_intent_cannot_be_written(rig: Rig) -> None:
     class AtTheEntry:
         def entered(self, t: float, step: Step) -> None:
             seen.append(step.target)
@@ -608,7 +608,7 @@ def test_what_the_ledger_cannot_announce_is_not_begun(rig: Rig) -> None:
     assert seen[-2:] == [State.FOLDING, State.FAULT] and failures[-1].kind is K.UNRECORDED
 
 
-def test_arms_that_cannot_be_held_without_a_ledger_are_for_the_emergency_stop(rig: Rig) -> None:
+def test_losing_journal_and_arms_asks_for_the_emergency_stop(rig: Rig) -> None:
     def silent(cell: Any, context: RunContext) -> Result:
         raise DriverError(K.HARDWARE_FAULT, "the robot is silent")
 
@@ -632,7 +632,7 @@ def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
     assert end.state is State.NOT_FOLDED and Effect.APPROACH not in rig.performed
 
 
-def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None:
+def test_an_approval_given_with_the_question_counts(rig: Rig) -> None:
     """Whoever watches may answer at once: what was noted must not get lost."""
 
     class Hasty:
@@ -647,7 +647,7 @@ def test_approval_given_as_soon_as_the_question_is_told_counts(rig: Rig) -> None
     assert rig.run().state is State.FOLDED
 
 
-def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) -> None:
+def test_a_stop_found_by_the_driver_is_reported_in_the_same_words(rig: Rig) -> None:
     def refused(cell: Any, context: RunContext) -> Result:
         cell.ports.stop.trigger("the button")
         raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")
@@ -659,7 +659,7 @@ def test_a_stop_that_the_driver_meets_first_is_told_in_the_same_words(rig: Rig) 
     assert "reset the stop before" in end.context.failure.hint
 
 
-def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig) -> None:
+def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) -> None:
     """Killed between the two, a run knows at least as much as its journal."""
     kept: list[tuple[str, bool]] = []
 
@@ -672,7 +672,7 @@ def test_what_is_believed_is_put_down_before_the_ledger_has_the_result(rig: Rig)
     assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], "the last fold is judged again"
 
 
-def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
+def test_the_checkpoint_is_written_after_effects_without_a_journal_entry(rig: Rig) -> None:
     """A fold that the operator lets pass moves the plan on."""
     indices: list[int] = []
     rig.attended()
@@ -687,7 +687,7 @@ def test_also_after_an_effect_that_the_ledger_has_no_line_for(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("error", [StorageError("the disk is full"), TypeError("cannot pickle")])
-def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
+def test_a_failing_checkpoint_ends_the_run_with_the_arms_held(rig: Rig, error: Exception) -> None:
     def keep(context: RunContext) -> None:
         if rig.performed[-1] is Effect.LIFT:
             raise error
@@ -699,7 +699,7 @@ def test_what_cannot_be_put_down_ends_the_run_with_the_arms_held(rig: Rig, error
 
 
 @pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
-def test_a_run_is_entered_again_where_it_is_told(rig: Rig, event: Event) -> None:
+def test_a_run_is_resumed_in_the_requested_state(rig: Rig, event: Event) -> None:
     rig.special[Effect.REENTER] = lambda c, x: Result(event, x)
     rig.run(RunContext(), Event.REENTER)
     first = {Event.START_OVER: Effect.PHOTOGRAPH_TABLE, Event.LAY: Effect.AWAIT_GARMENT}.get(event, Effect.LOOK)

@@ -32,7 +32,7 @@ def put_together(tmp_path: Path, motion: Mapping[str, float] = MappingProxyType(
     )  # fmt: skip
 
 
-def test_motions_are_held_to_what_the_settings_say(tmp_path: Path) -> None:
+def test_motion_limits_come_from_the_settings(tmp_path: Path) -> None:
     motion = {"start_tolerance_deg": 0.5, "tracking_tolerance": 0.2, "state_age": 0.07, "velocity_scale": 0.5}
     cell = put_together(tmp_path, motion)
     limits = cell.execution
@@ -43,7 +43,7 @@ def test_motions_are_held_to_what_the_settings_say(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("approve", [False, True])
-def test_who_approves_each_motion_is_also_asked_when_nothing_helps(tmp_path: Path, approve: bool) -> None:
+def test_an_approving_operator_is_also_asked_after_the_last_recovery(tmp_path: Path, approve: bool) -> None:
     cell = put_together(tmp_path, approve=approve)
     assert cell.approve is cell.attended is approve
 
@@ -61,7 +61,7 @@ def fingers_at(cell: Workcell, height: float) -> np.ndarray:
     return q
 
 
-def test_what_is_executed_may_come_two_millimetres_nearer_than_what_is_planned(tmp_path: Path) -> None:
+def test_the_execution_margin_is_two_millimetres_smaller_than_the_planning_margin(tmp_path: Path) -> None:
     """The arms stand a little off: else a way that was planned would be refused when it is begun."""
     cell = put_together(tmp_path)
     verdicts = [

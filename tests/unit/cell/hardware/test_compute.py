@@ -22,7 +22,7 @@ def workers() -> Iterator[ThreadPoolExecutor]:
 
 
 @pytest.mark.parametrize("charge", [2.5, lambda result: result / 4])
-def test_the_declared_time_is_charged_whatever_it_took(workers: ThreadPoolExecutor, charge) -> None:
+def test_the_declared_time_is_charged_for_any_computing_time(workers: ThreadPoolExecutor, charge) -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell, workers)
     for real in (0.0, 0.06):
@@ -51,6 +51,6 @@ def test_a_stop_abandons_the_computation(workers: ThreadPoolExecutor) -> None:
         free.set()
 
 
-def test_what_a_skill_raises_comes_out(workers: ThreadPoolExecutor) -> None:
+def test_an_exception_in_a_skill_propagates(workers: ThreadPoolExecutor) -> None:
     with pytest.raises(ZeroDivisionError):
         fake_workcell(FakeCell(), workers).compute(0.0, lambda: 1 // 0)

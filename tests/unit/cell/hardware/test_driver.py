@@ -13,14 +13,14 @@ from robots.errors import ConfigurationError
 TOWEL = SimulationSettings(garment="small_towel")
 
 
-def test_what_is_no_driver_is_refused() -> None:
+def test_an_unknown_driver_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="no driver 'rso'") as e:
         check_cell("rso", TOWEL)
     assert all(name in e.value.hint for name in driver.DRIVERS)
 
 
 @pytest.mark.parametrize("name", ["ros", "emulator"])
-def test_without_ros_its_drivers_say_what_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ros_drivers_without_ros_name_the_packages_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(module: str = "rospy") -> None:
         raise ConfigurationError(f"no {module}", "install it")
 
@@ -35,7 +35,7 @@ def test_only_the_robot_is_no_simulation() -> None:
     assert [name for name in driver.DRIVERS if not is_simulated(name)] == ["ros"]
 
 
-def test_a_garment_that_no_world_has_is_refused_for_what_is_simulated() -> None:
+def test_simulated_drivers_refuse_an_unknown_garment() -> None:
     wrong = SimulationSettings(garment="no_such_thing")
     with pytest.raises(ConfigurationError):
         check_cell("sim", wrong)

@@ -54,7 +54,7 @@ def asked() -> Asked:
     return Asked()
 
 
-def test_it_waits_until_the_person_says_so(asked: Asked) -> None:
+def test_the_attendant_waits_for_the_confirmation(asked: Asked) -> None:
     thread = asked.ask(asked.person.lay_garment)
     assert thread.is_alive() and "lay the garment flat" in str(asked.asked[0])
     asked.commands.put(Event.PAUSE)
@@ -65,7 +65,7 @@ def test_it_waits_until_the_person_says_so(asked: Asked) -> None:
     assert not thread.is_alive() and asked.asked[1:] == [None]
 
 
-def test_what_was_approved_before_is_no_answer(asked: Asked) -> None:
+def test_an_earlier_approval_is_no_confirmation(asked: Asked) -> None:
     asked.commands.put(Event.APPROVE)
     thread = asked.ask(asked.person.lay_garment)
     thread.join(0.3)
@@ -75,7 +75,7 @@ def test_what_was_approved_before_is_no_answer(asked: Asked) -> None:
     assert not thread.is_alive()
 
 
-def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
+def test_an_abort_is_no_confirmation(asked: Asked) -> None:
     """Else the next effect follows: pads that close on fingers."""
     thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
     assert "left gripper" in str(asked.asked[0])
@@ -85,7 +85,7 @@ def test_who_ends_the_run_has_not_done_it(asked: Asked) -> None:
     assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, "it is said once"
 
 
-def test_nobody_is_waited_for_who_has_left(asked: Asked) -> None:
+def test_a_closed_terminal_ends_the_waiting(asked: Asked) -> None:
     """The terminal was closed: else the robot would wait for ever with its motors on."""
     thread = asked.ask(asked.person.lay_garment)
     asked.commands.close()
@@ -105,7 +105,7 @@ def test_a_stop_ends_the_waiting(asked: Asked) -> None:
     assert asked.refused is not None and asked.refused.kind is FailureKind.STOPPED and asked.asked[-1] is None
 
 
-def test_a_script_goes_on_while_somebody_is_waited_for(asked: Asked) -> None:
+def test_a_script_continues_while_the_attendant_waits(asked: Asked) -> None:
     """It is carried out on the way of the cell's clock."""
     clock = asked.cell.ports().clock
     asked.person.clock = clock

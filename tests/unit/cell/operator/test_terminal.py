@@ -32,13 +32,13 @@ def test_every_key_is_an_operators_command() -> None:
     assert set(KEYS.values()) == OPERATOR_EVENTS
 
 
-def test_what_is_no_command_is_told_and_ignored() -> None:
+def test_an_unknown_command_is_reported_and_ignored() -> None:
     commands, answers = typed("\nfold it\n")
     assert "'fold it' is no command" in answers
     assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # only the end of the input
 
 
-def test_what_cannot_be_said_now_is_not_noted() -> None:
+def test_a_command_that_is_not_allowed_now_is_refused() -> None:
     """It would be void, and the operator believe that it was said: an answer before the question, a resume of
     nothing."""
     commands, answers = CommandQueue(), io.StringIO()
@@ -60,20 +60,20 @@ def test_a_terminal_that_is_gone_ends_the_run() -> None:
 STEP = Step(State.GRASPING, Event.DONE, State.LIFTING, Effect.LIFT)
 
 
-def test_progress_tells_state_and_time() -> None:
+def test_progress_shows_state_and_time() -> None:
     stream = io.StringIO()
     ProgressLines(stream).entered(12.34, STEP)
     assert stream.getvalue() == "    12.3 s  lifting\n"
 
 
-def test_progress_tells_what_is_awaited() -> None:
+def test_progress_shows_the_open_question() -> None:
     stream = io.StringIO()
     waiting = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
     ProgressLines(stream).entered(1.0, waiting)
     assert "approve the fold (a)" in stream.getvalue()
 
 
-def test_progress_tells_a_failure_once() -> None:
+def test_progress_shows_a_failure_once() -> None:
     stream = io.StringIO()
     lines = ProgressLines(stream)
     context = RunContext().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))
@@ -97,7 +97,7 @@ def test_the_bar_of_long_computing_makes_room_for_the_next_line() -> None:
     )
 
 
-def test_without_a_stream_nothing_is_said() -> None:
+def test_progress_without_a_stream_writes_nothing() -> None:
     lines = ProgressLines(None)
     lines.computing(3, 60, "simulations at most")
     lines.entered(2.0, STEP)

@@ -55,7 +55,7 @@ def test_no_byte_of_a_picture_may_change(tmp_path: Path) -> None:
     assert told > 0.9 * len(range(0, len(content), 61))
 
 
-def test_another_picture_under_its_name_is_told(tmp_path: Path) -> None:
+def test_a_picture_under_a_wrong_name_is_a_storage_error(tmp_path: Path) -> None:
     store = FrameStore(tmp_path)
     one, other = store.put(picture(1)), store.put(picture(2))
     (tmp_path / f"{one}.npz").write_bytes((tmp_path / f"{other}.npz").read_bytes())
@@ -63,7 +63,7 @@ def test_another_picture_under_its_name_is_told(tmp_path: Path) -> None:
         FrameStore(tmp_path).get(one)
 
 
-def test_what_is_missing_or_cut_off_is_told(tmp_path: Path) -> None:
+def test_a_missing_or_truncated_picture_is_a_storage_error(tmp_path: Path) -> None:
     store = FrameStore(tmp_path)
     name = store.put(picture(1))
     path = tmp_path / f"{name}.npz"

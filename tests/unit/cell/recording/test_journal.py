@@ -105,7 +105,7 @@ def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, lines: int) 
         assert (last.result is None) == (entries[-1].kind == "intent")
 
 
-def test_a_killed_run_is_interrupted_while_its_pid_lives_on(tmp_path: Path) -> None:
+def test_a_killed_run_is_interrupted_even_if_its_pid_is_reused(tmp_path: Path) -> None:
     """Another process may get a dead owner's pid: the lock decides, not the number."""
     journal, run = begin(tmp_path)
     run.abandon()
@@ -160,7 +160,7 @@ def test_lines_from_several_threads_have_no_gaps(tmp_path: Path) -> None:
         assert [e.name for e in entries if e.name.startswith(f"{k}-")] == [f"{k}-{i}" for i in range(20)]
 
 
-def test_several_processes_share_a_new_ledger(tmp_path: Path) -> None:
+def test_several_processes_share_a_new_journal(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from cell.recording.journal import Journal\n"
         "run = Journal.open(Path(sys.argv[1])).begin_run(garment='g', seed=None, driver='sim')\n"
@@ -205,7 +205,7 @@ def test_runs_are_found_by_id_beginning_folder_or_last(tmp_path: Path) -> None:
 # files that are no journals, folders that cannot be written
 
 
-def test_a_newer_ledger_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_a_newer_journal_is_refused_and_left_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
     Journal.open(path).close()
     with sqlite3.connect(path) as connection:
@@ -218,7 +218,7 @@ def test_a_newer_ledger_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_another_programs_file_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_another_programs_file_is_refused_and_left_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
     with sqlite3.connect(path) as connection:
         connection.execute("CREATE TABLE bookmarks (url)")
@@ -229,7 +229,7 @@ def test_another_programs_file_is_refused_and_left_alone(tmp_path: Path) -> None
     assert path.read_bytes() == before and sorted(p.name for p in tmp_path.iterdir()) == ["journal.db"]
 
 
-def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_a_file_that_is_no_database_is_refused_and_left_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
     path.write_bytes(b"not a database at all " * 100)
     with pytest.raises(StorageError, match="move it aside"):
@@ -237,7 +237,7 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
     assert path.read_bytes() == b"not a database at all " * 100
 
 
-def test_a_folder_that_is_not_there_makes_no_ledger(tmp_path: Path) -> None:
+def test_a_missing_folder_is_refused_without_making_a_journal(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="--logs DIR"):
         Journal.open(tmp_path / "none" / "journal.db")
     assert list(tmp_path.iterdir()) == []
@@ -278,7 +278,7 @@ def test_reading_needs_no_permission_to_write(lockable: Any) -> None:
     assert sorted(p.name for p in lockable.folder.iterdir()) == before
 
 
-def test_a_ledger_in_a_read_only_folder_is_not_opened_for_writing(lockable: Any) -> None:
+def test_a_journal_in_a_read_only_folder_is_not_opened_for_writing(lockable: Any) -> None:
     with lockable.read_only(), pytest.raises(StorageError, match="--logs DIR"):
         Journal.open(lockable.folder / "journal.db")
     assert list(lockable.folder.iterdir()) == []

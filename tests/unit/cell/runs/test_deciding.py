@@ -28,12 +28,12 @@ def other(at: int, **changes: Any) -> list[Entry]:
     return [*THEN[:at], replace(THEN[at], **changes), *THEN[at + 1 :]]
 
 
-def test_equal_lines_are_the_same_whatever_the_wall_says() -> None:
+def test_equal_entries_match_at_any_wall_time() -> None:
     payload = {**THEN[2].payload, "wall": {"segment_s": 7.0}}
     assert first_difference(THEN, [replace(e, wall_time=2e9) for e in other(2, payload=payload)]) is None
 
 
-def test_another_figure_is_told_by_its_name() -> None:
+def test_a_different_figure_is_named() -> None:
     found = first_difference(THEN, other(2, payload={**THEN[2].payload, "seen": {"iou": 0.8, "sag_m": 0.01}}))
     assert found is not None and found[0] == 2
     there = found[1]
@@ -46,13 +46,13 @@ def test_another_figure_is_told_by_its_name() -> None:
     assert (there.then, there.now) == ("look ends: done (seen.iou 0.9)", "look ends: done (seen.iou 0.8)")
 
 
-def test_a_failure_is_told_by_its_words() -> None:
+def test_a_different_failure_is_reported_with_its_message() -> None:
     failed = {"schema": 1, "event": "failed", "kind": "no_garment", "what": "the table is empty", "hint": "look"}
     found = first_difference(THEN, other(2, payload=failed))
     assert found is not None and found[1].now == "look ends: failed, no_garment: the table is empty"
 
 
-def test_another_transition_is_told_between_two_effects() -> None:
+def test_a_different_transition_between_effects_is_reported() -> None:
     found = first_difference(THEN, other(4, name="failed", state="recovering"))
     assert found is not None
     there = found[1]
@@ -60,19 +60,19 @@ def test_another_transition_is_told_between_two_effects() -> None:
     assert (there.then, there.now) == ("done -> recognising", "failed -> recovering")
 
 
-def test_what_happens_within_an_effect_belongs_to_it() -> None:
+def test_a_difference_within_an_effect_names_the_effect() -> None:
     found = first_difference(THEN, other(3, name="resumed"))
     assert found is not None and (found[1].effect, found[1].then, found[1].now) == ("look", "paused", "resumed")
 
 
-def test_another_time_is_told() -> None:
+def test_a_different_cell_time_is_reported() -> None:
     found = first_difference(THEN, other(1, cell_time=1.25))
     assert found is not None and (found[1].then, found[1].now) == (
         "look begins (cell time 1.0)", "look begins (cell time 1.25)",
     )  # fmt: skip
 
 
-def test_lines_that_one_lacks_count_only_where_both_are_whole() -> None:
+def test_missing_entries_count_only_between_complete_journals() -> None:
     assert first_difference(THEN, THEN[:3], whole=False) is None
     assert first_difference(THEN[:3], THEN, whole=False) is None
     shorter, longer = first_difference(THEN, THEN[:3]), first_difference(THEN[:3], THEN)

@@ -21,7 +21,7 @@ def statuses(logs: Path) -> list[str]:
         return [run.status for run in kept.runs()]
 
 
-def test_a_cell_has_one_owner_who_gives_back_what_it_took(tmp_path: Path) -> None:
+def test_a_cell_has_one_owner_that_releases_it(tmp_path: Path) -> None:
     before = signal.getsignal(signal.SIGINT)
     cell = FakeCell()
     with owned_cell(tmp_path) as (interrupts, _):
@@ -48,7 +48,9 @@ def test_a_run_that_is_not_ended_shows_as_interrupted(tmp_path: Path) -> None:
     assert sorted(statuses(tmp_path)) == ["folded", "interrupted", "not_folded"]
 
 
-def test_a_run_whose_cell_could_not_be_opened_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_whose_cell_could_not_be_opened_names_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Until something is begun an error is a refusal, no interruption: nobody killed anything."""
     settings = load_settings(None)
     silent = ConfigurationError("no ROS master answers", "switch the robot on")

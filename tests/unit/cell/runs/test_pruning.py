@@ -54,7 +54,7 @@ def chosen(logs: Logs, keep: int, unfinished: bool = False) -> list[str]:
     return [heavy.run.id for heavy in prunable_runs(logs.folder, keep, unfinished)]
 
 
-def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
+def test_the_newest_runs_are_kept(logs: Logs) -> None:
     first = logs.run("folded")
     second = logs.run("folded", "trials-1/worker-7")
     logs.run("folded")
@@ -63,7 +63,7 @@ def test_the_newest_stay_wherever_they_are(logs: Logs) -> None:
     assert chosen(logs, 3) == chosen(logs, 99) == []
 
 
-def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
+def test_the_newest_runs_are_kept_after_the_clock_was_set_back(logs: Logs) -> None:
     """Within a journal its order is the truth; times are for runs of different ones."""
     logs.clock = 5000.0
     first, second = logs.run("folded"), logs.run("folded")
@@ -72,14 +72,14 @@ def test_the_newest_stay_where_the_clock_was_set_back_too(logs: Logs) -> None:
     assert chosen(logs, 1) == [first.id, second.id]
 
 
-def test_what_goes_on_or_can_be_gone_on_with_stays(logs: Logs) -> None:
+def test_running_and_resumable_runs_are_kept(logs: Logs) -> None:
     going, cut_off, refused, folded = map(logs.run, (None, "cut off", "not_folded", "folded"))
     assert chosen(logs, 0) == [folded.id]
     assert chosen(logs, 0, unfinished=True) == [cut_off.id, refused.id, folded.id]
     going.abandon()
 
 
-def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
+def test_pruning_removes_large_files_once(logs: Logs) -> None:
     run = logs.run("folded")
     (heavy,) = prunable_runs(logs.folder, 0)
     assert heavy.bytes == 4500
@@ -89,9 +89,7 @@ def test_only_what_is_heavy_goes_and_once(logs: Logs) -> None:
     assert chosen(logs, 0) == []
 
 
-def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
-    logs: Logs, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_runs_with_a_checkpoint_are_checked_for_resuming(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes the whole journal each time: hundreds of runs that are done would take minutes."""
     asked: list[str] = []
     monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
@@ -103,7 +101,7 @@ def test_only_of_runs_with_something_to_go_on_from_is_it_asked_whether_one_can(
     assert chosen(logs, 0) == [cut_off.id, folded.id] and asked == [cut_off.id]
 
 
-def test_what_cannot_be_removed_is_told(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_cannot_be_removed_is_a_storage_error(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
     logs.run("folded")
     (heavy,) = prunable_runs(logs.folder, 0)
 
@@ -115,7 +113,7 @@ def test_what_cannot_be_removed_is_told(logs: Logs, monkeypatch: pytest.MonkeyPa
         prune(heavy)
 
 
-def test_nothing_goes_unless_it_is_said(logs: Logs, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pruning_needs_a_confirmation(logs: Logs, capsys: pytest.CaptureFixture[str]) -> None:
     run = logs.run("folded")
     command = ["tidy", "--logs", str(logs.folder), "--keep", "1"]
     assert main(command) == 0 and "nothing to remove" in capsys.readouterr().out

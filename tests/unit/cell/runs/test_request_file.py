@@ -31,7 +31,7 @@ def test_a_request_comes_back_with_the_exact_settings(tmp_path: Path) -> None:
     assert {n: getattr(back, n) for n in same} == {n: getattr(request, n) for n in same}
 
 
-def test_a_garment_of_ones_own_is_kept_with_the_run(tmp_path: Path) -> None:
+def test_a_user_garment_file_is_kept_with_the_run(tmp_path: Path) -> None:
     """Under a name that would else be that of the settings; the file it came from may change or go."""
     source = tmp_path / "mine" / "cell.yaml"
     source.parent.mkdir()
@@ -45,7 +45,7 @@ def test_a_garment_of_ones_own_is_kept_with_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [None, "", "[]", '{"schema": 99}', '{"schema": 1, "garment": "x"}'])
-def test_a_folder_that_does_not_tell_is_refused(tmp_path: Path, damage: str | None) -> None:
+def test_a_run_folder_without_a_request_is_refused(tmp_path: Path, damage: str | None) -> None:
     request = fold_request(tmp_path)
     folder = kept(tmp_path, request)
     path = folder / "request.json"
@@ -66,6 +66,6 @@ def test_a_calibration_that_has_changed_since_is_refused(tmp_path: Path) -> None
         load_request(folder, request.logs)
 
 
-def test_what_is_kept_can_be_read_by_a_person(tmp_path: Path) -> None:
+def test_a_saved_request_is_readable_json(tmp_path: Path) -> None:
     told = json.loads((kept(tmp_path, fold_request(tmp_path, seed=3)) / "request.json").read_text("utf-8"))
     assert (told["garment"], told["seed"], told["driver"], told["world"]) == ("small_towel", 3, "sim", "xpbd")

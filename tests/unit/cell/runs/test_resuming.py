@@ -58,7 +58,9 @@ PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion
         ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
     ],
 )
-def test_where_a_run_is_entered_again(way: list[State], context: RunContext, event: Event) -> None:
+def test_a_resumed_run_enters_the_state_that_looks_first(
+    way: list[State], context: RunContext, event: Event
+) -> None:
     assert reentry_event(way, context) is event
 
 
@@ -100,7 +102,7 @@ def logs(tmp_path: Path) -> Iterator[Logs]:
     made.journal.close()
 
 
-def test_what_is_gone_on_with(logs: Logs) -> None:
+def test_a_resumed_run_has_the_saved_context(logs: Logs) -> None:
     failed = PLANNED.with_failure(Failure(FailureKind.SLIPPED, "lost")).with_failure(
         Failure(FailureKind.SLIPPED, "lost")
     )
@@ -120,39 +122,39 @@ def test_what_is_gone_on_with(logs: Logs) -> None:
 
 
 @pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
-def test_a_fold_whose_release_was_begun_is_what_is_looked_at(logs: Logs, through: int, carried: bool) -> None:
+def test_a_fold_whose_release_had_begun_is_inspected_first(logs: Logs, through: int, carried: bool) -> None:
     """Also where the camera fails at the first look: what was believed is from before the release."""
     logs.cut_off(through=through)
     assert logs.resume("last").context.fold.carried is carried
 
 
-def test_hardware_has_no_world(logs: Logs) -> None:
+def test_a_run_on_hardware_has_no_world_checkpoint(logs: Logs) -> None:
     logs.cut_off(driver="ros")
     assert logs.resume("last").world is None
 
 
-def test_a_run_that_has_folded_is_over(logs: Logs) -> None:
+def test_a_folded_run_cannot_be_resumed(logs: Logs) -> None:
     run = logs.begin()
     run.end("folded")
     with pytest.raises(ConfigurationError, match="has folded"):
         logs.resume(run.id)
 
 
-def test_a_run_that_left_folds_out_is_over(logs: Logs) -> None:
+def test_a_run_with_skipped_folds_cannot_be_resumed(logs: Logs) -> None:
     """Its last fold was made: to go on would be to make it twice."""
     logs.cut_off(replace(PLANNED, through=True))
     with pytest.raises(ConfigurationError, match="finished its plan"):
         logs.resume("last")
 
 
-def test_a_run_that_goes_is_left_alone(logs: Logs) -> None:
+def test_a_running_run_cannot_be_resumed(logs: Logs) -> None:
     run = logs.begin()
     with pytest.raises(ConfigurationError, match="still running"):
         logs.resume(run.id)
     run.abandon()
 
 
-def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
+def test_a_run_without_a_checkpoint_cannot_be_resumed(logs: Logs) -> None:
     run = logs.begin()
     run.abandon()
     with pytest.raises(ConfigurationError, match="has no checkpoint") as e:
@@ -160,7 +162,7 @@ def test_a_run_that_did_nothing_is_begun_anew(logs: Logs) -> None:
     assert "foldcell fold" in e.value.hint
 
 
-def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
+def test_a_checkpoint_is_valid_once_its_last_file_exists(logs: Logs) -> None:
     run = logs.begin()
     (run.directory / "checkpoint").mkdir()
     run.abandon()
@@ -168,14 +170,14 @@ def test_a_belief_is_there_when_its_last_file_is(logs: Logs) -> None:
         logs.resume(run.id)
 
 
-def test_a_calibration_is_begun_again(logs: Logs) -> None:
+def test_a_calibration_cannot_be_resumed(logs: Logs) -> None:
     run = logs.journal.begin_run(garment="calibrate-table", seed=1, driver="sim")
     run.abandon()
     with pytest.raises(ConfigurationError, match="is a calibration"):
         logs.resume(run.id)
 
 
-def test_a_folder_that_is_gone_is_told(logs: Logs) -> None:
+def test_a_missing_run_folder_is_reported(logs: Logs) -> None:
     name = logs.cut_off()
     shutil.rmtree(logs.request.logs / name)
     with pytest.raises(ConfigurationError, match="is gone"):
@@ -183,7 +185,7 @@ def test_a_folder_that_is_gone_is_told(logs: Logs) -> None:
 
 
 @pytest.mark.parametrize("file", ["cell.yaml", "request.json"])
-def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> None:
+def test_changed_settings_are_refused(logs: Logs, file: str) -> None:
     name = logs.cut_off()
     path = logs.request.logs / name / file
     text = path.read_text(encoding="utf-8")
@@ -194,7 +196,7 @@ def test_settings_that_somebody_changed_are_refused(logs: Logs, file: str) -> No
         logs.resume(name)
 
 
-def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
+def test_a_run_can_be_resumed_once(logs: Logs) -> None:
     """Its garment lies where the later run left it, whatever the clock on the wall said then."""
     first = logs.cut_off()
     logs.clock -= 3600.0
@@ -209,7 +211,7 @@ def test_a_run_is_gone_on_with_once(logs: Logs) -> None:
 
 
 @pytest.mark.parametrize(("driver", "refused"), [("sim", False), ("emulator", False), ("ros", True)])
-def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str, refused: bool) -> None:
+def test_a_real_run_cannot_be_resumed_after_a_later_run(logs: Logs, driver: str, refused: bool) -> None:
     """Each simulated run has a world of its own; there is one real table."""
     first = logs.cut_off(driver=driver)
     logs.clock -= 3600.0  # no order of clocks counts
@@ -233,14 +235,14 @@ def test_in_a_real_cell_nothing_may_have_happened_since(logs: Logs, driver: str,
         assert logs.resume(first).run == first
 
 
-def test_a_world_that_is_gone_is_told(logs: Logs) -> None:
+def test_a_missing_world_checkpoint_is_reported(logs: Logs) -> None:
     name = logs.cut_off()
     (logs.request.logs / name / "world.npz").unlink()
     with pytest.raises(StorageError, match="the simulated world"):
         logs.resume(name)
 
 
-def test_what_has_folded_leaves_nothing_to_go_on_with(tmp_path: Path) -> None:
+def test_a_folded_run_leaves_no_checkpoint(tmp_path: Path) -> None:
     checkpoint_writer = CheckpointWriter(tmp_path, lambda: b"the world")
     checkpoint_writer.keep(PLANNED)
     checkpoint_writer.forget()

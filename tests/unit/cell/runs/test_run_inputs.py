@@ -36,7 +36,7 @@ def restored(tmp_path: Path, folder: Path) -> FoldRequest:
     return restored_request(folder, logs)
 
 
-def test_the_users_library_is_as_it_was(tmp_path: Path) -> None:
+def test_replay_uses_the_user_library_of_the_run(tmp_path: Path) -> None:
     """It was empty but for one entry; since then another was added, and a broken one beside it."""
     request = fold_request(tmp_path)
     shipped = load_library().library.entries
@@ -50,7 +50,7 @@ def test_the_users_library_is_as_it_was(tmp_path: Path) -> None:
     assert len(garments) == len(load_library().library.entries) + 1
 
 
-def test_what_is_found_when_it_is_decided_again_goes_nowhere(tmp_path: Path) -> None:
+def test_a_replay_does_not_change_the_user_library(tmp_path: Path) -> None:
     request = fold_request(tmp_path)
     folder = kept(tmp_path, request)
     before = sorted(folder.iterdir())
@@ -69,7 +69,7 @@ def calibrated(tmp_path: Path) -> FoldRequest:
 
 
 @pytest.mark.parametrize("since", ["measured anew", "gone"])
-def test_calibrations_are_as_they_were(tmp_path: Path, since: str) -> None:
+def test_replay_uses_the_calibrations_of_the_run(tmp_path: Path, since: str) -> None:
     request = calibrated(tmp_path)
     folder = kept(tmp_path, request)
     for path in (tmp_path / "own").iterdir():
@@ -82,7 +82,7 @@ def test_calibrations_are_as_they_were(tmp_path: Path, since: str) -> None:
     assert (settings.grasp.settings().contact_force, settings.grasp.settings().held_force) == (0.7, 1.3)
 
 
-def test_without_calibrations_the_settings_are_the_same(tmp_path: Path) -> None:
+def test_restored_settings_without_calibrations_are_equal(tmp_path: Path) -> None:
     request = fold_request(tmp_path, approve=True)
     again = restored(tmp_path, kept(tmp_path, request))
     assert again.settings.fingerprint() == request.settings.fingerprint()
@@ -92,7 +92,7 @@ def test_without_calibrations_the_settings_are_the_same(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / "calibrations").exists()
 
 
-def test_a_cell_can_be_put_together_of_it(tmp_path: Path) -> None:
+def test_a_cell_can_be_assembled_from_the_run_inputs(tmp_path: Path) -> None:
     request = restored(tmp_path, kept(tmp_path, calibrated(tmp_path)))
     cell = assemble(
         request, load_model(), FakeCell().ports(), Recorder.silent(), CommandQueue(), None,  # type: ignore[arg-type]
@@ -103,13 +103,13 @@ def test_a_cell_can_be_put_together_of_it(tmp_path: Path) -> None:
     assert len(cell.library().entries) == len(load_library().library.entries)
 
 
-def test_a_library_that_cannot_be_read_is_none(tmp_path: Path) -> None:
+def test_an_unreadable_library_counts_as_none(tmp_path: Path) -> None:
     """So it is for the run itself."""
     request = fold_request(tmp_path)
     user_library_path(request.logs).mkdir()
     assert not user_library_path(kept(tmp_path, request)).exists()
 
 
-def test_the_shipped_library_is_todays(tmp_path: Path) -> None:
+def test_replay_uses_the_present_shipped_library(tmp_path: Path) -> None:
     folder = kept(tmp_path, fold_request(tmp_path))
     assert not user_library_path(folder).exists() and shipped_library_path().exists()

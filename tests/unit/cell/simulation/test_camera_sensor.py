@@ -72,7 +72,7 @@ def lying(xy: Array, height: float = 0.002) -> Array:
     return np.column_stack((xy + np.array([0.58, 0.0]), np.full(len(xy), Z + height)))
 
 
-def test_table_and_cloth_are_where_projection_says(renderer: Renderer) -> None:
+def test_table_and_cloth_appear_at_their_projection(renderer: Renderer) -> None:
     xy, _ = sheet()
     empty, laid = renderer.picture(shot(None)), renderer.picture(shot(lying(xy)))
     v, u = np.mgrid[80:400:16, 100:540:16].reshape(2, -1)
@@ -140,7 +140,7 @@ def test_the_part_of_the_noise_that_lasts_stays_in_the_mean_of_many_exposures() 
     assert np.corrcoef(mean.ravel(), again.ravel())[0, 1] > 0.8, "it is the same in every picture"
 
 
-def test_depth_is_lost_at_edges_and_almost_nowhere_else() -> None:
+def test_depth_is_lost_almost_only_at_edges() -> None:
     lost = np.isnan(camera().capture().depth)
     assert lost[200, 280:360].mean() > 0.6
     assert lost[20:180, 20:600].mean() < 0.005

@@ -21,6 +21,7 @@ from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.vocabulary import Material
+from tests.optional_parts import MUJOCO
 
 MATERIAL = Material(0.4, 0.02, 0.015, 0.003, 0.6, 0.55, 0.5)
 MESH = mesh_from_contour(np.array([[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]), 0.02)
@@ -33,7 +34,7 @@ EDGE = np.array([0.0, 0.035, 0.0])
 @pytest.fixture(params=["xpbd", "mujoco"])
 def world(request: pytest.FixtureRequest) -> str:
     if request.param == "mujoco":
-        pytest.importorskip("mujoco")
+        MUJOCO.require()
     return str(request.param)
 
 
@@ -71,7 +72,7 @@ def test_cloth_at_rest_stays(world: str) -> None:
     assert not cloth.held(0)
 
 
-def test_what_is_between_the_pads_hangs_from_the_hand(world: str) -> None:
+def test_cloth_between_the_pads_hangs_from_the_hand(world: str) -> None:
     cloth = lifted(world)
     assert cloth.held(0) and not cloth.held(1)
     top = cloth.positions[:, 2].max()
@@ -119,7 +120,7 @@ def test_a_hand_pushes_the_cloth(world: str) -> None:
     assert cloth.pinch_force(0)[1] > 0.02 * WEIGHT
 
 
-def test_a_checkpoint_goes_on_bit_for_bit(world: str) -> None:
+def test_a_restored_checkpoint_continues_bit_for_bit(world: str) -> None:
     cloth = body(world)
     cloth.grip(0, EDGE, DOWN, 20.0)
     lead(cloth, EDGE, above(EDGE, 0.1), 0.3)
@@ -132,7 +133,7 @@ def test_a_checkpoint_goes_on_bit_for_bit(world: str) -> None:
     assert cloth.held(0) and other.held(0)
 
 
-def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_world_refuses_unsupported_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigurationError, match="one layer"):
         check_settings(SimulationSettings(garment="pants", world="mujoco"))
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -142,7 +143,7 @@ def test_a_world_refuses_what_it_cannot_carry(monkeypatch: pytest.MonkeyPatch) -
     check_body("xpbd", "pants", 2)
 
 
-def test_a_run_in_a_world_that_cannot_be_is_refused_before_it_begins(tmp_path: Path) -> None:
+def test_a_run_in_an_impossible_world_is_refused_before_it_begins(tmp_path: Path) -> None:
     assert main(["fold", "pants", "--world", "mujoco", "--logs", str(tmp_path)]) == 64
     assert not list(tmp_path.rglob("journal.db"))
 
@@ -175,7 +176,7 @@ def test_friction_in_bending_is_a_trait_of_our_own_body() -> None:
     assert heights[0] < 1e-4 and heights[1] > 3e-4
 
 
-def test_each_garment_has_its_own_friction_in_bending_and_an_ideal_one_none() -> None:
+def test_each_garment_has_its_own_bending_friction_and_an_ideal_one_has_none() -> None:
     noise = load_noise().garment
     drawn = []
     for seed in range(6):

@@ -40,7 +40,7 @@ def test_the_tips_are_the_pads_apart() -> None:
     assert a[1] < b[1]  # finger 0 is on the tool's +y
 
 
-def test_fingers_stand_on_what_is_under_them() -> None:
+def test_fingers_rest_on_the_layers_below_them() -> None:
     down = np.diag([1.0, -1.0, -1.0])
     low, high = finger_axes(np.array([0.5, 0, -0.01]), down, 0.02, np.array([0.003, 0.0]), 0.0)
     assert low[:, 2].tolist() == pytest.approx([0.011, 0.008])

@@ -9,7 +9,7 @@ from robots.errors import ConfigurationError
 from robots.ports import Side
 
 
-def test_waits_for_side_grasp_and_time_and_happens_once() -> None:
+def test_a_fault_waits_for_side_grasp_and_time_and_happens_once() -> None:
     board = FaultBoard()
     fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=2, at=5.0)
     board.add(fault)
@@ -22,7 +22,7 @@ def test_waits_for_side_grasp_and_time_and_happens_once() -> None:
     assert board.happened == [(5.0, fault)]
 
 
-def test_waits_for_the_fold() -> None:
+def test_a_fault_waits_for_its_fold() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.SUDDEN_DROP, fold=1))
     assert board.take(FaultKind.SUDDEN_DROP, 1.0, 0, Side.LEFT) is None
@@ -37,14 +37,14 @@ def test_a_corner_drops_once_it_is_high_enough() -> None:
     assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.11) is not None
 
 
-def test_lasts_as_long_as_it_says() -> None:
+def test_a_fault_lasts_for_its_duration() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.CAMERA_BLACK, at=2.0, duration=3.0))
     lasting = [board.lasting(FaultKind.CAMERA_BLACK, t, 0) for t in (1.0, 2.5, 5.0, 5.6)]
     assert lasting == [False, True, True, False]
 
 
-def test_without_a_side_it_happens_to_the_first_hand_that_meets_the_conditions_alone() -> None:
+def test_a_fault_without_a_side_affects_only_the_first_matching_hand() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.GRIPPER_STUCK, at=2.0, duration=3.0))
     seen = [
@@ -66,6 +66,6 @@ def test_without_a_side_it_happens_to_the_first_hand_that_meets_the_conditions_a
         {"kind": FaultKind.NO_GARMENT, "duration": 2.0},
     ],
 )
-def test_refuses_what_a_kind_of_fault_has_not_and_conditions_that_can_never_hold(arguments: dict) -> None:
+def test_faults_with_unsupported_or_impossible_conditions_are_refused(arguments: dict) -> None:
     with pytest.raises(ConfigurationError):
         Fault(**arguments)

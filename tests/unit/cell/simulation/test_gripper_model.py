@@ -36,7 +36,7 @@ class Bench:
             self.gripper.step(self.t, DT)
 
 
-def test_refuses_before_calibration_and_follows_after_it() -> None:
+def test_a_gripper_refuses_before_calibration_and_follows_after_it() -> None:
     bench = Bench(calibrated=False)
     with pytest.raises(DriverError) as refusal:
         bench.gripper.command(0.02, 10.0)
@@ -50,7 +50,7 @@ def test_refuses_before_calibration_and_follows_after_it() -> None:
     assert bench.closings == []  # calibrating takes hold of nothing
 
 
-def test_closes_fully_and_feels_nothing_when_nothing_is_there() -> None:
+def test_an_empty_gripper_closes_fully_without_force() -> None:
     bench = Bench()
     bench.gripper.command(0.03, 10.0)
     bench.run(0.3)
@@ -63,7 +63,7 @@ def test_closes_fully_and_feels_nothing_when_nothing_is_there() -> None:
     assert bench.closings == [(pytest.approx(0.03), 10.0)]
 
 
-def test_stops_on_cloth_presses_and_lets_go_when_opened() -> None:
+def test_a_gripper_stops_on_cloth_and_releases_it_when_opened() -> None:
     bench = Bench(thickness=0.0025)
     bench.gripper.command(0.0, 12.0)
     bench.run(1.0)
@@ -77,7 +77,7 @@ def test_stops_on_cloth_presses_and_lets_go_when_opened() -> None:
     assert bench.gripper.state().force == pytest.approx(0.0, abs=0.01)
 
 
-def test_what_slips_out_leaves_the_pads_closing_on() -> None:
+def test_pads_close_fully_after_the_cloth_slips_out() -> None:
     bench = Bench(thickness=0.004)
     bench.gripper.command(0.0, 12.0)
     bench.run(1.0)
@@ -87,7 +87,7 @@ def test_what_slips_out_leaves_the_pads_closing_on() -> None:
     assert bench.openings == 0
 
 
-def test_a_stuck_gripper_stays_and_does_not_say_that_it_moves() -> None:
+def test_a_stuck_gripper_does_not_move_and_does_not_report_moving() -> None:
     bench = Bench()
     before = bench.gripper.state().opening
     bench.gripper.stuck = True
@@ -98,6 +98,6 @@ def test_a_stuck_gripper_stays_and_does_not_say_that_it_moves() -> None:
 
 
 @pytest.mark.parametrize("opening", [float("nan"), float("inf")])
-def test_refuses_what_is_no_opening(opening: float) -> None:
+def test_an_invalid_opening_is_refused(opening: float) -> None:
     with pytest.raises(DriverError):
         Bench().gripper.command(opening, 1.0)

@@ -26,7 +26,7 @@ def fresh() -> None:
     noise.load_noise.cache_clear()
 
 
-def test_reads_the_shipped_table() -> None:
+def test_the_shipped_noise_table_is_read() -> None:
     table = noise.load_noise()
     assert table.camera.depth_sigma == pytest.approx(1.4e-3)
     assert table.robot.command_timeout == pytest.approx(0.2)
@@ -34,7 +34,7 @@ def test_reads_the_shipped_table() -> None:
 
 
 @pytest.mark.parametrize("change", ["drop", "add", "bare"])
-def test_refuses_a_table_that_differs_from_its_types(copy: Path, change: str) -> None:
+def test_a_noise_table_with_wrong_keys_is_refused(copy: Path, change: str) -> None:
     data = yaml.safe_load(copy.read_text(encoding="utf-8"))
     if change == "drop":
         del data["gripper"]["speed"]

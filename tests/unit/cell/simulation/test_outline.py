@@ -17,7 +17,7 @@ TOWELS = ("small_towel", "medium_towel", "large_towel")
 
 
 @pytest.mark.parametrize("name", TOWELS)
-def test_is_a_simple_counter_clockwise_ring_of_about_the_right_size(name: str) -> None:
+def test_an_outline_is_a_simple_counter_clockwise_ring_of_the_garments_size(name: str) -> None:
     garment = load_garment(name)
     nominal = shapely.Polygon(garment.template)
     for seed in range(20):
@@ -48,14 +48,14 @@ def test_corners_are_round_and_pieces_differ() -> None:
     assert np.abs(one.contour - other.contour).max() > 1e-3
 
 
-def test_a_garment_without_an_outline_of_its_own_gets_its_templates() -> None:
+def test_a_garment_without_an_outline_uses_its_template() -> None:
     garment = replace(load_garment("medium_towel"), name="somebody_elses")
     outline = draw_outline(garment, NOISE, np.random.default_rng(0), ideal=True)
     distance = shapely.LinearRing(outline.contour).hausdorff_distance(shapely.LinearRing(garment.template))
     assert distance < 0.005
 
 
-def test_a_garment_of_ones_own_is_laid_whatever_it_is_called() -> None:
+def test_a_user_garment_of_any_name_is_laid() -> None:
     garment = load_garment("t_shirt")
     smaller = replace(garment, template=0.8 * garment.template)
     outline = draw_outline(smaller, NOISE, np.random.default_rng(0), ideal=True)

@@ -273,7 +273,7 @@ def test_a_rigid_motion_changes_only_the_drift(x: float, y: float, angle: float)
 
 @settings(max_examples=15)
 @given(x=st.floats(-2.0, 2.0), y=st.floats(-2.0, 2.0), angle=st.floats(-math.pi, math.pi))
-def test_where_the_towel_was_laid_does_not_matter(x: float, y: float, angle: float) -> None:
+def test_the_score_does_not_depend_on_the_towels_pose(x: float, y: float, angle: float) -> None:
     flat, triangles = towel(0.03)
     final = sagged(flat, 0.02)
     a, b = score(garment(flat, triangles, final)), score(garment(flat, triangles, final, pose=(x, y, angle)))
@@ -404,7 +404,7 @@ def a_towel(name: str) -> Garment:
     )  # fmt: skip
 
 
-def test_any_way_through_the_plan_is_right_and_the_preferred_one_comes_first() -> None:
+def test_every_variant_sequence_is_a_valid_target_and_the_preferred_one_is_first() -> None:
     flat, triangles = towel()
     flat = turned(flat, *POSE)
     keypoints = {name: turned(p, *POSE) for name, p in CORNERS.items()}

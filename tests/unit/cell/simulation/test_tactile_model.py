@@ -16,7 +16,7 @@ def sensor(force: float, ideal: bool = False, seed: int = 3) -> SimulatedTactile
     return SimulatedTactile(Side.LEFT, NOISE, seed, ideal, lambda: force, lambda: np.array([0.2, 0.4]))
 
 
-def test_a_sample_is_one_reading_whoever_asks_how_often() -> None:
+def test_a_sample_is_the_same_reading_for_every_query() -> None:
     asked_once, asked_often = sensor(5.0), sensor(5.0)
     for t in np.arange(0, 0.05, 0.003):
         asked_often.reading(float(t))

@@ -170,7 +170,7 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
 # the clock ------------------------------------------------------------------------------------------
 
 
-def test_only_sleeping_lets_time_pass(opened: Any) -> None:
+def test_time_passes_only_while_sleeping(opened: Any) -> None:
     ports = opened().ports
     for _ in range(3):
         ports.arms.state()
@@ -183,7 +183,7 @@ def test_only_sleeping_lets_time_pass(opened: Any) -> None:
     assert ports.arms.state().stamp == pytest.approx(0.5, abs=1 / 240)
 
 
-def test_real_time_is_paced_by_the_wall(opened: Any) -> None:
+def test_real_time_follows_the_wall_clock(opened: Any) -> None:
     ports = opened(SimulationSettings(garment="small_towel", render=False, realtime=True)).ports
     start = time.monotonic()
     ports.clock.sleep_until(0.4)
@@ -252,7 +252,7 @@ def test_arms_follow_within_their_error_and_report_what_was_sent(opened: Any) ->
     assert (np.abs(sent.q - bench.q) < 0.2).all()  # a jump is not followed
 
 
-def test_encoders_do_not_know_the_bias(opened: Any) -> None:
+def test_encoder_readings_exclude_the_joint_bias(opened: Any) -> None:
     bench = opened()
     T = bench.truth().tools[Side.LEFT]
     from skills.motion.kinematics.ik import tool_pose
@@ -450,7 +450,7 @@ def test_a_careless_hand_pushes_the_hanging_garment() -> None:
     assert moved.max() > 0.02
 
 
-def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
+def test_a_world_continues_from_its_checkpoint(opened: Any) -> None:
     bench = opened(QUIET, seed=5).ready()
     bench.ports.attendant.lay_garment()
     bench.pinch(Side.LEFT, corner(bench))
@@ -473,7 +473,7 @@ def test_a_world_goes_on_from_its_checkpoint(opened: Any) -> None:
 # bad input ------------------------------------------------------------------------------------------
 
 
-def test_refuses_what_it_cannot_be() -> None:
+def test_impossible_simulation_settings_are_refused() -> None:
     with pytest.raises(ConfigurationError):
         SimulationSettings(world="clay")
     with pytest.raises(ConfigurationError):

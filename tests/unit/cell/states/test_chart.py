@@ -31,7 +31,7 @@ def test_every_state_has_its_place() -> None:
     assert set(re.findall(r'id="state-(\w+)"', CHART.read_text())) == {s.value for s in State}, AGAIN
 
 
-def test_where_a_failure_leads_is_told_by_colour() -> None:
+def test_chart_colours_group_states_by_their_failure_target() -> None:
     """All states of one colour, and no others, fail into the same state."""
     colour = dict(re.findall(r'id="state-(\w+)".*?<path fill="(#\w+)" stroke="#', CHART.read_text(), re.S))
     failing = {r.state.value: r.target for r in TRANSITIONS if r.event is Event.FAILED}

@@ -51,7 +51,7 @@ def test_a_fold_lasts_as_long_as_the_arms_motion() -> None:
     assert note is not None and note.carrying_s == 7.5
 
 
-def test_a_fold_that_counts_as_made_is_kept_as_it_was_then() -> None:
+def test_a_finished_fold_keeps_its_values() -> None:
     made = context_with(steps=STEPS, predicted=PREDICTED, inspection=seen(None)).fold.note()
     assert made is not None
     ended = context_with(steps=STEPS, predicted=PREDICTED, done=(made,))

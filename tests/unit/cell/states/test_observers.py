@@ -18,7 +18,7 @@ def told(step: Step, result: Result) -> list[RunEvent]:
     return remarks.list
 
 
-def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_motion() -> None:
+def test_a_pause_during_a_motion_is_announced_before_the_end_of_the_motion() -> None:
     slipped = RunContext().with_failure(Failure(FailureKind.SLIPPED, "the left hand lost it", "grip harder"))
     said = told(FOLDING, Result(Event.FAILED, slipped, {}, ((5.0, "paused"), (7.5, "resumed"))))
     assert [(r.t, r.kind, r.title) for r in said] == [
@@ -29,7 +29,7 @@ def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_m
     assert said[0].text == "on the way, while folding"
 
 
-def test_a_pause_between_two_effects_is_told_and_so_is_its_end() -> None:
+def test_begin_and_end_of_a_pause_between_effects_are_announced() -> None:
     assert told(FOLDING, Result(Event.PAUSE, RunContext(), {"interrupted": True})) == [
         RunEvent(9.0, "command", "pause", "before folding")
     ]

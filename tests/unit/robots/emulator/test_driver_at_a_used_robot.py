@@ -98,7 +98,7 @@ HISTORIES = {
 
 @pytest.mark.parametrize("past", HISTORIES.values(), ids=HISTORIES)
 @pytest.mark.parametrize("at_once", [True, False], ids=["at once", "when it is done"])
-def test_the_hands_are_calibrated_and_do_what_they_are_told(
+def test_the_hands_are_calibrated_and_follow_commands(
     meet: Meet, cell: Cell, past: InitialState, at_once: bool
 ) -> None:
     with meet(past) as (ports, _):
@@ -119,7 +119,7 @@ def test_the_hands_are_calibrated_and_do_what_they_are_told(
             assert gripper.state().opening == pytest.approx(0.02)
 
 
-def test_hands_that_others_have_calibrated_close_with_the_force_that_was_asked_for(meet: Meet, cell: Cell) -> None:
+def test_already_calibrated_hands_close_with_the_requested_force(meet: Meet, cell: Cell) -> None:
     """As after a run that was broken off: they are not calibrated again."""
     with meet(USED) as (ports, _):
         ports.grippers[Side.LEFT].command(0.0, 3.0)
@@ -129,7 +129,9 @@ def test_hands_that_others_have_calibrated_close_with_the_force_that_was_asked_f
 
 
 @pytest.mark.parametrize("past", [NEW, USED], ids=["new", "used"])
-def test_the_arms_go_as_fast_as_they_are_told_and_hold_in_time(meet: Meet, cell: Cell, past: InitialState) -> None:
+def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
+    meet: Meet, cell: Cell, past: InitialState
+) -> None:
     """Whatever speed and whatever timeout was told before."""
     with meet(past) as (ports, program):
         limbs = program.emulator._limbs.values()
@@ -155,7 +157,7 @@ def test_the_arms_go_as_fast_as_they_are_told_and_hold_in_time(meet: Meet, cell:
         assert not [t for t, _ in cell.commands if t > begin + 0.4 + 0.2 + 0.3]
 
 
-def test_a_stop_that_others_have_left_stays_until_it_is_reset(meet: Meet, cell: Cell) -> None:
+def test_an_earlier_stop_stays_until_it_is_reset(meet: Meet, cell: Cell) -> None:
     with meet(replace(USED, stopped=True)) as (ports, _):
         stop = ports.stop.state()
         assert stop.stopped and "button" in stop.reason

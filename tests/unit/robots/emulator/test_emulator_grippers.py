@@ -56,7 +56,7 @@ class Talk:
         return self.gripper.report().refusal
 
 
-def test_says_its_state_in_percent_of_its_own_stroke() -> None:
+def test_the_gripper_state_is_in_percent_of_its_stroke() -> None:
     talk = Talk()
     talk.port.opening, talk.port.force = 0.2 * STROKE, 0.5 * FULL_FORCE
     report = talk.gripper.report()
@@ -81,7 +81,7 @@ def test_go_is_refused_until_it_is_calibrated() -> None:
     assert talk.port.done == ["calibrate", (0.5 * STROKE, 0.3 * FULL_FORCE)]
 
 
-def test_a_repeat_is_not_done_again() -> None:
+def test_a_repeated_command_is_done_once() -> None:
     talk = Talk()
     for _ in range(3):
         talk.gripper.hear(HARDWARE_ID, "go", '{"position": 50}', "me", 7)
@@ -92,7 +92,7 @@ def test_a_repeat_is_not_done_again() -> None:
     assert (talk.gripper.report().sender, talk.gripper.report().sequence) == ("you", 8)
 
 
-def test_what_is_for_another_hardware_is_ignored() -> None:
+def test_commands_for_another_hardware_id_are_ignored() -> None:
     talk = Talk()
     talk.say("go", {"position": 50}, hardware=65540)
     assert talk.port.done == [] and talk.gripper.report().sequence == 0
@@ -109,27 +109,27 @@ def test_the_force_is_the_holding_force_as_configured() -> None:
 @pytest.mark.parametrize(
     "args", ["", "{", "[1]", "3", {}, {"position": "9"}, {"position": True}, '{"position": NaN}']
 )
-def test_a_senseless_go_is_refused(args: Any) -> None:
+def test_an_invalid_go_command_is_refused(args: Any) -> None:
     talk = Talk()
     assert talk.say("go", args)
     assert talk.port.done == []
 
 
-def test_a_senseless_configuration_changes_nothing() -> None:
+def test_an_invalid_configuration_changes_nothing() -> None:
     talk = Talk()
     assert talk.say("configure", {"holding_force": 90.0, "velocity": "fast"})
     talk.say("go", {"position": 0})
     assert talk.port.done == [(0.0, 0.3 * FULL_FORCE)]
 
 
-def test_a_position_beyond_its_stroke_is_its_end() -> None:
+def test_a_position_beyond_the_stroke_is_clipped() -> None:
     talk = Talk()
     talk.say("go", {"position": 140.0})
     talk.say("go", {"position": -3.0})
     assert [opening for opening, _ in talk.port.done] == [STROKE, 0.0]
 
 
-def test_stop_stands_where_it_is_and_leaves_a_grip_alone() -> None:
+def test_a_gripper_stop_holds_its_position_and_its_grip() -> None:
     talk = Talk()
     assert not talk.say("stop")
     assert talk.port.done == []
@@ -138,7 +138,7 @@ def test_stop_stands_where_it_is_and_leaves_a_grip_alone() -> None:
     assert talk.port.done == [(0.013, 0.3 * FULL_FORCE)]
 
 
-def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> None:
+def test_unknown_commands_and_broken_ports_are_errors_until_a_reset() -> None:
     talk = Talk()
     assert "dance" in talk.say("dance")
     talk.port.broken = True
@@ -148,7 +148,7 @@ def test_unknown_commands_and_broken_ports_are_told_and_a_reset_clears_it() -> N
     assert talk.gripper.report().command == "no_op"
 
 
-def test_it_is_uncalibrated_until_its_new_calibration_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gripper_is_uncalibrated_during_a_new_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its port may say that it is calibrated all the while: it was."""
     talk = Talk()
     monkeypatch.setattr(talk.port, "calibrate", lambda: setattr(talk.port, "moving", True))
@@ -162,7 +162,7 @@ def test_it_is_uncalibrated_until_its_new_calibration_has_ended(monkeypatch: pyt
     assert talk.gripper.report().calibrated
 
 
-def test_one_that_was_used_keeps_what_others_have_left() -> None:
+def test_a_used_gripper_keeps_its_earlier_state() -> None:
     talk = Talk(past=USED)
     report = talk.gripper.report()
     assert (report.sender, report.sequence, report.refusal) == ("another_program_go", 1, "")
@@ -172,7 +172,7 @@ def test_one_that_was_used_keeps_what_others_have_left() -> None:
     assert talk.port.done == [(0.0, FULL_FORCE)]
 
 
-def test_in_error_it_does_nothing_until_it_is_reset() -> None:
+def test_a_gripper_in_error_does_nothing_until_a_reset() -> None:
     talk = Talk(past=InitialState(error="over current"))
     assert talk.gripper.report().refusal == "over current"
     for command, arguments in (("calibrate", None), ("configure", {"velocity": 3}), ("go", {"position": 5})):

@@ -26,7 +26,7 @@ def follow(limb: Limb, now: float) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("mode", [1, 4])
-def test_a_command_is_read_by_its_names_whatever_their_order(mode: int) -> None:
+def test_a_command_is_read_by_joint_names_in_any_order(mode: int) -> None:
     limb, order = Limb(Side.LEFT), [3, 0, 6, 2, 5, 1, 4]
     assert limb.hear(mode, [NAMES[k] for k in order], [Q[k] for k in order], 1.0, 1.0) is None
     q, qd = limb.set_point(1.0, Q + 1e-3)
@@ -59,7 +59,7 @@ def test_a_malformed_command_changes_nothing(names: list[str], values: Array, mo
     np.testing.assert_array_equal(follow(limb, 1.1)[0], Q)
 
 
-def test_holds_for_the_timeout_and_then_where_it_was_sent() -> None:
+def test_a_command_holds_for_the_timeout_and_the_limb_stays_there() -> None:
     limb = Limb(Side.LEFT)
     assert not limb.fresh(0.0)
     hear(limb, Q, 1.0)
@@ -67,7 +67,7 @@ def test_holds_for_the_timeout_and_then_where_it_was_sent() -> None:
     np.testing.assert_array_equal(follow(limb, 5.0)[0], Q)
 
 
-def test_the_timeout_can_be_told() -> None:
+def test_the_command_timeout_can_be_set() -> None:
     limb = Limb(Side.LEFT)
     assert limb.hear_timeout(0.5) is None
     hear(limb, Q, 1.0)
@@ -116,14 +116,14 @@ def test_a_late_command_is_carried_on_for_two_ticks_and_then_held() -> None:
     np.testing.assert_array_equal(qd, np.zeros(7))
 
 
-def test_without_a_command_it_stays_where_it_stood_when_that_was_first_asked() -> None:
+def test_a_limb_without_a_command_holds_its_first_reported_position() -> None:
     limb = Limb(Side.LEFT)
     np.testing.assert_array_equal(limb.set_point(1.0, Q)[0], Q)
     np.testing.assert_array_equal(limb.set_point(1.01, Q - 0.01)[0], Q)  # sagging, it would creep away
 
 
 @pytest.mark.parametrize("mode", [2, 3, 0, 7])
-def test_another_mode_makes_it_hold(mode: int) -> None:
+def test_an_unsupported_control_mode_holds_the_limb(mode: int) -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.00)
     hear(limb, Q + 0.002, 1.01)
@@ -134,7 +134,7 @@ def test_another_mode_makes_it_hold(mode: int) -> None:
     np.testing.assert_array_equal(qd, np.zeros(7))
 
 
-def test_what_ran_out_before_it_was_read_is_not_done() -> None:
+def test_a_command_that_expired_before_it_was_read_is_ignored() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, ELSEWHERE, 1.1, now=4.0)
@@ -142,7 +142,7 @@ def test_what_ran_out_before_it_was_read_is_not_done() -> None:
     np.testing.assert_array_equal(follow(limb, 4.0)[0], Q)
 
 
-def test_forgets() -> None:
+def test_a_limb_forgets_its_command() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     limb.forget()
@@ -160,7 +160,7 @@ def drive(limb: Limb, goal: Array, seconds: float, mode: int, begin: float = 1.0
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.3, 1.0])
-def test_in_position_mode_it_goes_no_faster_than_it_was_told(ratio: float) -> None:
+def test_position_mode_keeps_the_commanded_speed_ratio(ratio: float) -> None:
     limb = Limb(Side.LEFT)
     assert limb.hear_speed_ratio(ratio) is None
     fastest = ratio * URDF_VELOCITY[:7]
@@ -171,7 +171,7 @@ def test_in_position_mode_it_goes_no_faster_than_it_was_told(ratio: float) -> No
     np.testing.assert_array_equal(drive(Limb(Side.LEFT), Q, 0.02, mode=4)[0], Q)
 
 
-def test_on_its_way_in_position_mode_it_stays_when_the_command_runs_out() -> None:
+def test_position_mode_stops_when_the_command_expires() -> None:
     limb = Limb(Side.LEFT)
     way = drive(limb, Q, 0.05, mode=1)[-1]
     for k in range(60):
@@ -181,14 +181,14 @@ def test_on_its_way_in_position_mode_it_stays_when_the_command_runs_out() -> Non
     np.testing.assert_array_equal(follow(limb, 3.0)[0], last)
 
 
-def test_on_its_way_in_position_mode_it_stays_when_it_is_told_in_another_mode() -> None:
+def test_position_mode_stops_on_a_command_in_another_mode() -> None:
     limb = Limb(Side.LEFT)
     way = drive(limb, Q, 0.05, mode=1)[-1]
     assert hear(limb, Q, 1.05, mode=2) is not None
     np.testing.assert_array_equal(follow(limb, 1.05)[0], way)
 
 
-def test_a_robots_speed_is_a_third_of_its_most_until_it_is_told() -> None:
+def test_the_default_speed_ratio_is_0_3() -> None:
     assert Limb(Side.LEFT).speed_ratio == pytest.approx(0.3)
     limb = Limb(Side.LEFT, InitialState(speed_ratio=0.1, timeout=1.0))
     assert (limb.speed_ratio, limb.timeout) == (0.1, 1.0)

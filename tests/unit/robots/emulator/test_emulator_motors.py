@@ -28,7 +28,7 @@ def command(motors: Motors) -> None:
     motors.command(HERE, np.zeros(14))
 
 
-def test_off_until_enabled_and_off_again(motors: Motors, cell: FakeCell) -> None:
+def test_motors_are_off_until_enabled_and_after_disabling(motors: Motors, cell: FakeCell) -> None:
     command(motors)
     assert cell.commands == []
     assert motors.enable()

@@ -39,7 +39,7 @@ def vector(message: Any, field: str = "position") -> Array:
 # what it says ------------------------------------------------------------------------------------------
 
 
-def test_says_where_the_arms_are_and_that_time_is_simulated(serve: Serve, cell: FakeCell) -> None:
+def test_joint_states_and_simulated_time_are_published(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     assert program.param("/use_sim_time") is True and program.param("/rethink/software_version") == "1.2.0"
     message = program.joints.newest
@@ -53,7 +53,7 @@ def test_says_where_the_arms_are_and_that_time_is_simulated(serve: Serve, cell: 
     assert program.param("/use_sim_time") is None
 
 
-def test_the_clock_is_the_cells_and_comes_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
+def test_the_cell_clock_is_published_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.let(0.2)
     times = [m.clock.to_sec() for m in program.clock.all]
@@ -63,7 +63,7 @@ def test_the_clock_is_the_cells_and_comes_after_the_states_of_its_time(serve: Se
     assert program.clock.all[-1].clock.to_sec() <= cell.now
 
 
-def test_tells_what_the_pads_feel(serve: Serve, cell: FakeCell) -> None:
+def test_tactile_readings_are_published(serve: Serve, cell: FakeCell) -> None:
     ports = cell.ports()
     cells = np.arange(24.0).reshape(2, 4, 3) / 8
 
@@ -80,7 +80,7 @@ def test_tells_what_the_pads_feel(serve: Serve, cell: FakeCell) -> None:
     assert message.header.stamp.to_sec() == 0.25
 
 
-def test_tells_of_its_grippers_20_times_a_second_and_at_once_after_an_errand(serve: Serve, cell: FakeCell) -> None:
+def test_gripper_states_are_published_at_20_hz_and_after_each_task(serve: Serve, cell: FakeCell) -> None:
     program, side = serve(cell.ports()), Side.LEFT
     heard = program.hear(topics.gripper_state(side), program.m.end_effector_state)
     wait(lambda: heard.all, "a first state")
@@ -121,7 +121,7 @@ def commanders(program: Program) -> dict[Side, Any]:
     return {side: program.publisher(topics.joint_command(side), program.m.joint_command) for side in Side}
 
 
-def test_arms_follow_and_hold_when_nobody_commands_them_any_more(serve: Serve, simulated: Ports) -> None:
+def test_arms_follow_commands_and_hold_after_the_last_one(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated)
     program.enable()
     to = commanders(program)
@@ -148,7 +148,7 @@ def test_arms_follow_and_hold_when_nobody_commands_them_any_more(serve: Serve, s
     assert max(np.abs(vector(m) - sent).max() for m in held) < 0.01
 
 
-def test_an_arm_that_nobody_commands_stays(serve: Serve, simulated: Ports) -> None:
+def test_an_arm_without_commands_stays(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated)
     program.enable()
     to = program.publisher(topics.joint_command(Side.RIGHT), program.m.joint_command)
@@ -180,7 +180,7 @@ def test_a_command_holds_for_the_timeout(serve: Serve, cell: FakeCell, timeout: 
         np.testing.assert_allclose(q, np.concatenate((goal[:7], goal[7:] - 0.01)))
 
 
-def test_malformed_commands_change_nothing_and_are_told_once(serve: Serve, cell: FakeCell) -> None:
+def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
     to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
@@ -206,7 +206,7 @@ def test_malformed_commands_change_nothing_and_are_told_once(serve: Serve, cell:
     np.testing.assert_array_equal(cell.q, before)
 
 
-def test_a_mode_that_it_has_not_holds_the_arm(serve: Serve, cell: FakeCell) -> None:
+def test_an_unsupported_mode_holds_the_arm(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
     to, before = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command), cell.q.copy()
@@ -240,7 +240,7 @@ def test_nothing_moves_while_the_motors_are_off(serve: Serve, cell: FakeCell) ->
     assert cell.commands == []
 
 
-def test_a_stop_is_at_once_though_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:
+def test_a_stop_is_immediate_while_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
     stop = program.publisher(topics.STOP, program.m.empty)
@@ -379,7 +379,7 @@ class Shutter:
         return self.frames[-1]
 
 
-def test_a_picture_is_taken_only_while_somebody_looks(serve: Serve, cell: FakeCell) -> None:
+def test_pictures_are_taken_only_for_subscribers(serve: Serve, cell: FakeCell) -> None:
     shutter, named = Shutter(cell), CameraTopics("/eye/rgb", "/eye/depth", "/eye/info")
     program = serve(replace(cell.ports(), camera=shutter), camera=named)
     depth = program.hear(named.depth, program.m.image)
@@ -422,7 +422,7 @@ def test_a_picture_is_taken_only_while_somebody_looks(serve: Serve, cell: FakeCe
 # work on the loop's thread -----------------------------------------------------------------------------
 
 
-def test_work_is_done_between_ticks_and_told_when_the_topics_know(serve: Serve, cell: FakeCell) -> None:
+def test_tasks_run_between_ticks_and_complete_after_publishing(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     goal = cell.q + 0.4
     done_at: list[float] = []
@@ -470,7 +470,7 @@ def test_commands_that_came_while_the_loop_was_busy_have_run_out(serve: Serve, c
     program.insist(to, shuffled(program, Side.LEFT, cell.q), lambda: cell.commands, "a new one is obeyed")
 
 
-def test_goes_no_faster_than_it_is_told(serve: Serve, cell: FakeCell) -> None:
+def test_arms_keep_the_commanded_speed_ratio(serve: Serve, cell: FakeCell) -> None:
     free, held = FakeCell(), cell
     program = serve(held.ports(), pace=1.0)
     program.let(0.1)

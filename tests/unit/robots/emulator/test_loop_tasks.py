@@ -7,7 +7,7 @@ import pytest
 from robots.baxter.emulator.loop_tasks import SETTLE, LoopTasks
 
 
-def test_is_done_at_the_next_tick_and_told_when_the_topics_know() -> None:
+def test_a_task_runs_at_the_next_tick_and_completes_after_publishing() -> None:
     errands, done = LoopTasks(), []
     future = errands.ask(lambda: done.append(1) or "answer")
     assert not done
@@ -19,7 +19,7 @@ def test_is_done_at_the_next_tick_and_told_when_the_topics_know() -> None:
     assert future.result(0) == "answer" and done == [1]
 
 
-def test_an_exception_is_the_futures() -> None:
+def test_an_exception_of_a_task_is_set_on_its_future() -> None:
     errands = LoopTasks()
     future = errands.ask(lambda: 1 // 0)
     for _ in range(SETTLE + 1):
@@ -28,13 +28,13 @@ def test_an_exception_is_the_futures() -> None:
         future.result(0)
 
 
-def test_work_that_was_cancelled_is_not_done() -> None:
+def test_a_cancelled_task_is_not_done() -> None:
     errands, done = LoopTasks(), []
     assert errands.ask(lambda: done.append(1)).cancel()
     assert not errands.run() and not done
 
 
-def test_at_the_end_what_was_done_is_told_and_the_rest_is_cancelled() -> None:
+def test_closing_completes_done_tasks_and_cancels_the_rest() -> None:
     errands = LoopTasks()
     done = errands.ask(lambda: 3)
     errands.run()
@@ -44,7 +44,7 @@ def test_at_the_end_what_was_done_is_told_and_the_rest_is_cancelled() -> None:
     assert waiting.cancelled() and errands.ask(lambda: 5).cancelled()
 
 
-def test_work_asked_for_by_work_waits_for_the_next_tick() -> None:
+def test_a_task_added_by_a_task_waits_for_the_next_tick() -> None:
     errands, done = LoopTasks(), []
     errands.ask(lambda: errands.ask(lambda: done.append(1)))
     errands.run()

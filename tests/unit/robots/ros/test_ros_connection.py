@@ -42,7 +42,7 @@ def test_a_robot_that_answers_is_a_cell(connect: Connect) -> None:
             assert ports.tactile[side].reading().cells.shape == (2, 4, 3)
 
 
-def test_all_that_is_silent_is_named_in_one_error(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+def test_all_silent_topics_are_named_in_one_error(puppet: Puppet, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     silent = {STATE, HAND[RIGHT] + "state", PADS[LEFT]}
     puppet.silent = set(silent)
@@ -51,7 +51,7 @@ def test_all_that_is_silent_is_named_in_one_error(puppet: Puppet, connect: Conne
     assert master_address()[0] in error.hint
 
 
-def test_a_robot_that_says_nothing_at_all(puppet: Puppet, connect: Connect, monkeypatch) -> None:
+def test_a_silent_robot_is_refused(puppet: Puppet, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 0.4)
     puppet.silent = set(HEARD)
     error = refusal(connect)
@@ -64,7 +64,7 @@ def test_pads_of_another_kind_are_as_good_as_silent(connect: Connect, monkeypatc
     assert [topic for topic in HEARD if topic in error.what] == [PADS[LEFT], PADS[RIGHT]]
 
 
-def test_simulated_time_that_nobody_tells_is_named(node: Node, connect: Connect, monkeypatch) -> None:
+def test_a_missing_simulated_clock_is_named(node: Node, connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     node.set_parameter("/use_sim_time", True)
     try:
@@ -101,12 +101,12 @@ def second_robot(rosmaster: str) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("second_robot")
-def test_of_two_robots_none_is_taken(connect: Connect) -> None:
+def test_two_robots_on_the_network_are_refused(connect: Connect) -> None:
     error = refusal(connect)
     assert error.what.startswith("2 nodes") and "one robot" in error.hint
 
 
-def test_without_a_master_it_says_where_it_looked(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_master_is_reported_with_its_address(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
     uri = f"http://127.0.0.1:{free_port()}"
     monkeypatch.setattr(node_module, "_opened", None)
     monkeypatch.setenv("ROS_MASTER_URI", uri)
@@ -123,13 +123,13 @@ def test_a_process_is_a_node_of_one_master(puppet: Puppet, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("uri", ["localhost", "localhost:11311", "http://localhost", "http://localhost:port"])
-def test_what_is_no_address_is_no_master(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+def test_an_invalid_master_address_is_refused(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", uri)
     with pytest.raises(ConfigurationError, match="is no address"):
         master_address()
 
 
-def test_without_a_word_it_looks_where_ros_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_master_address_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_MASTER_URI", raising=False)
     assert master_address() == ("http://localhost:11311", "localhost", 11311)
 
@@ -141,7 +141,9 @@ def left_over(puppet: Puppet, node: Node) -> list[str]:
 
 
 @pytest.mark.parametrize("way", ["ends", "fails", "is refused"])
-def test_all_is_let_go(puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str) -> None:
+def test_a_closed_or_refused_connection_releases_everything(
+    puppet: Puppet, node: Node, connect: Connect, monkeypatch, way: str
+) -> None:
     before = threading.active_count()
     if way == "is refused":
         monkeypatch.setattr(connection, "ANSWER_S", 0.4)
@@ -159,7 +161,7 @@ def test_all_is_let_go(puppet: Puppet, node: Node, connect: Connect, monkeypatch
     wait(lambda: threading.active_count() <= before, "its threads have ended")
 
 
-def test_it_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
+def test_a_connection_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
     for n in range(3):
         with connect() as ports:
             ports.arms.enable()
@@ -172,7 +174,7 @@ def test_it_can_be_opened_again(puppet: Puppet, connect: Connect) -> None:
             ports.stop.reset()
 
 
-def test_nothing_complains_when_it_ends_in_the_middle_of_something(
+def test_closing_in_the_middle_of_an_exchange_logs_no_warning(
     puppet: Puppet, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of what is heard while it closes nothing is answered any more."""
@@ -203,7 +205,7 @@ def test_nothing_complains_when_it_ends_in_the_middle_of_something(
     assert complaints == []
 
 
-def test_the_stop_is_left_though_nothing_else_answers(puppet: Puppet, monkeypatch) -> None:
+def test_the_stop_is_reset_even_if_nothing_else_answers(puppet: Puppet, monkeypatch) -> None:
     puppet.silent |= {JOINTS, *(HAND[s] + "state" for s in Side), *(PADS[s] for s in Side)}
     puppet.stopped = True
     with connection.connected_stop() as stop:
@@ -217,7 +219,7 @@ def test_the_stop_is_left_though_nothing_else_answers(puppet: Puppet, monkeypatc
         pass
 
 
-def test_a_simulated_robots_stop_is_left_by_its_own_time(
+def test_the_stop_of_a_simulated_robot_is_reset_in_simulated_time(
     puppet: Puppet, node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time is known before anything is timed by it: a clock that is first heard later jumps."""

@@ -11,12 +11,11 @@ from typing import Any
 import pytest
 
 from robots.baxter.ros import installation, joint_modes
-from robots.baxter.ros.installation import PACKAGES, find_ros, import_ros
+from robots.baxter.ros.installation import PACKAGES, import_ros
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import open_node
 from robots.errors import ConfigurationError
-
-installed = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+from tests.optional_parts import ROS
 
 PUBLISHED = {
     "end_effector_command": "c003234e90416f2ca02ac7837c42cbb7",
@@ -28,13 +27,13 @@ PUBLISHED = {
 }
 
 
-@installed
+@ROS.required
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_baxters_own_messages_have_the_published_hash(name: str) -> None:
     assert getattr(load_messages(), name)._md5sum == PUBLISHED[name]
 
 
-@installed
+@ROS.required
 @pytest.mark.parametrize("name", ["end_effector_command", "end_effector_state", "joint_command", "assembly_state"])
 def test_the_type_names_are_baxters(name: str) -> None:
     words = "".join(word.capitalize() for word in name.split("_"))
@@ -55,7 +54,7 @@ def written() -> dict[str, dict[str, Any]]:
     }
 
 
-@installed
+@ROS.required
 @pytest.mark.parametrize("name", [*PUBLISHED, "tactile_state"])
 def test_a_message_is_read_as_it_was_written(name: str) -> None:
     kind, fields = getattr(load_messages(), name), written()[name]
@@ -70,7 +69,7 @@ def test_a_message_is_read_as_it_was_written(name: str) -> None:
     assert again.getvalue() == wire.getvalue()
 
 
-@installed
+@ROS.required
 def test_the_constants_are_the_robots() -> None:
     m = load_messages()
     assert (m.joint_command.POSITION_MODE, m.joint_command.RAW_POSITION_MODE) == (1, 4)
@@ -94,7 +93,7 @@ def no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_ros")
 @pytest.mark.parametrize("need", [import_ros, load_messages.__wrapped__, lambda: open_node("anybody")])
-def test_without_ros_it_says_what_to_install(need: Any) -> None:
+def test_a_missing_ros_is_reported_with_its_packages(need: Any) -> None:
     with pytest.raises(ConfigurationError, match="ROS 1 is not installed") as caught:
         need()
     assert PACKAGES in caught.value.hint

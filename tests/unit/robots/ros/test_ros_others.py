@@ -53,7 +53,7 @@ def test_another_program_at_the_arms_is_refused_by_name(connect: Connect) -> Non
         pass
 
 
-def test_one_that_was_killed_is_not_in_the_way(connect: Connect, node: Node) -> None:
+def test_a_killed_program_does_not_block_the_arms(connect: Connect, node: Node) -> None:
     """The master goes on naming it."""
     with another_program() as program:
         wait(lambda: len(node.publishers(TOPIC)) == 1, "the other program is known")

@@ -109,7 +109,7 @@ def let_go(mesh, residual, bent, frames=60):
 
 
 @pytest.mark.parametrize("edge", [0.010, 0.0075])
-def test_cloth_that_is_let_go_stays_bent(edge):
+def test_released_cloth_stays_bent(edge):
     mesh = strip(edge)
     assert curvature(mesh, cylinder(mesh, 25.0)) == pytest.approx(25.0, rel=0.1)
     stays = curvature(mesh, let_go(mesh, RESIDUAL, 60.0).positions)
@@ -200,7 +200,7 @@ def test_checkpoints_remember_what_has_slid():
         ClothSimulation(mesh, MATERIAL).restore(saved)
 
 
-def test_what_is_known_to_be_at_rest_does_not_rub():
+def test_cloth_known_to_be_at_rest_has_no_bending_friction():
     mesh = strip(0.012)
     x = cylinder(mesh, 20.0) + np.array([0.0, 0.0, 0.01])
     settings = SolverSettings(residual_curvature=RESIDUAL)

@@ -55,7 +55,7 @@ def folded():
     return predict_fold(TOWEL, TOWEL.lay_flat(0.003), MATERIAL, paths, keyframes=7)
 
 
-def test_towel_in_half(folded):
+def test_a_towel_folds_in_half(folded):
     x = folded.vertices
     flat = TOWEL.lay_flat(0.003)
     target = flat.copy()
@@ -72,7 +72,7 @@ def test_towel_in_half(folded):
     assert all(0.05 < f < weight for f in folded.max_pinch_force.values())
 
 
-def test_towel_in_quarters(folded):
+def test_a_towel_folds_in_quarters(folded):
     left = arc([-0.28 + IN, 0.2 - IN, 0.0005], [-0.28 + IN, -0.2 + IN, 0.02], 0.0)
     right = arc([-0.06, 0.2 - IN, 0.0005], [-0.06, -0.2 + IN, 0.02], 0.0)
     r = predict_fold(TOWEL, folded.vertices, MATERIAL, {GraspId.LEFT: left, GraspId.RIGHT: right})
@@ -128,7 +128,7 @@ def test_a_pinch_lets_go_of_what_it_cannot_bear():
     assert held == [False, True]
 
 
-def test_sleeve_of_a_two_layer_shirt():
+def test_a_sleeve_of_a_two_layer_shirt_folds():
     outline = np.array(
         [(-0.2, -0.25), (0.2, -0.25), (0.2, 0.1), (0.42, 0.02), (0.45, 0.1), (0.18, 0.24), (-0.2, 0.24)]
     )

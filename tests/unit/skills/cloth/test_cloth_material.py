@@ -208,7 +208,7 @@ def table_force(s: ClothSimulation) -> np.ndarray:
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
 @pytest.mark.parametrize("count", [2, 4])
-def test_a_pile_holds_below_the_friction_angle_and_the_table_bears_it(count, mu):
+def test_a_pile_on_the_table_holds_below_the_friction_angle(count, mu):
     s, _, along, down = on_a_slope(count, mu, mu, 0.98)
     before = s.positions
     s.advance(60)

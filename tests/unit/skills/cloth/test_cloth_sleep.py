@@ -25,7 +25,7 @@ def at_rest():
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_those_who_stay_awake_do_not_feel_that_others_fell_asleep(at_rest, axis):
+def test_awake_vertices_are_not_affected_by_sleeping_ones(at_rest, axis):
     """Half of a folded towel falls asleep; of the rest, which has a part of the crease, none moves by 0.1 mm."""
     s = ClothSimulation(at_rest.mesh, at_rest.material, settings=at_rest.settings)
     s.restore(at_rest.checkpoint())
@@ -79,7 +79,7 @@ ONCE, LONG = np.arange(FRAMES + 1), np.arange(121)
 
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * np.pi, 9))
 @pytest.mark.parametrize("hertz", [3.0, 6.0, 8.0])
-def test_what_swings_a_little_is_at_rest_after_a_while(hertz, phase):
+def test_small_oscillations_count_as_rest_after_a_while(hertz, phase):
     """As creases do, and however fast they pass through the middle."""
     found = wakes(3e-4 * np.sin(2.0 * np.pi * hertz * LONG / 60.0 + phase))
     assert not found[SWINGS * FRAMES :].any()
@@ -98,12 +98,12 @@ def test_what_swings_a_little_is_at_rest_after_a_while(hertz, phase):
     ],
     ids=["even", "slowing", "toppling", "falling", "turning back", "turning back later", "too far"],
 )
-def test_what_gathers_speed_is_not_at_rest_however_near_it_still_is(path, wake):
+def test_accelerating_vertices_are_not_at_rest_even_near_their_place(path, wake):
     found = wakes(path)
     assert found[-1] == wake and not found[:-1].any()
 
 
-def test_what_swung_for_long_may_topple_once_it_has_left_its_place():
+def test_a_vertex_that_oscillated_wakes_once_it_has_left_its_place():
     swing = 3e-4 * np.sin(2.0 * np.pi * 6.0 * LONG / 60.0)
     topples = 6e-4 * np.exp(0.2 * (ONCE - 10))
     assert not wakes(np.concatenate([swing, swing[-1] + topples[1:] - topples[0]]))[len(swing) :].any()
@@ -126,7 +126,7 @@ def test_a_hung_strip_falls_asleep_where_it_hangs(start):
     assert np.abs(s.positions[:, 0]).max() < 1.5e-3
 
 
-def test_cloth_that_is_put_somewhere_has_not_rested_yet():
+def test_displaced_cloth_does_not_count_as_at_rest():
     mesh = mesh_from_contour(np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]), 0.03)
     s = ClothSimulation(mesh, MATERIAL)
     s.advance(60)
@@ -156,7 +156,7 @@ def test_the_fourth_column_stays_zero_through_a_fold():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
-def test_packed_is_what_has_a_free_end_with_its_shares(share):
+def test_packed_edges_have_a_free_end_and_their_shares(share):
     """Free is what is awake, and two rings about it but what is fixed; shares are the closed form's, with the mass
     of a neighbour that sleeps."""
     mesh = mesh_from_contour(np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]]), 0.025)

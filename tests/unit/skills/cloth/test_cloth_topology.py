@@ -28,7 +28,7 @@ def test_neighbours_are_those_that_counting_finds(layers):
             assert set(edge[e]) == {i, j}
 
 
-def test_what_is_written_into_is_shared_by_nobody():
+def test_writable_arrays_are_not_shared_between_topologies():
     mesh = mesh_from_contour(SQUARE, 0.03)
     one, other = topology_of(mesh), topology_of(mesh)
     assert one.ring is other.ring

@@ -30,7 +30,7 @@ def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
     assert {"simd/f32x16.py", "simd/vec3.py", "broad_phase/cluster_search.py"} <= compiled
 
 
-def test_what_may_be_contracted_takes_no_power():
+def test_contractible_kernels_use_no_power_operator():
     """numba compiles x ** 2 once a process, as the first to call it allows: with a product in its place, sums come
     out the same whatever was compiled before."""
     powers = [

@@ -29,7 +29,7 @@ def test_turn_scale_and_place_do_not_matter(angle: float, scale: float, shift: f
     assert found == pytest.approx(centred, abs=1e-6)
 
 
-def test_what_is_symmetric_becomes_symmetric_and_keeps_the_mean_of_its_halves() -> None:
+def test_a_fitted_symmetric_template_is_the_mean_of_its_halves() -> None:
     twins = mirror_images(SHIRT)
     assert twins is not None and (twins[twins] == np.arange(len(SHIRT))).all()
     seen = SHIRT.copy()

@@ -152,7 +152,7 @@ def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, go
 
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 2), (2.0, 4)])
 @pytest.mark.parametrize(("wanted", "got"), [(1, 2), (2, 1), (2, 4), (4, 2)])
-def test_another_number_of_layers_is_told(scale: float, wrong: int, wanted: int, got: int) -> None:
+def test_an_unplanned_number_of_layers_is_reported(scale: float, wrong: int, wanted: int, got: int) -> None:
     """Double and half grasps: at least 99 % (98 % at twice the noise) of 200 are told."""
     told = 0
     kind = FailureKind.MISSED_GRASP if got < wanted else FailureKind.MISSED_LAYER
@@ -173,7 +173,7 @@ def test_the_planned_number_of_layers_raises_no_alarm(scale: float, layers: int)
     assert alarms <= N // 100
 
 
-def test_the_count_is_honest_about_what_it_cannot_tell() -> None:
+def test_an_ambiguous_layer_count_has_low_confidence() -> None:
     """Seven layers or eight, each 12 % uncertain: a guess, and said to be one."""
     count = count_layers(7.5 * NOMINAL, 1e-5, NOMINAL, SETTINGS)
     assert count.probability < 0.6 and count.sigma > 0.5
@@ -242,7 +242,7 @@ def test_a_lift_brings_the_figures_up_to_date() -> None:
     assert lifted.stamp > held.stamp
 
 
-def test_stale_readings_end_all_of_them() -> None:
+def test_stale_readings_end_every_grasp_phase() -> None:
     hand, pads = grasp(1, 1.0, 1)
     held = confirm_on(hand, pads).unwrap()
     late = replace(hand.read(), stamp=hand.now + 1.0)

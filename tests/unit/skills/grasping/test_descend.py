@@ -40,7 +40,7 @@ def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0)
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_it_presses_the_cloth_to_the_table_and_not_harder(scale: float) -> None:
+def test_a_descent_presses_the_cloth_to_the_table_and_not_harder(scale: float) -> None:
     """60 descents each: all end by the tips, within 1 mm of the table, under 6 N on the arm."""
     hands = [DescendingHand(seed, scale, TOP) for seed in SEEDS]
     ends = [lower(hand)[0].unwrap() for hand in hands]
@@ -124,7 +124,7 @@ def test_the_stop_height_ends_it_well_without_a_touch() -> None:
     assert 0.004 < end.unwrap().height <= 0.006
 
 
-def test_it_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
+def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
     hand = DescendingHand(3, top=TOP)
     state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
     heights, commands = [], []
@@ -155,7 +155,7 @@ def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:
         assert state.failure.kind is kind
 
 
-def test_without_news_it_holds_and_counts_nothing() -> None:
+def test_a_repeated_reading_holds_the_descent_and_is_not_counted() -> None:
     hand = DescendingHand(1)
     state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
     hand.tip = np.array([5.0, 5.0])
@@ -168,7 +168,7 @@ def test_without_news_it_holds_and_counts_nothing() -> None:
         assert isinstance(state, DescentState) and state.tip_count == 1
 
 
-def test_stale_or_senseless_readings_end_it() -> None:
+def test_stale_or_invalid_readings_end_the_descent() -> None:
     hand = DescendingHand(1)
     state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
     late = replace(hand.read(), stamp=hand.now + 0.2)

@@ -71,7 +71,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
     assert found is not None and found.kind is FailureKind.HARDWARE_FAULT
 
 
-def test_a_gripper_that_was_open_before_it_was_told_to_open_has_not_opened_yet() -> None:
+def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
     """What it said before the order is no answer to it."""
     before = reading(opening=0.030)
     state: ReleaseState | Outcome = start_release(S, 0.030, before)
@@ -85,7 +85,7 @@ def test_a_gripper_that_was_open_before_it_was_told_to_open_has_not_opened_yet()
 
 
 @pytest.mark.parametrize(("short", "opened"), [(0.0019, True), (0.0021, False), (-0.005, True)])
-def test_pads_have_opened_when_they_are_as_wide_as_told_but_for_2_mm(short: float, opened: bool) -> None:
+def test_pads_are_open_within_2_mm_of_the_command(short: float, opened: bool) -> None:
     state = start_release(S, 0.030, reading())
     _, after = release(reading(10.01, opening=0.030 - short), state)
     assert isinstance(after, Outcome) is opened
@@ -145,14 +145,14 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
     assert isinstance(state, Outcome) and state.ok is kept
 
 
-def test_a_reading_that_comes_again_is_no_further_one_of_a_hand_that_has_let_go() -> None:
+def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
     state = check_stuck(reading(), start_stuck_check(S, ZERO))
     for k in range(2 * S.stuck_readings):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)
         assert not isinstance(state, Outcome)
 
 
-def test_what_noise_and_drift_explain_grows_for_half_a_period_and_no_further() -> None:
+def test_the_drift_allowance_grows_for_half_a_period() -> None:
     """White noise of two means, 20 and 12 readings, and a wander of sine: 2 sigma sin(pi t / T), over 12 cells."""
     settings = replace(S, stuck_force=0.0)
     white = np.sqrt(1.0 / 20 + 1.0 / 12)

@@ -200,9 +200,7 @@ def test_a_grip_that_was_half_lost_does_not_become_the_usual_one() -> None:
 
 @pytest.mark.parametrize(("kind", "by"), [("open", "grip"), ("closed", "opening")])
 @pytest.mark.parametrize("empty", [0.0, 0.004, -0.001])
-def test_the_signal_that_tells_a_loss_is_named_wherever_empty_pads_come_to_rest(
-    kind: str, by: str, empty: float
-) -> None:
+def test_the_signal_that_detected_a_loss_is_named(kind: str, by: str, empty: float) -> None:
     """Pads whose zero is not calibrated read `empty` with nothing between them."""
     settings = replace(SETTINGS, empty_opening=empty)
     for seed in range(10):
@@ -219,7 +217,7 @@ def test_the_signal_that_tells_a_loss_is_named_wherever_empty_pads_come_to_rest(
         assert failure.values["opening_baseline_m"] == pytest.approx(THICKNESS, rel=0.25)
 
 
-def test_an_opening_like_that_of_empty_pads_says_nothing_about_the_cloth() -> None:
+def test_an_opening_like_that_of_empty_pads_is_not_used() -> None:
     """Pads that read 2 mm less than empty ones would be lost to an opening at once, and for ever."""
     for thickness in (0.0, -0.002):
         hand, watch = start(0, 1.0, thickness=thickness)
@@ -236,14 +234,14 @@ BAXTER_HZ = 20.0
 
 
 @pytest.mark.parametrize("thickness", [0.0008, 0.0010, 0.0015, 0.0025])
-def test_no_alarm_from_a_gripper_that_says_the_same_until_its_next_word(thickness: float) -> None:
+def test_a_repeated_gripper_state_raises_no_alarm(thickness: float) -> None:
     """At twice the usual noise: five looks at one word are one word."""
     for seed in range(40):
         hand, watch = start(seed, 2.0, thickness=thickness)
         assert fold(hand, watch, tugged(seed, thickness=thickness), gripper_hz=BAXTER_HZ)[0] is None
 
 
-def test_one_wrong_word_of_a_slow_gripper_is_no_slip() -> None:
+def test_one_wrong_state_of_a_slow_gripper_is_no_slip() -> None:
     for at in (0.15, 0.7, 2.0):  # while the baseline is gathered, and after it
         hand, watch = start(0, 1.0)
 
@@ -254,7 +252,9 @@ def test_one_wrong_word_of_a_slow_gripper_is_no_slip() -> None:
 
 
 @pytest.mark.parametrize(("scale", "words"), [(1.0, 3), (2.0, 4)])
-def test_a_loss_that_only_a_slow_gripper_tells_is_known_by_its_next_words(scale: float, words: int) -> None:
+def test_a_loss_reported_only_by_a_slow_gripper_is_detected_within_its_next_states(
+    scale: float, words: int
+) -> None:
     """The pads close on one another and press again: 25 ms after that their opening is nothing."""
     for seed in range(N // 4):
         when = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0))
@@ -292,12 +292,12 @@ def test_silent_sensors_end_the_watch() -> None:
     assert end.failure.kind is FailureKind.STALE_STATE
 
 
-def test_a_difference_of_two_normal_readings_tells_their_deviation() -> None:
+def test_the_deviation_is_estimated_from_differences_of_readings() -> None:
     """Of readings of deviation 1 the difference has deviation sqrt 2; its median size is the third quartile."""
     assert pytest.approx(norm.ppf(0.75) * np.sqrt(2.0), rel=1e-3) == NORMAL_DIFFERENCE
 
 
-def test_a_signal_that_drowns_in_noise_is_left_out_and_the_other_serves() -> None:
+def test_a_signal_lost_in_noise_is_ignored() -> None:
     """Cloth of 0.3 mm: its opening says nothing; the force still does."""
     hand, state = start(0, 2.0, thickness=0.0003)
     for _ in range(30):
@@ -332,7 +332,7 @@ def test_pads_open_as_wide_as_asked(scale: float) -> None:
         assert end.unwrap().opening == pytest.approx(0.019, abs=0.0025) and end.unwrap().seconds < 0.5
 
 
-def test_pads_that_do_not_open_are_a_fault_that_says_the_garment_may_be_held() -> None:
+def test_pads_that_do_not_open_are_a_fault_that_warns_of_a_held_garment() -> None:
     hand = ClosingHand(0, jammed=True)
     hand.opening = THICKNESS
     end = let_go(hand, 0.020)
@@ -364,7 +364,7 @@ def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> N
 
 @pytest.mark.parametrize(("scale", "weight"), [(1.0, 0.6), (2.0, 1.2)])
 @pytest.mark.parametrize("pad", [0, 1])
-def test_cloth_that_hangs_on_one_finger_is_felt(scale: float, weight: float, pad: int) -> None:
+def test_cloth_on_one_finger_is_detected(scale: float, weight: float, pad: int) -> None:
     """20 s after the zero, in all but 1 % of 200. The drift since then sets the least weight that is felt."""
     found = 0
     for seed in range(N):

@@ -18,7 +18,7 @@ SETTINGS = GraspSettings()
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_it_takes_the_drift_away_and_says_how_noisy_the_cells_are(scale: float) -> None:
+def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
     for seed in range(50):
         hand = SensedHand(seed, scale)
         state = start_tare(SETTINGS)
@@ -79,7 +79,7 @@ def test_the_same_reading_twice_counts_once() -> None:
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 
 
-def test_faults_are_named() -> None:
+def test_tare_faults_are_named() -> None:
     reading = SensedHand(0).read()
     assert fault(reading, SETTINGS) is None
     late = replace(reading, stamp=reading.stamp + 0.15)

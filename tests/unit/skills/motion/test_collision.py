@@ -89,7 +89,7 @@ def test_a_collision_verdict_agrees_with_the_distances(model, checker):
     assert 10 < met < 50
 
 
-def test_what_comes_nearer_than_the_margin_is_a_contact(model):
+def test_bodies_nearer_than_the_margin_are_in_contact(model):
     """One margin for all pairs: the verdict is that of the smallest distance."""
     rng, margin, verdicts = np.random.default_rng(9), 0.03, []
     wide = CollisionChecker(model, TABLE, body_margin=margin, table_margin=margin, fingertip_margin=margin)
@@ -128,7 +128,7 @@ def test_contacts_on_a_path_are_located(model, checker):
 
 
 @pytest.mark.parametrize("distance", [0.01, 0.2, 0.33])
-def test_an_edge_is_looked_at_at_least_every_so_far_and_at_its_end(model, monkeypatch, distance):
+def test_an_edge_is_checked_at_a_maximum_spacing_and_at_its_end(model, monkeypatch, distance):
     checker, met = CollisionChecker(model, TABLE), []
     monkeypatch.setattr(checker, "in_collision", lambda q, **_: met.append(np.array(q)) or False)
     a, b = model.q_park, model.q_park + distance * np.linspace(-1.0, 0.5, 14)

@@ -65,7 +65,7 @@ def test_a_near_start_gives_a_near_solution(model):
     assert regular > 25
 
 
-def test_what_is_out_of_reach_has_no_solution(model):
+def test_a_pose_out_of_reach_has_no_solution(model):
     T = np.eye(4)
     T[:3, 3] = [2.5, 0.0, 0.0]
     assert ik.solve_pose(model, Side.LEFT, T, np.zeros(7)) is None

@@ -42,7 +42,7 @@ def altered(trajectory, name, index, value):
     return replace(trajectory, **{name: a})
 
 
-def test_a_good_trajectory_passes_and_says_how_hard_it_works(checker, good):
+def test_a_good_trajectory_passes_with_its_peak_loads(checker, good):
     share = judged(checker, good).unwrap()
     assert 0.3 < share.worst <= 1.0
 
@@ -81,7 +81,7 @@ def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
     assert "far apart" in judged(checker, sparse).failure.what
 
 
-def test_it_has_to_begin_and_end_at_rest(checker, good):
+def test_a_trajectory_must_begin_and_end_at_rest(checker, good):
     cut = ArmTrajectory(good.t[:30], good.q[:30], good.qd[:30], good.qdd[:30])
     assert "rest" in judged(checker, cut).failure.what
     for end, speed in ((0, 0.01), (0, -0.01), (-1, 0.01), (-1, -0.01)):
@@ -160,7 +160,7 @@ def there_and_back(distance, seconds):
 
 
 @pytest.mark.parametrize(("distance", "seconds"), [(1.2, 3.0), (0.3, 4.0), (0.01, 1.0), (0.0, 0.5)])
-def test_a_path_is_looked_at_so_often_that_hands_cannot_pass_through_each_other(distance, seconds):
+def test_paths_are_checked_densely_enough_for_crossing_hands(distance, seconds):
     """Between two looks no joint moves by more than 0.02 rad and one sample's way."""
     motion, looked = there_and_back(distance, seconds), Looked()
     assert contact_along(looked, motion) is None and looked.fingers is False
@@ -174,7 +174,7 @@ def test_a_path_is_looked_at_so_often_that_hands_cannot_pass_through_each_other(
 
 
 @pytest.mark.parametrize("met", [0, 7, 40])
-def test_a_contact_is_told_with_its_place_on_the_trajectory(met):
+def test_a_contact_is_reported_with_its_place_on_the_trajectory(met):
     motion, looked = there_and_back(1.2, 3.0), Looked(met)
     contact = contact_along(looked, motion, allow_fingertips=True)
     assert looked.fingers is True

@@ -184,7 +184,7 @@ def test_a_lift_raises_the_hands_that_hold_and_no_other(checker):
     assert np.array_equal(up.q[:, arm_slice(Side.RIGHT)], np.tile(q[arm_slice(Side.RIGHT)], (len(up.t), 1)))
 
 
-def test_the_same_question_has_the_same_answer(checker):
+def test_planning_is_deterministic(checker):
     step, paths = towel_fold("medium", 2, angle=0.1)
     a = planned(checker, step, paths).unwrap()
     b = planned(CollisionChecker(MODEL, TABLE), step, paths).unwrap()
@@ -194,7 +194,7 @@ def test_the_same_question_has_the_same_answer(checker):
         assert np.array_equal(getattr(a, name).t, getattr(b, name).t)
 
 
-def test_another_choice_can_be_asked_for(checker):
+def test_another_posture_can_be_requested(checker):
     step, paths = towel_fold("medium", 1)
     first = planned(checker, step, paths).unwrap()
     second = planned(checker, step, paths, avoid=[first.postures]).unwrap()
@@ -232,7 +232,7 @@ def test_an_arc_is_planned_again_from_where_the_hands_really_are(checker):
         assert done.position[:, 2].min() > min(done.position[0, 2], goal.position[:, 2].min()) - 1e-3
 
 
-def test_a_grasp_is_planned_again_elsewhere(checker):
+def test_a_grasp_can_be_planned_at_another_place(checker):
     step, paths = towel_fold("medium", 1)
     motion = planned(checker, step, paths).unwrap()
     shifted = {
@@ -248,7 +248,7 @@ def test_a_grasp_is_planned_again_elsewhere(checker):
 
 
 @pytest.mark.parametrize("number", [1, 2])
-def test_what_is_planned_after_a_lift_is_what_is_executed_after_it(checker, number):
+def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
     """The hands lift the cloth before they fold it: the arc is planned, and checked, from up there."""
     lift = 0.03
     step, paths = towel_fold("medium", number)
@@ -281,7 +281,7 @@ def test_one_arm_folds_while_the_other_stays_parked(checker):
         assert np.abs(part.q[:, arm_slice(arm.other)] - MODEL.park(arm.other)).max() < 1e-9
 
 
-def test_what_is_out_of_reach_is_named(checker):
+def test_an_unreachable_grasp_is_reported_with_the_binding_constraint(checker):
     step, paths = towel_fold("medium", 1, x=1.25)
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.UNREACHABLE
@@ -290,7 +290,7 @@ def test_what_is_out_of_reach_is_named(checker):
     assert failure.values["shift_m"] is None and "no shift" in failure.hint
 
 
-def test_a_shift_that_helps_is_told_and_does_help(checker):
+def test_a_suggested_shift_makes_the_fold_reachable(checker):
     """A towel 10 cm too far away: what is advised is tried."""
     step, paths = towel_fold("medium", 1, x=0.97)
     failure = planned(checker, step, paths).failure
@@ -301,7 +301,7 @@ def test_a_shift_that_helps_is_told_and_does_help(checker):
     assert planned(checker, step, paths).ok
 
 
-def test_a_long_fold_is_made_by_a_hand_that_leans_over_on_the_way(checker):
+def test_a_long_fold_tilts_the_hand_on_its_path(checker):
     """The hem of a large shirt: from 0.29 m before the robot to 0.93 m, which no constant lean allows."""
     ends = {
         GraspId.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
@@ -322,7 +322,7 @@ def test_a_long_fold_is_made_by_a_hand_that_leans_over_on_the_way(checker):
 
 
 @pytest.mark.parametrize("spoilt", [np.nan, np.inf])
-def test_questions_without_an_answer_are_told_as_such(checker, spoilt):
+def test_unplannable_requests_are_failures(checker, spoilt):
     step, paths = towel_fold("small", 1)
     q = np.array(MODEL.q_park)
     q[3] = spoilt
@@ -402,7 +402,7 @@ def test_detours_are_found_when_straight_on_is_blocked(checker):
     assert check_trajectory(MODEL, checker, motion, a, MODEL.planning).ok
 
 
-def test_hands_that_were_brought_close_find_a_way_home_that_the_last_look_lets_pass(checker):
+def test_close_hands_find_a_way_home_that_passes_validation(checker):
     """Between two samples of the way hands may not pass through each other: the look before a motion is sent would
     refuse it, again and again, and the run would end as a fault."""
     close = np.array(  # over the waist of pants, as a fold ended: straight home the hands come within 3 mm

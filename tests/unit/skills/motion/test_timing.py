@@ -101,7 +101,7 @@ def test_timed_paths_stay_on_the_path_within_the_limits(seed, size):
     assert passed.max() < 0.02
 
 
-def test_ways_of_a_milliradian_with_a_bend_keep_the_limits_too():
+def test_bent_paths_of_a_milliradian_keep_the_limits():
     rng, worst = np.random.default_rng(3), 0.0
     for _ in range(100):
         q = random_configuration(rng)
@@ -228,7 +228,7 @@ def test_accelerations_and_velocities_are_the_derivatives_of_what_is_before_them
     assert np.abs(motion.qdd).max() > 0.1
 
 
-def test_lengths_without_a_cap_cap_nothing():
+def test_paths_without_a_speed_cap_are_not_slowed():
     path = wavy(np.random.default_rng(5), size=0.3)
     free = time_path(path, LIMITS)
     for some in ({"lengths": np.linspace(0, 5.0, 60)[:, None]}, {"speed": 0.01}):
@@ -246,7 +246,7 @@ def test_joined_motions_have_to_meet():
         join([first, hold(c)])
 
 
-def test_a_start_after_a_pause_keeps_the_limits_wherever_the_path_was_left():
+def test_a_start_after_a_pause_keeps_the_limits_from_any_point_of_the_path():
     """Where a joint runs at its limit of acceleration a start has no headroom: it takes longer instead."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     for t in np.linspace(0.0, motion.duration, 25)[:-1]:
@@ -279,7 +279,7 @@ def test_a_stop_before_the_beginning_or_after_the_end_stays_on_the_path(t):
 
 
 @pytest.mark.parametrize("rate", [0.4, 1.0])
-def test_a_clock_that_goes_evenly_only_stretches_time(rate):
+def test_a_constant_clock_rate_only_stretches_time(rate):
     """Of a cubic in time, which two samples and their velocities make up: q, q' and q" in closed form."""
     a, b, c = (np.random.default_rng(k).normal(size=14) for k in range(3))
     t = np.array([0.0, 0.3, 0.5, 1.0])[:, None]
@@ -291,7 +291,7 @@ def test_a_clock_that_goes_evenly_only_stretches_time(rate):
     np.testing.assert_allclose(motion.qdd, rate**2 * (6 * a * tau + 2 * b), atol=1e-10)
 
 
-def test_what_cannot_be_kept_lengthens_a_stop_four_times_and_a_start_sixteen_times_at_most():
+def test_infeasible_limits_stretch_a_stop_at_most_4_times_and_a_start_16_times():
     """A stop has to end, a start can wait: limits of a hundredth are beyond both."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     tight = replace(LIMITS, velocity=0.01 * LIMITS.velocity, acceleration=0.01 * LIMITS.acceleration)

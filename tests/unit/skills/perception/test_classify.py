@@ -53,7 +53,7 @@ def test_each_outline_is_recognised_in_any_orientation(wanted, angle):
     assert ranked[0].iou > 0.93 and ranked[1].iou < ranked[0].iou - 0.05
 
 
-def test_a_towel_of_another_size_is_told_by_its_size(towels):
+def test_towels_are_distinguished_by_their_size(towels):
     ranked = classify(resample_closed(place(TOWEL * 0.71, 0.6, 0.0, 0.1), 0.003), towels)
     assert ranked[0].name == "small_towel"
     assert ranked[0].scale == pytest.approx(1.0, abs=0.03)
@@ -76,5 +76,5 @@ def test_overlap_agrees_with_exact_geometry():
     assert polygon_iou(a, a) == 1.0
 
 
-def test_no_templates_no_matches():
+def test_without_templates_there_are_no_matches():
     assert classify(TOWEL, []) == ()

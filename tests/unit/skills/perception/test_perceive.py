@@ -44,12 +44,12 @@ def test_the_same_picture_gives_the_same_state(towel_picture, calibration, towel
     assert all(np.array_equal(a.keypoints[n], b.keypoints[n]) for n in TOWEL_NAMES)
 
 
-def test_no_garment(bare_table, calibration, towels):
+def test_an_empty_table_is_no_garment(bare_table, calibration, towels):
     picture = render(Scene(seed=0), sequence=5)
     assert failure(perceive(picture, calibration, TABLE, bare_table, towels)) is FailureKind.NO_GARMENT
 
 
-def test_out_of_view(calibration, towels):
+def test_a_garment_out_of_view_is_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.40, 0.0)])
     outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
     assert failure(outcome) is FailureKind.OUT_OF_VIEW
@@ -70,12 +70,12 @@ def test_a_hand_in_the_picture_is_refused(calibration, towels):
     assert "hands" in outcome.failure.hint
 
 
-def test_not_flat(calibration, towels):
+def test_a_garment_that_is_not_flat_is_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0)], bumps=[(0.6, 0.05, 0.09, 0.07)])
     assert failure(perceive(render(scene), calibration, TABLE, empty(scene), towels)) is FailureKind.NOT_FLAT
 
 
-def test_category_size_and_unknown(calibration, towels):
+def test_wrong_category_wrong_size_and_unknown_garments_are_refused(calibration, towels):
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)
     known = [*towels, TRIANGLE]
@@ -90,7 +90,7 @@ def test_category_size_and_unknown(calibration, towels):
 
 
 @pytest.mark.parametrize("size", [0.7, 1.0, 1.18, 1.3])
-def test_what_is_recognised_unasked_is_what_a_second_look_expects(calibration, towels, size):
+def test_a_second_look_accepts_exactly_what_recognition_accepted(calibration, towels, size):
     """One known towel, and cloth of its shape in other sizes: both looks take it, or neither."""
     scene = Scene(seed=3, polygons=[place(TOWEL * size, 0.62, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)
@@ -128,7 +128,7 @@ def broken(frame, how):
 
 
 @pytest.mark.parametrize("how", ["black", "overexposed", "no depth", "half the resolution"])
-def test_camera_faults(towel_picture, calibration, towels, how):
+def test_camera_faults_are_reported(towel_picture, calibration, towels, how):
     _, _, picture, bare = towel_picture(0)
     outcome = perceive(broken(picture, how), calibration, TABLE, bare, towels)
     assert failure(outcome) is FailureKind.CAMERA_FAULT
@@ -164,7 +164,7 @@ def _top(frame, calibration, towels, reference):
     return perceive(frame, calibration, TABLE, reference, towels).unwrap().top
 
 
-def test_a_frozen_camera_is_told_from_a_still_scene(towel_picture, calibration, towels):
+def test_a_frozen_camera_is_distinguished_from_a_still_scene(towel_picture, calibration, towels):
     scene, _, picture, bare = towel_picture(0)
     stale = replace(picture, stamp=picture.stamp + 1.0, sequence=picture.sequence + 1)
     outcome = perceive(stale, calibration, TABLE, bare, towels, previous=picture)
@@ -196,7 +196,7 @@ def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
     assert np.array_equal(draw_overlay(picture.rgb), picture.rgb)
 
 
-def test_a_plate_is_no_towel(calibration, towels):
+def test_a_plate_is_not_recognised_as_a_towel(calibration, towels):
     """A contour that bends freely follows a disc as well; the polygon of its key points does not."""
     a = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     scene = Scene(seed=3, polygons=[0.2 * np.stack([np.cos(a), np.sin(a)], axis=1) + (0.6, 0.0)])

@@ -143,7 +143,7 @@ def test_remaining_steps_are_those_of_the_whole_plan() -> None:
     assert np.allclose(rest.grasps[GraspId.LEFT].point, whole[1].grasps[GraspId.LEFT].point)
 
 
-def test_what_does_not_fit_is_a_failure_with_its_reason() -> None:
+def test_a_garment_that_does_not_fit_its_plan_is_a_failure_with_a_reason() -> None:
     garment = GARMENTS["small_towel"]
     state = garment.flat_state(0.58, 0.0)
     other = plan_folds(replace(state, category="pants"), garment)
@@ -162,7 +162,7 @@ def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
 
 
 @pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small"])
-def test_a_shirt_can_be_folded_wherever_it_lies(name: str) -> None:
+def test_a_shirt_can_be_folded_at_any_pose(name: str) -> None:
     """Its fold lines go through corners, and pieces touch in lines and points: at a pose in forty that was beyond
     the geometry's library."""
     garment, rng = GARMENTS[name], np.random.default_rng(3)

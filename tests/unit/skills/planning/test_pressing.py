@@ -37,7 +37,7 @@ def ridge(low: float, high: float, beside: float = 0.02) -> Array:
     return np.column_stack([x, np.full_like(x, -0.2 - beside)])
 
 
-def test_a_crease_is_pressed_evenly_beside_its_line_wherever_on_its_bulge_the_top_is() -> None:
+def test_dabs_are_evenly_spaced_beside_the_line_for_any_top_of_the_bulge() -> None:
     for beside in (0.005, 0.02, 0.05):
         dabs = crease_dabs(ridge(0.45, 0.75, beside), np.linspace(0.01, 0.03, 80), LINE, level, everywhere)
         x = np.array([dab.point[0] for dab in dabs])
@@ -52,7 +52,7 @@ def test_only_the_part_of_a_crease_that_stands_high_is_pressed() -> None:
     assert all(dab.point[0] < 0.52 or dab.point[0] > 0.68 for dab in dabs)
 
 
-def test_what_stands_high_elsewhere_is_left_alone() -> None:
+def test_high_places_away_from_the_crease_are_not_pressed() -> None:
     """Creases of earlier folds end in corners, which fingers turn up."""
     places = np.vstack([ridge(0.45, 0.75), [[0.5, -0.4], [0.6, -0.27], [0.6, -0.1]]])
     dabs = crease_dabs(places, np.linspace(0.01, 0.05, len(places)), LINE, level, everywhere)
@@ -91,7 +91,7 @@ def test_a_stack_that_is_too_small_to_bear_it_is_not_pressed() -> None:
 
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.4, 0.85), st.floats(-0.259, -0.2), st.floats(0.007, 0.05)), max_size=60))
-def test_wherever_the_crease_stands_high_a_dab_is_near(cloth: list[tuple[float, float, float]]) -> None:
+def test_every_high_place_of_the_crease_is_near_a_dab(cloth: list[tuple[float, float, float]]) -> None:
     found = np.array(cloth).reshape(-1, 3)
     dabs = crease_dabs(found[:, :2], found[:, 2], LINE, level, everywhere)
     assert len(dabs) <= MOST
@@ -101,14 +101,14 @@ def test_wherever_the_crease_stands_high_a_dab_is_near(cloth: list[tuple[float, 
 
 
 @pytest.mark.parametrize("length", [0.03, 0.05, 0.08, 0.1, 0.3, 0.49])
-def test_a_crease_is_pressed_as_seldom_as_leaves_no_gap_of_more_than_45_mm(length: float) -> None:
+def test_a_crease_gets_the_fewest_dabs_without_gaps_above_45_mm(length: float) -> None:
     dabs = crease_dabs(ridge(0.4, 0.4 + length), np.full(80, 0.02), LINE, level, everywhere)
     assert len(dabs) == int(np.ceil(length / 0.045)) + 1
 
 
 @pytest.mark.parametrize("beside", [0.005, 0.048, 0.055])
 @pytest.mark.parametrize("slope", [-0.1, 0.1])
-def test_what_is_highest_on_the_crease_beside_a_dab_is_known_with_it(beside: float, slope: float) -> None:
+def test_each_dab_knows_the_highest_point_of_the_crease_beside_it(beside: float, slope: float) -> None:
     """Of the whole width of its bulge, but not of what lies elsewhere on the cloth."""
     places = np.vstack([ridge(0.45, 0.75, beside), [[0.6, -0.3], [0.6, -0.19]]])
     above = np.r_[0.050 + slope * (places[:80, 0] - 0.6), 0.2, 0.2]
@@ -147,7 +147,7 @@ def test_tips_go_down_to_the_thicker_of_the_two_stacks() -> None:
     assert {dab.bottom for dab in dabs} == {0.012}
 
 
-def test_nothing_that_stands_high_is_nothing_to_press() -> None:
+def test_a_flat_crease_has_no_dabs() -> None:
     assert crease_dabs(np.zeros((0, 2)), np.zeros(0), LINE, level, everywhere) == ()
     assert press_paths(LINE, (), HIGHEST) == {}
 
@@ -205,7 +205,7 @@ def test_a_wide_fold_is_shared_by_hands_that_go_the_same_way() -> None:
     assert (left.position[-1, 1] > left.position[0, 1]) and (right.position[-1, 1] > right.position[0, 1])
 
 
-def test_a_narrow_one_is_made_by_the_hand_of_its_side() -> None:
+def test_a_narrow_fold_is_pressed_by_the_hand_of_its_side() -> None:
     assert set(press_paths(LINE, dabs_at(-0.3, -0.1), HIGHEST)) == {GraspId.RIGHT}
     assert set(press_paths(LINE, dabs_at(0.3, 0.1), HIGHEST)) == {GraspId.LEFT}
 
@@ -216,7 +216,7 @@ def test_the_hand_of_the_side_where_most_of_it_lies_presses() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 135.0])
-def test_which_way_a_line_is_written_is_nothing_to_the_hand_that_presses_along_it(angle: float) -> None:
+def test_press_paths_do_not_depend_on_the_direction_of_the_line(angle: float) -> None:
     direction = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
     dabs = tuple(Dab(np.array([0.6, 0.1]) + s * direction, 0.012, 0.02) for s in (0.0, 0.1, 0.05))
     ways = [
@@ -237,6 +237,6 @@ def test_fingers_lie_across_the_crease() -> None:
     assert abs(closing[:2] @ diagonal.direction) < 1e-9 and abs(closing[2]) < 1e-9
 
 
-def test_one_hand_alone_makes_those_beside_the_highest() -> None:
+def test_one_hand_alone_makes_the_dabs_beside_the_highest_one() -> None:
     dabs = dabs_at(-0.4, -0.3, 0.3, 0.4)  # the last is the highest
     assert [dab.point[1] for dab in within_reach(dabs)] == [0.3, 0.4]

@@ -36,7 +36,7 @@ def decay(x: np.ndarray) -> np.ndarray:
     ("problem", "start", "tolerance"),
     [(rosenbrock, [-1.2, 1.0], 1e-6), (powell, [3.0, -1.0, 0.0, 1.0], 1e-6), (decay, [1.0, 1.0, 0.0], 1e-7)],
 )
-def test_it_finds_what_scipy_finds(problem, start, tolerance) -> None:  # type: ignore[no-untyped-def]
+def test_the_optimum_agrees_with_scipy(problem, start, tolerance) -> None:  # type: ignore[no-untyped-def]
     ours = secant_levenberg_marquardt(problem, np.array(start), FINE)
     theirs = least_squares(problem, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     assert ours.cost <= theirs.cost + tolerance
@@ -96,7 +96,7 @@ def test_differences_can_be_taken_side_by_side_with_the_same_result() -> None:
     assert (together.x == alone.x).all() and together.evaluations == alone.evaluations
 
 
-def test_it_says_why_it_ended() -> None:
+def test_the_result_names_the_stopping_criterion() -> None:
     def reason(**change: float) -> str:
         return secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), replace(FINE, **change)).reason  # type: ignore[arg-type]
 

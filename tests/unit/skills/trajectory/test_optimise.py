@@ -99,7 +99,7 @@ def test_the_papers_method_improves_its_first_guess() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_budget_is_kept_and_figures_are_honest(method: str) -> None:
+def test_the_budget_is_kept_and_the_figures_are_those_of_the_result(method: str) -> None:
     seen: list[tuple[int, int, float]] = []
     bowl = Bowl()
     outcome = run(method, bowl, budget=18, progress=lambda *a: seen.append(a))
@@ -142,7 +142,7 @@ def heights(problem: FoldProblem, *h: float) -> list[Controls]:
     return [{s: two_parameter_controls(f.start, f.end, x, 0.0) for s, f in problem.frames.items()} for x in h]
 
 
-def test_of_equally_good_arcs_the_one_that_bears_mishaps_is_taken() -> None:
+def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
 
     def drags(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         target = target_vertices(mesh, HALF.lines, TOWEL.material)
@@ -252,7 +252,7 @@ def test_a_search_ends_where_probes_show_that_the_arc_does_not_matter(gain: floa
         assert notes["dissimilarity_m"] == pytest.approx(0.008 * (1 - gain))
 
 
-def test_mishaps_are_what_they_say() -> None:
+def test_each_mishap_changes_what_its_name_says() -> None:
     """Tools off along the fold's normal and its line, leaning hands, another table: seen by the simulation."""
     met = []
 
@@ -314,7 +314,7 @@ def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
     assert taken == true
 
 
-def test_a_polish_that_begins_elsewhere_keeps_the_budget() -> None:
+def test_a_polish_from_other_arcs_keeps_the_budget() -> None:
     frames = frames_of(HALF, TOWEL.material.thickness)
     start = {i: f.denormalise(np.array([[0.25, 0.05, 0.6], [0.85, 0.0, 0.45]])) for i, f in frames.items()}
     for budget in range(1, 40):
@@ -402,7 +402,7 @@ def test_a_garment_that_lies_turned_is_accepted_by_the_same_limit() -> None:
     assert limits == pytest.approx([POOR_SHARE * np.hypot(*TOWEL.size_m)] * 4)
 
 
-def test_some_failed_simulations_are_borne_and_counted() -> None:
+def test_some_failed_simulations_are_tolerated_and_counted() -> None:
     bowl = Bowl()
 
     def sometimes(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -415,7 +415,7 @@ def test_some_failed_simulations_are_borne_and_counted() -> None:
     assert outcome.ok and outcome.notes["failed_simulations"] > 3
 
 
-def test_when_all_fail_the_optimiser_failed() -> None:
+def test_the_optimiser_fails_if_every_simulation_fails() -> None:
     def never(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         raise CellError("the solver gave up")
 

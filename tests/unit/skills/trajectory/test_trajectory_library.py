@@ -73,7 +73,7 @@ def test_an_entry_gives_back_its_own_trajectory() -> None:
     assert found.duration == pytest.approx(trajectory(HALF).duration)
 
 
-def test_it_scales_and_turns_with_the_fold() -> None:
+def test_a_library_entry_scales_and_turns_with_the_fold() -> None:
     pose = (0.62, -0.05, 0.3, 1.25)
     step = plan_folds(TOWEL.flat_state(*pose), TOWEL).unwrap()[0]
     found = trajectory_from(entry(), step, TOWEL.material.thickness)
@@ -86,7 +86,7 @@ def test_it_scales_and_turns_with_the_fold() -> None:
     assert np.allclose(found.control_points[GraspId.LEFT][-1], step.targets[GraspId.LEFT])
 
 
-def test_a_single_arms_arc_serves_the_other_arm_in_mirror_image() -> None:
+def test_a_single_arm_arc_is_mirrored_for_the_other_arm() -> None:
     one = entry(inner={GraspId.LEFT: np.array([[0.3, 0.1, 0.4], [0.7, 0.05, 0.4]])})
     right = replace(
         HALF,
@@ -135,7 +135,7 @@ def test_text_and_back_is_the_same_library() -> None:
         assert all(np.array_equal(a.inner[s], b.inner[s]) for s in a.inner)
 
 
-def test_a_new_entry_supersedes_its_like_and_nothing_else() -> None:
+def test_a_new_entry_replaces_only_its_predecessor() -> None:
     library = Library((entry(), entry(QUARTER))).with_entry(entry(dissimilarity=0.001))
     assert len(library.entries) == 2
     assert lookup(library, "towel", "half", TOWEL.material, TOWEL.size_m).dissimilarity == 0.001  # type: ignore[union-attr]
@@ -166,7 +166,7 @@ NONSENSE = [
 
 
 @pytest.mark.parametrize("change", NONSENSE, ids=str)
-def test_nonsense_is_refused_even_with_a_right_hash(change: dict[str, object]) -> None:
+def test_invalid_entries_are_refused_even_with_a_right_hash(change: dict[str, object]) -> None:
     library, refused = from_json(_resigned(change))
     assert library.entries == () and len(refused) == 1 and refused[0].index == 0
     assert len(refused[0].reason) > 10

@@ -65,7 +65,7 @@ class Diary:
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(0.0, 10.0), max_size=8), st.lists(st.floats(0.0, 10.0), min_size=1, max_size=8))
-def test_what_is_due_is_done_at_its_time_however_long_the_sleeps(due: list[float], sleeps: list[float]) -> None:
+def test_scheduled_actions_happen_at_their_time_for_any_sleeps(due: list[float], sleeps: list[float]) -> None:
     cell = FakeCell()
     diary = Diary(due, cell)
     clock = ScheduledClock(cell.ports().clock, diary)
@@ -97,7 +97,7 @@ def test_states_count_their_visits() -> None:
     assert told == ["now"]
 
 
-def test_what_is_due_when_its_state_was_left_is_not_done_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_action_is_missed_if_its_state_was_left_before_it_was_due(monkeypatch: pytest.MonkeyPatch) -> None:
     director, ports, cell, _, told = begun({"when": {"state": "folding", "after_s": 5.0}, "tell": "too late"})
     enter(director, State.FOLDING, cell)
     ports.clock.sleep_until(2.0)
@@ -107,7 +107,7 @@ def test_what_is_due_when_its_state_was_left_is_not_done_to_another(monkeypatch:
     assert not told and [str(action) for action in director.seen().missed] == ["tell"]
 
 
-def test_a_command_that_nobody_takes_has_shown_nothing() -> None:
+def test_a_command_that_was_never_taken_breaks_the_script() -> None:
     director, ports, cell, commands, _ = begun(
         {"when": {"state": "folding"}, "say": "pause"}, {"when": {"state": "folding"}, "say": "resume"}
     )
@@ -118,7 +118,7 @@ def test_a_command_that_nobody_takes_has_shown_nothing() -> None:
     assert [str(action) for action in director.seen().missed] == ["say resume"]
 
 
-def test_trouble_of_the_script_does_not_end_the_run() -> None:
+def test_an_error_in_a_script_action_does_not_end_the_run() -> None:
     director, ports, *_ = begun({"when": {"time_s": 1.0}, "fault": {"kind": "no_garment"}})
     ports.clock.sleep_until(2.0)  # the fake is no simulated cell
     (trouble,) = director.seen().trouble
@@ -127,7 +127,7 @@ def test_trouble_of_the_script_does_not_end_the_run() -> None:
     assert "could not be carried out" in broken
 
 
-def test_what_is_said_waits_until_the_question_was_asked_but_a_stop_does_not_wait() -> None:
+def test_commands_wait_for_the_next_tick_but_a_stop_does_not() -> None:
     director, ports, cell, commands, _ = begun(
         {"when": {"state": "approaching"}, "say": "pause"}, {"when": {"state": "approaching"}, "stop": "now"}
     )
@@ -184,7 +184,7 @@ MET = {
 }  # fmt: skip
 
 
-def test_a_run_that_is_as_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_meets_its_expectations_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     script = a_script(**MET)
     assert broken_expectations(script, result(), played(monkeypatch, script).seen()) == ()
 
@@ -217,7 +217,7 @@ def test_arms_that_are_not_at_rest_are_not_parked(monkeypatch: pytest.MonkeyPatc
     assert "not parked" in broken
 
 
-def test_what_never_came_to_pass_has_shown_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_actions_that_never_became_due_break_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
     script = a_script({"when": {"state": "asking"}, "tell": "a"}, {"when": {"time_s": 99}, "tell": "b"})
     broken = broken_expectations(script, result(), played(monkeypatch, script).seen())
     assert [b.split(" never")[0] for b in broken] == ["tell (0 s into asking)", "tell (at 99 s)"]

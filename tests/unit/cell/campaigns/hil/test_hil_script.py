@@ -33,7 +33,7 @@ def test_every_shipped_script_can_be_performed(path: Path) -> None:
     assert script.name == path.stem
 
 
-def test_a_script_is_read_whole(tmp_path: Path) -> None:
+def test_all_fields_of_a_script_are_read(tmp_path: Path) -> None:
     script = read_script(script_file(
         tmp_path, seed=7, attended=True, cell={"optimiser": {"simulations": 5}},
         do=[
@@ -79,7 +79,7 @@ def test_a_script_is_read_whole(tmp_path: Path) -> None:
         ({"about": ""}, "about"),
     ],
 )
-def test_what_makes_no_sense_is_refused(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+def test_invalid_input_is_refused_with_its_reason(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
     path = script_file(tmp_path, **changes)
     with pytest.raises(ConfigurationError) as error:
         read_script(path)
@@ -94,7 +94,7 @@ def test_files_that_are_no_scripts_are_refused(content: bytes, tmp_path: Path) -
         read_script(path)
 
 
-def test_only_a_simulated_cell_is_hurt(tmp_path: Path) -> None:
+def test_faults_are_injected_into_a_simulated_cell_only(tmp_path: Path) -> None:
     script = read_script(script_file(tmp_path, do=[{"fault": {"kind": "no_garment"}}]))
     with pytest.raises(ConfigurationError, match="only a simulated cell"):
         check_script(script, load_settings(), "ros")
@@ -105,7 +105,7 @@ def test_only_a_simulated_cell_is_hurt(tmp_path: Path) -> None:
     assert plain.do == () and check_script(plain, load_settings(), "ros")
 
 
-def test_what_the_script_names_is_found_where_the_script_says(tmp_path: Path) -> None:
+def test_errors_in_settings_and_garments_name_their_file_and_line(tmp_path: Path) -> None:
     path = script_file(tmp_path, cell={"optimiser": {"speed": 9}})
     line = path.read_text().splitlines().index("    speed: 9") + 1
     with pytest.raises(ConfigurationError) as error:

@@ -13,7 +13,7 @@ from cell.campaigns.hil.junit import junit_text
 
 
 @pytest.mark.parametrize("strange", ["\x07", "\x1b[31m", "\udcff", "\ufffe", "ä & <b>", "\U0001f9e6"])
-def test_the_file_can_be_read_whatever_a_script_is_called_and_meets(strange: str) -> None:
+def test_the_junit_file_is_valid_xml_for_any_script_name_and_message(strange: str) -> None:
     script: Any = SimpleNamespace(name=f"drop{strange}", path=Path(f"/scripts/drop{strange}.yaml"))
     failed: Any = SimpleNamespace(
         passed=False, seconds=1.5, script=script, broken=(f"broke {strange}", "and more"),

@@ -17,7 +17,7 @@ from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 
 @pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])
-def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
+def test_drift_moves_the_whole_plan_with_the_outline(turn: float) -> None:
     """The outline's middle is far from the vertices' where a sleeve lies folded over."""
     rng = np.random.default_rng(3)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -47,7 +47,7 @@ def test_everything_moves_as_the_outline_was_seen_to(turn: float) -> None:
     np.testing.assert_allclose(there.targets[GraspId.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
 
 
-def test_the_rest_of_the_plan_is_made_anew_where_the_garment_lies_now() -> None:
+def test_the_remaining_plan_is_made_again_at_the_drifted_position() -> None:
     """From the flat garment that moved along, as the plan that moved along says it."""
     towel = load_garment("medium_towel")
     flat = towel.flat_state(*towel.poses.middle)

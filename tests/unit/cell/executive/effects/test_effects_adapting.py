@@ -107,14 +107,14 @@ def after(
     )  # fmt: skip
 
 
-def test_a_fold_that_went_as_predicted_costs_nothing(workers: ThreadPoolExecutor, predicted: Array) -> None:
+def test_a_fold_as_predicted_needs_no_adaptation(workers: ThreadPoolExecutor, predicted: Array) -> None:
     same = after(workers, predicted, outline(predicted, MESH))
     assert same.friction == MU and same.spent == 0.0 and same.told == []
     assert same.record["outline_residual_m"] < 1e-3
 
 
 @pytest.mark.parametrize("factor", [0.55, 1.6])
-def test_a_fold_that_dragged_more_or_less_moves_the_friction_there(
+def test_the_friction_estimate_follows_the_observed_drag(
     workers: ThreadPoolExecutor, predicted: Array, factor: float
 ) -> None:
     """Seen in a world with another mesh; within the bound; charged, on record and shown."""

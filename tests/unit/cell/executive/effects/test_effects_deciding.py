@@ -48,7 +48,7 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 # recoveries
 
 
-def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
+def test_a_pause_before_a_recovery_resumes_from_the_last_set_point() -> None:
     """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
     cell = FakeCell()
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.008)))
@@ -59,9 +59,7 @@ def test_a_pause_before_a_recovery_goes_on_from_the_last_set_point() -> None:
 
 
 @pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])
-def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
-    kind: FailureKind, event: Event
-) -> None:
+def test_a_displaced_last_fold_is_good_enough_and_a_misshapen_one_is_not(kind: FailureKind, event: Event) -> None:
     plan: Any = (SimpleNamespace(name="half"),)
     context = context_with(SEEN, steps=plan, garment=load_garment("t_shirt"), carried=True)
     for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
@@ -69,12 +67,12 @@ def test_the_last_fold_counts_where_it_lies_elsewhere_but_not_in_another_shape(
 
 
 @pytest.mark.parametrize("kind", [K.DRIFT, K.MISSED_LAYER])
-def test_a_fold_that_nobody_made_is_not_good_enough(kind: FailureKind) -> None:
+def test_a_fold_that_was_not_carried_is_not_good_enough(kind: FailureKind) -> None:
     assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is Event.GIVE_UP
 
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))
-def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
+def test_the_recoveries_of_a_row_are_used_in_order_and_end(kind: FailureKind) -> None:
     accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
     context, tried = context_with(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
     while not (accepted and tried):
@@ -93,7 +91,7 @@ def test_the_tries_of_a_row_come_in_order_and_end(kind: FailureKind) -> None:
 
 @pytest.mark.parametrize("kind", [K.UNREACHABLE, K.IN_COLLISION])
 @pytest.mark.parametrize(("garment", "index", "ways"), [("pants", 0, 2), ("pants", 1, 1), ("t_shirt", 0, 1)])
-def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
+def test_a_fold_is_retried_in_the_other_variant_of_the_plan(
     kind: FailureKind, garment: str, index: int, ways: int
 ) -> None:
     context = context_with(SEEN, garment=load_garment(garment), index=index, avoided=({},))
@@ -107,7 +105,7 @@ def test_a_fold_is_tried_in_the_other_way_where_the_plan_knows_one(
     assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
 
 
-def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
+def test_the_variant_does_not_change_with_the_hands_on_the_cloth() -> None:
     """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
     held: Any = {Side.LEFT: None}
     context = context_with(SEEN, garment=load_garment("pants"), held=held)
@@ -115,7 +113,7 @@ def test_another_way_is_not_planned_with_the_hands_on_the_cloth() -> None:
     assert result.event is Event.LOOK_AGAIN and result.context.fold.count(Adjustment.OTHER_VARIANT) == 1
 
 
-def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
+def test_each_step_has_a_limit_on_retries(tmp_path: Path) -> None:
     """Failures of ever new kinds must not add up to tries without end."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
     context, events = RunContext(), []
@@ -127,7 +125,7 @@ def test_a_step_has_an_end_of_tries_whatever_fails(tmp_path: Path) -> None:
     assert Event.GIVE_UP not in events[:3]
 
 
-def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
+def test_a_run_has_a_limit_on_retries_over_all_steps(tmp_path: Path) -> None:
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=3))
     context, events = RunContext(), []
     for index in (0, 0, 1, 2):
@@ -138,7 +136,7 @@ def test_a_run_has_an_end_of_tries_over_all_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
-def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Path, bounds: dict[str, int]) -> None:
+def test_a_good_enough_fold_is_accepted_at_the_retry_limit(tmp_path: Path, bounds: dict[str, int]) -> None:
     """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
     two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))
@@ -148,7 +146,7 @@ def test_a_fold_that_is_good_enough_is_so_after_ever_so_many_tries(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
-def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event: Event) -> None:
+def test_recoveries_can_be_disabled(tmp_path: Path, attended: bool, event: Event) -> None:
     for bounds in ({"attempts_per_step": 0}, {"attempts_per_run": 0}):
         workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds), attended=attended)
         assert choose_next(workcell, failed(K.NO_GARMENT)).event is event
@@ -156,7 +154,7 @@ def test_no_recovery_where_none_is_wanted(tmp_path: Path, attended: bool, event:
 
 @pytest.mark.parametrize("kind", [K.STOPPED, K.HARDWARE_FAULT, K.CATEGORY_MISMATCH, K.GRIPPER_FAULT])
 @pytest.mark.parametrize(("attended", "event"), [(True, Event.ASK), (False, Event.GIVE_UP)])
-def test_what_stands_in_no_row_is_not_tried_again(kind: FailureKind, attended: bool, event: Event) -> None:
+def test_a_failure_without_a_recovery_row_is_not_retried(kind: FailureKind, attended: bool, event: Event) -> None:
     result = choose_next(fake_workcell(FakeCell(), attended=attended), failed(kind))
     assert result.event is event
     assert result.context.recoveries == (), "asking or giving up is no recovery"
@@ -208,7 +206,7 @@ def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
         assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
 
 
-def test_before_the_table_was_seen_another_try_photographs_it() -> None:
+def test_a_retry_photographs_the_table_if_it_was_not_seen() -> None:
     """The garment is laid after that: to look for it would find none."""
     assert choose_next(fake_workcell(FakeCell()), failed(K.CAMERA_FAULT)).event is Event.START_OVER
     cell = FakeCell()
@@ -218,14 +216,14 @@ def test_before_the_table_was_seen_another_try_photographs_it() -> None:
     assert said.event is Event.START_OVER and said.record == {"command": "retry"}
 
 
-def test_where_no_picture_of_the_table_is_taken_another_try_looks_for_the_garment(tmp_path: Path) -> None:
+def test_a_retry_looks_for_the_garment_if_no_reference_picture_is_taken(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}\n")
     workcell = fake_workcell(FakeCell(), settings=load_settings(tmp_path / "cell.yaml"))
     assert choose_next(workcell, failed(K.CAMERA_FAULT)).event is Event.LOOK_AGAIN
 
 
 @pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
-def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind) -> None:
+def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> None:
     """Else a folded garment would be taken for a smaller one that lies flat."""
     carried = failed(kind, context=context_with(SEEN, carried=True))
     result = choose_next(fake_workcell(FakeCell()), carried)
@@ -233,7 +231,7 @@ def test_a_fold_that_nobody_has_seen_yet_is_what_is_looked_at(kind: FailureKind)
     assert result.context.recoveries == ((0, f"{kind.value} -> look_after"),)
 
 
-def test_no_fold_is_made_twice() -> None:
+def test_a_finished_fold_is_not_repeated() -> None:
     """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
     strayed = failed(K.TRACKING_ERROR, context=context_with(SEEN, carried=True))
     assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
@@ -241,7 +239,7 @@ def test_no_fold_is_made_twice() -> None:
     assert choose_next(fake_workcell(FakeCell()), before).event is Event.GRASP_AGAIN
 
 
-def test_who_says_retry_has_laid_the_garment_back() -> None:
+def test_a_retry_by_the_operator_starts_the_attempt_anew() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
@@ -251,7 +249,7 @@ def test_who_says_retry_has_laid_the_garment_back() -> None:
     assert blind.event is Event.LOOK_AGAIN
 
 
-def test_what_was_not_asked_for_is_no_answer() -> None:
+def test_commands_that_do_not_answer_the_question_are_ignored() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))
@@ -260,7 +258,7 @@ def test_what_was_not_asked_for_is_no_answer() -> None:
     assert cell.now >= 0.6
 
 
-def test_pressing_may_be_left_out_and_a_fold_may_not() -> None:
+def test_pressing_can_be_skipped_and_a_fold_cannot() -> None:
     for carried, said in ((True, Event.SKIP), (False, Event.APPROVE)):
         cell = FakeCell()
         workcell = fake_workcell(cell)

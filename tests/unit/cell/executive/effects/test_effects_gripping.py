@@ -53,7 +53,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
     return cell, failure, pushes
 
 
-def test_a_hand_presses_into_what_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, failure, _ = pressed(monkeypatch, 1000.0)
     deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
     assert failure is None and deepest - TOUCHED == pytest.approx(
@@ -61,7 +61,7 @@ def test_a_hand_presses_into_what_gives_way(monkeypatch: pytest.MonkeyPatch) -> 
     )
 
 
-def test_a_hand_goes_no_deeper_into_what_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_stops_on_a_hard_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     """It comes to rest smoothly where its tip is pushed as hard as it may be."""
     cell, failure, pushes = pressed(monkeypatch, 8_000.0)
     most = fake_workcell(FakeCell()).settings.grasp.press_force
@@ -72,7 +72,7 @@ def test_a_hand_goes_no_deeper_into_what_does_not(monkeypatch: pytest.MonkeyPatc
     assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "within the hand's own acceleration"
 
 
-def test_a_hand_whose_tips_nobody_can_read_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_with_unreadable_fingertips_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, failure, _ = pressed(monkeypatch, float("nan"))
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     assert len(cell.commands) == 1
@@ -121,7 +121,7 @@ def lose(cell: FakeCell, side: Side) -> None:
     cell.openings[side], cell.pads[side] = 0.0, 0.0
 
 
-def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_is_completed_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
     result = EFFECTS[Effect.FOLD](workcell, context)
@@ -132,7 +132,7 @@ def test_a_fold_goes_to_its_end_while_both_hands_hold(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
+def test_a_loss_of_cloth_by_either_hand_ends_the_fold_at_rest_on_its_path(
     side: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context = holding(monkeypatch)
@@ -146,7 +146,7 @@ def test_either_hand_that_loses_the_cloth_ends_the_fold_at_rest_on_its_way(
     assert cell.now < 0.8 + 0.1 + 0.7, "known within 100 ms, at rest 0.6 s later"
 
 
-def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.MonkeyPatch) -> None:
     """From where the hands really hold, the way may be another than was planned."""
     cell, workcell, context = holding(monkeypatch)
     blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
@@ -156,7 +156,7 @@ def test_where_no_way_is_free_any_more_nothing_is_folded(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
+def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
     stopped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, workcell, context = holding(monkeypatch)
@@ -175,9 +175,7 @@ def test_a_camera_that_fails_ends_no_fold_but_a_stop_that_it_meets_does(
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
-    side: Side, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
     monkeypatch.setattr(moving, "check_trajectory", lambda *_, **__: Outcome("checked"))
@@ -190,7 +188,7 @@ def test_either_hand_that_loses_the_cloth_on_its_way_up_is_a_missed_grasp(
     assert f"the {side} hand" in result.context.failure.what
 
 
-def test_a_garment_whose_hands_do_not_open_was_carried_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_counts_as_carried_if_the_hands_do_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """What came of the fold is looked at: it is not made once more."""
     _, workcell, context = holding(monkeypatch)
     for gripper in workcell.ports.grippers.values():
@@ -200,7 +198,7 @@ def test_a_garment_whose_hands_do_not_open_was_carried_all_the_same(monkeypatch:
     assert result.context.fold.carried and result.context.fold.held, "and nobody knows that it was let go"
 
 
-def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wide open pads would sweep the stack away."""
     cell, workcell, context = holding(monkeypatch)
     result = EFFECTS[Effect.RELEASE](workcell, context)
@@ -209,7 +207,7 @@ def test_a_hand_opens_no_wider_than_lets_go(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("side", [None, *Side])
-def test_cloth_that_clings_to_either_hand_is_not_taken_home(
+def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
     side: Side | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context = holding(monkeypatch)

@@ -57,7 +57,9 @@ def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
 
 
 @pytest.mark.parametrize(("index", "event"), [(0, Event.NEXT_FOLD), (1, Event.ALL_FOLDED)])
-def test_a_fold_that_lies_as_predicted_leads_on(index: int, event: Event, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fold_as_predicted_leads_to_the_next_step(
+    index: int, event: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
     look(monkeypatch, seen())
     before: Any = SimpleNamespace(name="half")
     result = inspect_fold(fake_workcell(FakeCell()), made(index=index, done=(before,) * index))
@@ -66,7 +68,7 @@ def test_a_fold_that_lies_as_predicted_leads_on(index: int, event: Event, monkey
 
 
 @pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER, K.OFF_TARGET])
-def test_a_fold_that_does_not_is_a_failure_of_that_name(
+def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look(monkeypatch, seen(kind, iou_aligned=0.87))
@@ -78,7 +80,7 @@ def test_a_fold_that_does_not_is_a_failure_of_that_name(
     assert result.context.fold.attempt.inspection is not None and not result.context.done
 
 
-def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
+def test_the_next_fold_starts_with_a_new_context() -> None:
     """Else it would be carried on with, pressed, or judged by what was true of another fold."""
     before = made(
         inspection=seen(), failure=Failure(K.DRIFT, "it moved"), press_tries=2, adjustments=(Adjustment.LOWER,),
@@ -89,14 +91,14 @@ def test_the_next_fold_begins_with_nothing_of_the_one_before() -> None:
     assert (after.waited_s, after.recoveries) == (4.0, before.recoveries)
 
 
-def test_a_fold_that_nobody_looked_at_is_believed_and_does_not_count_as_made() -> None:
+def test_an_uninspected_fold_is_assumed_but_does_not_count_as_made() -> None:
     """It was carried through, and the operator went on without a look."""
     result = next_step(fake_workcell(FakeCell()), made())
     assert result.context.done == ()
     np.testing.assert_array_equal(result.context.plan.vertices, FOLDED)
 
 
-def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_believed() -> None:
+def test_a_fold_neither_carried_nor_seen_leaves_the_assumed_shape_unchanged() -> None:
     result = next_step(fake_workcell(FakeCell()), made(carried=False))
     assert result.context.done == ()
     np.testing.assert_array_equal(result.context.plan.vertices, FLAT)
@@ -105,7 +107,7 @@ def test_a_fold_that_was_neither_carried_nor_seen_changes_nothing_of_what_is_bel
 @pytest.mark.parametrize(
     ("left", "why"), [((), None), (("half",), "half"), (("half", "quarter"), "half, quarter")]
 )
-def test_a_run_has_folded_only_what_it_made(left: tuple[str, ...], why: str | None) -> None:
+def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why: str | None) -> None:
     notes: Any = tuple(SimpleNamespace(name=s.name) for s in STEPS if s.name not in left)
     after = context_with(steps=STEPS, index=1, done=notes, failure=Failure(K.SLIPPED, "lost"))
     result = next_step(fake_workcell(FakeCell()), after)
@@ -116,7 +118,7 @@ def test_a_run_has_folded_only_what_it_made(left: tuple[str, ...], why: str | No
 
 
 @pytest.mark.parametrize(("overlap", "event"), [(0.91, Event.DONE), (0.89, Event.FAILED), (0.3, Event.FAILED)])
-def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
+def test_a_garment_displaced_since_the_last_fold_is_not_folded_further(
     overlap: float, event: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look(monkeypatch, seen(iou_aligned=overlap, drift=np.array([0.01, 0.02])))
@@ -130,7 +132,7 @@ def test_a_garment_that_does_not_lie_as_the_last_fold_left_it_is_not_folded_on(
 
 
 @pytest.mark.parametrize(("effect", "index"), [(Effect.INSPECT, 0), (Effect.RECOGNISE, 1)])
-def test_where_nothing_can_be_seen_nothing_is_judged(
+def test_an_inspection_without_a_visible_garment_fails(
     effect: Effect, index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
@@ -141,7 +143,7 @@ def test_where_nothing_can_be_seen_nothing_is_judged(
     assert result.event is Event.FAILED and result.context.failure is lost
 
 
-def test_what_nobody_could_see_is_no_figure() -> None:
+def test_unseen_figures_are_left_out_of_the_journal() -> None:
     nothing = float("nan")
     told = figures(seen(height_m=nothing, missing_layer=nothing))
     assert np.isfinite(list(told.values())).all() and not {"height_m", "missing_layer", "edge_sag_m"} & set(told)

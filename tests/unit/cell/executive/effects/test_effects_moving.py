@@ -56,7 +56,7 @@ def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
     assert result.context.failure is FIRST.failure, "why the run ended stays known"
 
 
-def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
+def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))
@@ -65,7 +65,7 @@ def test_a_stop_while_making_safe_is_told_as_a_stop() -> None:
     assert result.context.failure.kind is K.STOPPED
 
 
-def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: no_way)
     monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: no_way)
@@ -74,7 +74,7 @@ def test_why_it_could_not_be_made_safe_is_told(monkeypatch: pytest.MonkeyPatch) 
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
 
 
-def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_within_the_planning_margin_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
     execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
@@ -93,9 +93,7 @@ def test_arms_that_stand_nearer_than_is_planned_for_find_their_way_home(monkeypa
 
 
 @pytest.mark.parametrize("free", list(Side))
-def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
-    free: Side, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_hand_rises_if_the_other_cannot(free: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
     monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
@@ -113,7 +111,7 @@ def test_a_hand_that_cannot_rise_stays_where_it_is_while_the_other_one_does(
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
+def test_a_fold_is_approached_with_open_hands_and_counts_as_an_attempt(
     fails: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lags, frame = Failure(K.TRACKING_ERROR, "the arm lags"), FakeCell().ports().camera.capture()
@@ -129,7 +127,7 @@ def test_a_fold_is_approached_with_open_hands_and_counts_as_a_try(
     assert (after.grasps, after.carried) == (2, False) and after.attempt.before is frame
 
 
-def test_a_driver_that_refuses_while_making_safe_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_error_while_making_safe_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise DriverError(K.HARDWARE_FAULT, "the motors are off", "see the robot's screen")
 
@@ -147,7 +145,7 @@ def test_a_stopped_cell_is_not_prepared() -> None:
     assert cell.commands == []
 
 
-def test_holding_commands_where_the_arms_stand() -> None:
+def test_holding_commands_the_present_position() -> None:
     cell = FakeCell(q=np.full(14, 0.3))
     cell.follows = False
     assert hold_still(fake_workcell(cell), FIRST).event is Event.DONE
@@ -155,7 +153,7 @@ def test_holding_commands_where_the_arms_stand() -> None:
     np.testing.assert_array_equal(q, np.full(14, 0.3))
 
 
-def test_holding_tells_a_stopped_robot_nothing() -> None:
+def test_holding_sends_nothing_to_a_stopped_robot() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell, robot=SimpleNamespace(q_park=np.zeros(14)))
     workcell.ports.stop.trigger("button")
@@ -176,7 +174,7 @@ class Watched:
 
 
 @pytest.mark.parametrize(("effect", "calibrated"), [(prepare, 2), (reenter, 0)])
-def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int) -> None:
+def test_a_cell_is_prepared_before_anything_else(effect: Any, calibrated: int) -> None:
     """Motors on, the camera where it was calibrated, hands open, arms parked."""
     cell, asked = FakeCell(q=np.zeros(14)), []
     cell.openings = dict.fromkeys(Side, 0.0)
@@ -195,7 +193,7 @@ def test_a_cell_is_made_ready_before_anything_else(effect: Any, calibrated: int)
 
 
 @pytest.mark.parametrize("off", [0.1, -0.1])
-def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
+def test_preparing_the_cell_parks_the_arms(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Straight home, where the way is free."""
@@ -205,7 +203,7 @@ def test_arms_that_stand_elsewhere_are_parked_when_the_cell_is_prepared(
     assert cell.q == pytest.approx(BAXTER.q_park)
 
 
-def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any]) -> None:
+def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.2, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)
     cell.at(1.0, lambda: workcell.commands.put(Event.PAUSE))
@@ -216,7 +214,7 @@ def test_what_was_spent_in_pauses_is_not_the_robots_time(baxter: dict[str, Any])
 
 
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
-def test_arms_of_which_nothing_is_known_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_without_a_valid_state_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
     cell = FakeCell(q=np.full(14, 0.5))
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))
@@ -265,7 +263,7 @@ def with_left(cell: FakeCell, hand: Hand) -> Workcell:
 
 
 @pytest.mark.parametrize(("calibrated", "in_error"), [(True, False), (False, False), (True, True)])
-def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_error: bool) -> None:
+def test_a_resumed_run_starts_with_open_hands(calibrated: bool, in_error: bool) -> None:
     """Calibrating closes a hand before it opens: only what does nothing without it is calibrated."""
     cell = FakeCell()
     cell.openings = dict.fromkeys(Side, 0.0)
@@ -277,7 +275,7 @@ def test_an_interrupted_run_is_entered_with_open_hands(calibrated: bool, in_erro
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
-def test_a_hand_that_does_not_open_takes_no_garment_along(effect: Any, context: RunContext) -> None:
+def test_arms_do_not_move_with_a_hand_that_does_not_open(effect: Any, context: RunContext) -> None:
     cell = FakeCell(q=np.full(14, 0.5))
     cell.openings = dict.fromkeys(Side, 0.002)
     result = effect(with_left(cell, Hand(cell, stuck=True)), context)
@@ -296,7 +294,7 @@ def test_a_stopped_cell_is_not_entered() -> None:
 
 
 @pytest.mark.parametrize(("age", "opening"), [(1.0, 0.03), (0.0, float("nan"))])
-def test_a_hand_that_is_not_known_to_be_open_takes_no_garment_along(age: float, opening: float) -> None:
+def test_arms_do_not_move_with_a_hand_of_unknown_opening(age: float, opening: float) -> None:
     """Its line broke while the pads were closing: the last that was heard of them is that they were open."""
     cell = FakeCell(q=np.full(14, 0.5))
     hand = Hand(cell)
@@ -328,7 +326,7 @@ def hurried() -> ArmTrajectory:
 
 @pytest.mark.parametrize(("motion", "kind"), [(across, K.IN_COLLISION), (hurried, K.LIMIT_EXCEEDED)])
 @pytest.mark.parametrize("fingertips", [False, True])
-def test_a_motion_that_is_not_free_or_too_fast_is_not_begun(
+def test_a_colliding_or_too_fast_motion_is_not_begun(
     baxter: dict[str, Any], motion: Any, kind: FailureKind, fingertips: bool
 ) -> None:
     cell = FakeCell(q=BAXTER.q_park)
@@ -337,7 +335,7 @@ def test_a_motion_that_is_not_free_or_too_fast_is_not_begun(
     assert cell.commands == []
 
 
-def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter: dict[str, Any]) -> None:
+def test_the_start_of_a_motion_is_checked_against_the_present_arm_state(baxter: dict[str, Any]) -> None:
     """It was planned from the parked pose; meanwhile somebody moved a wrist by two degrees."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[np.zeros(13), np.deg2rad(2.0)])
     there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)
@@ -350,7 +348,7 @@ def test_the_start_of_a_motion_is_checked_against_where_the_arms_are_now(baxter:
 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
-def test_nobody_holds_up_arms_on_their_way_to_safety(baxter: dict[str, Any], said: Event) -> None:
+def test_pauses_and_aborts_do_not_interrupt_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
     """Only the stop ends it; what else was said before is not heard."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)

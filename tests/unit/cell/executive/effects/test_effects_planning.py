@@ -133,7 +133,7 @@ class Choice:
 
 
 @pytest.mark.parametrize(("behind", "others", "simulations"), [(0.1, 0.001, 1), (0.9, 0.016, 2)])
-def test_a_look_up_that_keeps_its_promise_is_taken(
+def test_a_looked_up_arc_with_the_promised_cost_is_used(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, behind: float, others: float, simulations: int
 ) -> None:
     """One that is well behind it is compared with the first guess, which does as much worse here."""
@@ -147,14 +147,14 @@ def test_a_look_up_that_keeps_its_promise_is_taken(
     assert choice.cell.now == pytest.approx(costs.library_s + simulations * costs.simulation_s)
 
 
-def test_a_look_up_that_gains_less_than_promised_falls_back_to_optimising(
+def test_a_looked_up_arc_worse_than_promised_is_optimised(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 0.9 * PROMISE_SLACK, 0.010), workers, monkeypatch)
     assert choice.trajectory.source == "optimised"
 
 
-def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
+def test_a_looked_up_arc_with_a_high_predicted_cost_is_optimised(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch)
@@ -169,7 +169,7 @@ def test_a_look_up_whose_predicted_cost_is_too_high_falls_back_to_optimising(
     assert choice.cell.now == pytest.approx(spent), "all simulations are charged"
 
 
-def test_a_trajectory_that_cannot_be_kept_is_folded_all_the_same(
+def test_a_trajectory_that_cannot_be_saved_is_still_used(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch, full=True)
@@ -177,7 +177,7 @@ def test_a_trajectory_that_cannot_be_kept_is_folded_all_the_same(
     assert "No space left" in str(choice.result.record["not_kept"]) and "No space left" in choice.told[-1]
 
 
-def test_the_looked_up_arc_stays_where_nothing_better_is_found(
+def test_the_looked_up_arc_is_kept_if_nothing_better_is_found(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The promise is broken, but the fold is still worth making: a warm start counts as a candidate."""
@@ -185,7 +185,7 @@ def test_the_looked_up_arc_stays_where_nothing_better_is_found(
     assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
 
 
-def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
+def test_arcs_for_another_number_of_hands_are_ignored(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a towel of one's own, which its file folds with one hand."""
@@ -195,7 +195,7 @@ def test_arcs_of_a_plan_with_another_number_of_hands_do_not_hide_those_that_fit(
     assert choice.trajectory.source == "library" and set(choice.trajectory.control_points) == set(GraspId)
 
 
-def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
+def test_optimised_and_looked_up_arcs_pass_the_same_acceptance_test(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     poor = 1.01 * POOR_SHARE * DIAGONAL
@@ -207,7 +207,7 @@ def test_one_test_refuses_what_was_optimised_and_what_was_looked_up(
     assert failure.values["dissimilarity_m"] == pytest.approx(poor)
 
 
-def test_a_recovery_optimises_from_the_looked_up_arc_and_another_looks_nothing_up(
+def test_the_first_recovery_optimises_the_looked_up_arc_and_the_second_ignores_it(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     again = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE)
@@ -236,7 +236,7 @@ def test_the_view_is_shown_every_candidate_of_the_search(
             assert np.allclose(arc[0, :2], HALF.grasps[i].point) and np.allclose(arc[-1], HALF.targets[i])
 
 
-def test_another_search_draws_other_numbers_and_the_same_ones_in_every_run() -> None:
+def test_each_search_has_its_own_reproducible_random_numbers() -> None:
     workcell = fake_workcell(FakeCell())
     first, second, third = (_draws(workcell, k).random(4) for k in range(3))
     assert len({tuple(x) for x in (first, second, third)}) == 3
@@ -261,7 +261,7 @@ def planned(context: RunContext) -> RunContext:
     return result.context
 
 
-def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
+def test_another_variant_of_a_fold_moves_the_other_part() -> None:
     first = planned(context_with(perception=perceived()))
     other = planned(context_with(first, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
@@ -277,7 +277,7 @@ def test_a_fold_that_is_made_in_another_way_moves_what_lay_still() -> None:
     assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
 
 
-def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> None:
+def test_changing_the_variant_keeps_the_folds_already_made() -> None:
     first = planned(context_with(perception=perceived(), adjustments=(Adjustment.OTHER_VARIANT,)))
     assert first.plan is not None
     moved = context_with(first, index=1, adjustments=(), vertices=first.plan.vertices + 0.001)
@@ -297,7 +297,7 @@ def test_what_was_folded_stays_and_the_next_fold_is_made_in_another_way() -> Non
         assert away < -0.05 < 0.05 < first.steps[1].line.signed_distance(first.steps[1].grasps[i].point)
 
 
-def test_a_kept_trajectory_is_of_the_way_in_which_the_fold_was_made() -> None:
+def test_a_saved_trajectory_belongs_to_the_executed_variant() -> None:
     turned = plan_folds(STATE, TOWEL, {"half": "right_onto_left"}).unwrap()[0]
     controls = {s: two_parameter_controls(f.start, f.end, 0.6, 0.0) for s, f in frames_of(turned, 0.002).items()}
     entry = entry_of(TOWEL, turned, GraspTrajectory(controls, 2.0, "optimised", 5.0, 0.004, 25), "default", 0.01)

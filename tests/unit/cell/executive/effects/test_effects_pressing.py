@@ -87,34 +87,34 @@ def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
     assert plan_pressing(workcell, seen(float("nan"))) is None, "what nobody saw does not stand high"
 
 
-def test_it_is_pressed_no_more_often_than_the_settings_say(tmp_path: Path) -> None:
+def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=0), seen(0.030)) is None
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.025, pressed=(0.030,))) is None
     assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
 
 
-def test_a_try_that_touched_nothing_counts_and_is_not_told_as_a_pressing(tmp_path: Path) -> None:
+def test_a_press_attempt_without_contact_counts_as_an_attempt(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
     tried = context_with(seen(0.030), press_tries=1)
     assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
 
 
-def test_what_the_operator_wants_left_is_left(tmp_path: Path) -> None:
+def test_a_fold_is_not_pressed_if_the_operator_skips_it(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=1), context_with(seen(0.030), unpressed=True)) is None
 
 
-def test_what_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
+def test_a_fold_that_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
     assert plan_pressing(cell_with(tmp_path, tries=3), seen(0.0295, pressed=(0.030,))) is None
 
 
-def test_where_fingers_have_no_room_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lack_of_room_for_the_fingers_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pressing, "_dabs", lambda *_: ((), 0.0))
     told: list[str] = []
     assert plan_pressing(replace(cell_with(tmp_path, tries=1), tell=told.append), seen(0.030)) is None
     assert "room" in told[0]
 
 
-def test_where_no_hand_can_press_the_fold_stands_and_it_is_told(
+def test_a_fold_out_of_reach_is_left_unpressed_and_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no = Outcome[Any](failure=Failure(FailureKind.UNREACHABLE, "the left arm does not reach it"))
@@ -144,7 +144,7 @@ def test_good_folds_and_heaps_are_pressed_and_bad_outlines_are_not(
 
 
 @pytest.mark.parametrize("diagnosis", [FailureKind.DROPPED_CORNER, FailureKind.SAG])
-def test_an_edge_behind_is_looked_for_again_under_a_flatter_stack_unless_the_outline_says_so_too(
+def test_an_edge_behind_is_inspected_again_after_pressing_unless_the_outline_confirms_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind
 ) -> None:
     context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.021)
@@ -183,7 +183,7 @@ def look(contour: np.ndarray, **changes: Any) -> Inspection:
     return inspection(**{"contour": contour, "edge_deviation_m": 0.019, **changes})
 
 
-def test_a_pressed_crease_that_reaches_further_out_is_no_fault_and_a_turned_corner_is() -> None:
+def test_a_widened_crease_is_accepted_and_a_turned_corner_is_not() -> None:
     further = SQUARE - [[0.0, 0.004], [0.0, 0.004], [0.0, 0.0], [0.0, 0.0]]
     turned = further.copy()
     turned[2] -= 0.06
@@ -238,9 +238,7 @@ def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | No
     return plan, inspection(height=height, mask=height > 0.0, view=VIEW, height_m=2 * LAYER)
 
 
-def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fingers_press_along_the_flat_part_of_the_crease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, (0.52, 0.68))
     dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)
     points = np.array([dab.point for dab in dabs])
@@ -252,9 +250,7 @@ def test_fingers_come_down_along_the_crease_as_far_as_its_layers_lie_flat(
     assert highest == pytest.approx(2 * LAYER + BULGE)
 
 
-def test_it_is_pressed_where_it_is_seen_to_lie_after_the_fold(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pressing_uses_the_observed_position_of_the_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It drifted by 30 mm; the crease went along."""
     plan, looked = folded_towel(monkeypatch, None)
     folded = np.array([[x, y, 0.006] for y in (-0.2, 0.1, -0.2) for x in (0.45, 0.75)])
@@ -270,13 +266,13 @@ def test_it_is_pressed_where_it_is_seen_to_lie_after_the_fold(
     np.testing.assert_allclose(step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
 
 
-def test_a_crease_that_lies_flat_is_not_dabbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flat_crease_is_not_pressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, None)
     assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)[0] == ()
 
 
 @pytest.mark.parametrize("reached", ["all", "some", "none"])
-def test_what_two_hands_cannot_press_one_hand_presses_as_far_as_it_reaches(
+def test_one_hand_presses_as_far_as_it_reaches_if_two_cannot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: str
 ) -> None:
     monkeypatch.setattr(pressing, "_planned", AS_IT_IS["_planned"])
@@ -317,7 +313,7 @@ def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize(("stiff_m", "deepest_m"), [(0.006, 0.005), (0.010, 0.0075), (0.016, 0.010)])
-def test_a_hand_that_is_pushed_hard_goes_hardly_deeper(
+def test_a_strongly_pushed_hand_stops_within_a_short_distance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stiff_m: float, deepest_m: float
 ) -> None:
     """Something hard lies so far above where the tips were to end: they come to rest on it, not where they were
@@ -354,7 +350,7 @@ def test_a_hand_that_is_pushed_hard_goes_hardly_deeper(
 
 
 @pytest.mark.parametrize(("force", "stamp"), [(float("nan"), 0.0), (0.0, -1.0)])
-def test_tips_that_nobody_can_read_end_it_as_a_failure(
+def test_unreadable_fingertips_end_pressing_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, force: float, stamp: float
 ) -> None:
     """A stream that hangs after the zero says for ever that nothing is touched."""
@@ -364,9 +360,7 @@ def test_tips_that_nobody_can_read_end_it_as_a_failure(
     assert press(workcell, context).event is Event.FAILED
 
 
-def test_what_goes_wrong_while_a_pushed_hand_brakes_is_not_hidden(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_while_a_pushed_hand_brakes_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workcell = cell_with(tmp_path, tries=1, force=8.0)
     context = standing_by(workcell, monkeypatch)
     feel(monkeypatch, 30.0)
@@ -382,7 +376,7 @@ def test_what_goes_wrong_while_a_pushed_hand_brakes_is_not_hidden(
 
 
 @pytest.mark.parametrize("where", ["move", "each_hand", "plan_arc"])
-def test_a_hand_that_could_not_come_so_far_does_not_press(
+def test_a_hand_that_did_not_arrive_does_not_press(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     """On its way to above the fold, while its tips are zeroed, and where no way down is free any more."""
@@ -397,7 +391,7 @@ def test_a_hand_that_could_not_come_so_far_does_not_press(
     assert result.context.fold.attempt.press_tries == 1 and result.context.fold.attempt.pressed == ()
 
 
-def test_what_goes_wrong_on_the_way_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_while_pressing_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workcell = cell_with(tmp_path, tries=1)
     context = standing_by(workcell, monkeypatch)
     lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")

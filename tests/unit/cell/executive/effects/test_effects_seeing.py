@@ -65,7 +65,7 @@ def test_a_turned_head_is_refused_before_the_picture(effect, pan: float) -> None
 
 
 @pytest.mark.parametrize("effect", [look, photograph_table])
-def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> None:
+def test_a_stale_head_reading_is_refused(effect) -> None:
     workcell, camera = seeing()
     old = replace(workcell.ports.arms.state(), stamp=workcell.ports.clock.now() - 0.5)
     arms = SimpleNamespace(state=lambda: old)
@@ -75,7 +75,7 @@ def test_a_head_that_was_read_long_ago_may_have_been_turned_since(effect) -> Non
     assert "500 ms old" in result.context.failure.what
 
 
-def test_the_noise_of_the_head_is_let_pass() -> None:
+def test_noise_of_the_head_angle_is_accepted() -> None:
     workcell, camera = seeing(0.008)
     assert look(workcell, RunContext()).event is Event.DONE
     assert camera.shots == 1
@@ -91,7 +91,7 @@ def test_two_pictures_are_remembered() -> None:
     assert (context.sight.frame.sequence, context.sight.previous.sequence) == (3, 2)
 
 
-def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> None:
+def test_the_view_uses_the_refined_camera_pose() -> None:
     """Contours and key points are stated from there: drawn into the picture from elsewhere they lie off."""
     shown: list[Any] = []
     recorder = SimpleNamespace(camera=lambda t, frame, calibration: shown.append(calibration))
@@ -104,7 +104,7 @@ def test_the_view_shows_a_picture_from_where_the_camera_was_found_to_hang() -> N
     assert shown == [workcell.calibration, refined, refined]
 
 
-def test_a_failed_look_does_not_pass_an_old_picture_on_as_new() -> None:
+def test_a_failed_look_leaves_no_old_picture() -> None:
     workcell, _ = seeing()
     good = look(workcell, RunContext()).context
     turned = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.4))
@@ -119,7 +119,7 @@ class Camera:
 
 
 @pytest.mark.parametrize("effect", [look, photograph_table])
-def test_a_camera_that_hangs_is_noticed(effect) -> None:
+def test_a_hanging_camera_is_detected(effect) -> None:
     """It gives the picture that it had: of a table without arms, or with them in the way."""
     cell = FakeCell()
     workcell = fake_workcell(cell)
@@ -140,7 +140,7 @@ def test_a_black_picture_is_no_reference() -> None:
     assert result.context.sight.reference is None
 
 
-def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a run with `auto`: a towel that was let go half folded looks like a smaller one that lies flat."""
     expected: list[str | None] = []
 
@@ -160,7 +160,7 @@ def test_what_was_recognised_once_is_not_taken_for_another_garment(monkeypatch: 
 
 
 @pytest.mark.parametrize("index", [1, 2])
-def test_between_two_folds_nothing_is_recognised_but_the_folded_garment_found(
+def test_between_two_folds_the_folded_garment_is_located_and_not_recognised_again(
     index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Folded, it looks like another garment."""
@@ -186,14 +186,14 @@ def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated
     assert result.context.waited_s == (2.0 if simulated else 9.0)
 
 
-def test_no_reference_is_photographed_where_none_is_wanted(tmp_path) -> None:
+def test_no_reference_picture_is_taken_if_it_is_disabled(tmp_path) -> None:
     (tmp_path / "cell.yaml").write_text("camera: {reference: none}")
     workcell, camera = seeing(settings=load_settings(tmp_path / "cell.yaml"))
     result = photograph_table(workcell, RunContext())
     assert (result.event, result.context.sight.reference, camera.shots) == (Event.DONE, None, 0)
 
 
-def test_a_table_that_does_not_show_leaves_the_calibration_as_it_is() -> None:
+def test_an_invisible_table_leaves_the_calibration_unchanged() -> None:
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         result = photograph_table(workcell, RunContext())

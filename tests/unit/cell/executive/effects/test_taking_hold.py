@@ -96,7 +96,7 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     return cell, work, context_with(garment=garment, motion=motion, step=step), both
 
 
-def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.DONE
@@ -121,7 +121,7 @@ def test_both_hands_take_what_lies_there(monkeypatch: pytest.MonkeyPatch) -> Non
     ("under", "kind"),
     [({"table": -0.05}, K.NO_CONTACT), ({"between": 0.0}, K.MISSED_GRASP), ({"table": 0.036}, K.IN_COLLISION)],
 )
-def test_what_one_hand_does_not_find_ends_the_grasp(
+def test_a_miss_by_one_hand_ends_the_grasp(
     under: dict[str, float], kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No table below it, nothing between its pads, or something that stands there."""
@@ -135,7 +135,7 @@ def test_what_one_hand_does_not_find_ends_the_grasp(
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
 
 
-def test_a_hand_under_fewer_layers_than_planned_takes_them_for_a_missed_grasp(
+def test_fewer_layers_than_planned_are_a_missed_grasp(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, work, context, _ = over_cloth(monkeypatch, between=LAYER)
@@ -160,7 +160,7 @@ def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.Mo
         (lambda c: (setattr(c, "follows", False), setattr(c, "q", c.q + 0.2)), K.TRACKING_ERROR),
     ],
 )
-def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
+def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
     spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
@@ -175,7 +175,7 @@ def test_what_goes_wrong_at_any_instant_of_a_grasp_ends_it_by_its_name(
         assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
 
 
-def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> None:
+def test_a_grasp_under_the_whole_stack_accepts_its_layers() -> None:
     """One that takes the upper layers only may not take more."""
     for layers in (1, 2, 4):
         whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
@@ -184,7 +184,7 @@ def test_a_hand_that_goes_under_the_whole_stack_takes_what_the_stack_has() -> No
         assert gripping._expected(upper, LAYER).layers == layers
 
 
-def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_can() -> None:
+def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
     work = fake_workcell(FakeCell())
     tries = [(Adjustment.STRONGER,) * n for n in range(3)]
     forces = [gripping.grip_settings(work, FoldContext(adjustments=a)).grip_force for a in tries]
@@ -192,7 +192,7 @@ def test_each_try_to_hold_better_squeezes_harder_and_no_harder_than_the_gripper_
 
 
 @pytest.mark.parametrize("part", ["plan", "move"])
-def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_that_cannot_rise_is_a_failed_lift(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, _ = over_cloth(monkeypatch)
     held = EFFECTS[Effect.GRASP](work, context).context
     why = Failure(K.TRACKING_ERROR, "the arm lags")
@@ -205,7 +205,7 @@ def test_a_hand_that_cannot_rise_has_not_lifted(part: str, monkeypatch: pytest.M
     assert result.event is Event.FAILED and result.context.failure is why
 
 
-def test_what_is_still_held_after_the_lift_is_what_a_slip_is_told_by(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     context = EFFECTS[Effect.GRASP](work, context).context
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))
@@ -219,7 +219,7 @@ def test_what_is_still_held_after_the_lift_is_what_a_slip_is_told_by(monkeypatch
     assert cell.now > after.stamp - 0.1
 
 
-def test_an_arm_that_does_not_press_stays_where_it_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_idle_arm_stays_at_its_set_point(monkeypatch: pytest.MonkeyPatch) -> None:
     """It hangs a little below that: a set-point at its reading would be a jump."""
     cell, work, context, _ = over_cloth(monkeypatch)
     only = {Side.LEFT: WAY}
@@ -244,7 +244,7 @@ def state_of(stamp: float) -> JointState:
     return JointState(stamp, np.zeros(14), np.zeros(14), np.zeros(14), 0.0)
 
 
-def test_a_push_is_what_a_tip_feels_more_than_in_the_air(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:
     felt = {Side.LEFT: [2.0, -1.0], Side.RIGHT: [0.5, 0.5]}
 
     def read(cell: Any, side: Side, state: JointState) -> Any:

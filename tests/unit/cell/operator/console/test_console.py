@@ -91,7 +91,7 @@ def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
-def test_without_the_secret_there_is_nothing(address: str, path: str) -> None:
+def test_the_page_needs_the_secret_address(address: str, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as error:
         urllib.request.urlopen(f"{origin_of(address)}/{path}")
     assert error.value.code == 404
@@ -115,7 +115,7 @@ def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) 
     assert error.value.code == 400 and commands.take(ALL) is None
 
 
-def test_the_board_is_told_as_it_changes(address: str, board: RunStatus) -> None:
+def test_the_page_receives_every_change_of_the_run_status(address: str, board: RunStatus) -> None:
     with linked(address) as link:
         assert told(link, "run_status")["state"] == "idle"
         enter(board, State.OPTIMISING)
@@ -138,9 +138,7 @@ def test_a_garments_file_is_shown_by_its_name() -> None:
     assert shown["garment"] == "my_own_towel"
 
 
-def test_commands_go_into_the_queue_when_they_may_be_said(
-    address: str, board: RunStatus, commands: CommandQueue
-) -> None:
+def test_allowed_commands_enter_the_queue(address: str, board: RunStatus, commands: CommandQueue) -> None:
     enter(board, State.FOLDING)
     with linked(address) as link:
         assert "refused" in say(link, say="approve") and "refused" in say(link, say="resume")
@@ -175,7 +173,7 @@ def test_pressing_is_asked_about_and_answered(address: str, board: RunStatus, co
         assert commands.take(ALL) is Event.SKIP
 
 
-def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: RunStatus) -> None:
+def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -> None:
     """It is no mere look: the fold is made again, of a garment that was laid back."""
     planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
@@ -191,7 +189,7 @@ def test_who_is_asked_about_a_failure_is_told_what_to_try_again_takes(board: Run
 
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
-def test_stop_works_in_every_state_and_not_by_the_queue(
+def test_stop_works_in_every_state_and_bypasses_the_queue(
     state: State, address: str, board: RunStatus, commands: CommandQueue, cell: FakeCell
 ) -> None:
     enter(board, state)
@@ -208,7 +206,7 @@ NONSENSE = (
 
 
 @pytest.mark.parametrize("message", NONSENSE)
-def test_whatever_is_said_is_answered(
+def test_every_message_gets_an_answer(
     message: str | bytes, address: str, board: RunStatus, cell: FakeCell
 ) -> None:
     enter(board, State.FOLDING)
@@ -219,7 +217,7 @@ def test_whatever_is_said_is_answered(
     assert not cell.stop_reason
 
 
-def test_the_end_is_told_before_the_page_goes(
+def test_the_page_receives_the_end_before_it_closes(
     cell: FakeCell, board: RunStatus, commands: CommandQueue, tmp_path: Path
 ) -> None:
     page = operators_page(board, commands, cell.ports().stop, None, open_listener())
@@ -237,7 +235,7 @@ def test_the_end_is_told_before_the_page_goes(
         urllib.request.urlopen(address, timeout=2.0)
 
 
-def test_after_a_stop_the_page_says_how_to_go_on(board: RunStatus, tmp_path: Path) -> None:
+def test_the_page_explains_how_to_resume_after_a_stop(board: RunStatus, tmp_path: Path) -> None:
     failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
     board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
     assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
@@ -251,13 +249,13 @@ def test_after_a_stop_the_page_says_how_to_go_on(board: RunStatus, tmp_path: Pat
     assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
 
 
-def test_a_port_that_is_taken_is_told(address: str) -> None:
+def test_an_occupied_port_is_reported(address: str) -> None:
     port = int(origin_of(address).rpartition(":")[2])
     with pytest.raises(StorageError, match=str(port)):
         open_listener(port)
 
 
-def test_a_link_that_can_tell_nothing_is_closed(
+def test_a_link_that_cannot_send_the_status_is_closed(
     address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A page that hears nothing must know, so that it looks for another link."""
@@ -269,7 +267,7 @@ def test_a_link_that_can_tell_nothing_is_closed(
             heard(link, lambda message: False)
 
 
-def test_what_was_said_of_a_pause_is_gone_when_it_is_over(board: RunStatus) -> None:
+def test_the_pause_note_disappears_after_the_pause(board: RunStatus) -> None:
     enter(board, State.FOLDING)
     board.heard(Event.PAUSE)
     board.note("paused on the way: resume or abort")

@@ -21,9 +21,10 @@ from cell.operator.console.server import PAGE
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
+from tests import optional_parts
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="there is no browser")
+pytestmark = optional_parts.BROWSER.required
 ACCEPT = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 PRESS_STOP_WHEN_LOST = """
 <script>setInterval(() => { if (!at("lost").hidden && !at("stop").disabled) at("stop").click(); }, 100);</script>
@@ -128,13 +129,13 @@ def a_board() -> RunStatus:
     return RunStatus("run-1", "small_towel", 3, simulated=True)
 
 
-def test_stop_can_be_pressed_when_nothing_is_heard_and_goes_by_the_link_that_may_carry_it(page: Page) -> None:
+def test_stop_works_on_a_page_that_lost_its_link(page: Page) -> None:
     """A program that hangs for a moment hears of it as soon as it goes on."""
     said = page([a_board()], PRESS_STOP_WHEN_LOST)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}
 
 
-def test_no_button_moves_whatever_the_page_tells(page: Page) -> None:
+def test_buttons_keep_their_place_in_every_state(page: Page) -> None:
     """A hand on its way to STOP would meet the button of a question that comes up just then, and approve."""
     computing, asking, ended = entered(a_board(), State.OPTIMISING), a_board(), entered(a_board(), State.FAULT)
     computing.computing(3, 25, "simulations at most, best D 2.1 mm")

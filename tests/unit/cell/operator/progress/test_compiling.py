@@ -30,7 +30,7 @@ def compiled(module: str) -> None:
     numba.njit(add)(1)
 
 
-def test_each_part_is_told_of_once_and_nothing_else_is() -> None:
+def test_each_compiled_part_is_announced_once() -> None:
     told: list[str] = []
     with compiling_told(told.append):
         for module in (
@@ -45,7 +45,7 @@ def test_each_part_is_told_of_once_and_nothing_else_is() -> None:
     assert len(told) == 2, "outside nothing is told"
 
 
-def test_what_comes_from_the_cache_is_not_told_of(tmp_path: Path) -> None:
+def test_cached_code_is_not_announced(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     cold, warm = (
         subprocess.run(

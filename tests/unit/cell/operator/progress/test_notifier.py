@@ -22,7 +22,7 @@ def notifier(
     return Notifier(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
 
 
-def test_lines_and_page_hear_the_same() -> None:
+def test_terminal_and_page_get_the_same_messages() -> None:
     page = board()
     told, stream = notifier(page)
     told.note("the library is read")
@@ -33,7 +33,7 @@ def test_lines_and_page_hear_the_same() -> None:
 
 
 @pytest.mark.parametrize(("typed", "keys"), [(True, " (a, Enter)"), (False, "")])
-def test_who_can_type_is_told_which_key(typed: bool, keys: str) -> None:
+def test_the_key_is_named_if_a_terminal_is_attended(typed: bool, keys: str) -> None:
     told, stream = notifier(typed=typed)
     told.ask("lay the garment")
     assert stream.getvalue().strip().endswith(f"lay the garment, then approve{keys}")
@@ -42,7 +42,7 @@ def test_who_can_type_is_told_which_key(typed: bool, keys: str) -> None:
     assert stream.getvalue() == before, "there is nothing to say"
 
 
-def test_a_quiet_run_asks_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_quiet_run_still_asks_questions(capsys: pytest.CaptureFixture[str]) -> None:
     """Standard output is kept for the result."""
     page = board()
     told, stream = notifier(page, quiet=True)

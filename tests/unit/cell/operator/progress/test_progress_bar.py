@@ -41,14 +41,14 @@ def test_on_a_terminal_one_line_is_written_over(monkeypatch: pytest.MonkeyPatch)
     assert out.getvalue().endswith("half: done\n"), "what is not shown is not taken away"
 
 
-def test_it_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_progress_bar_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "30")
     out = Terminal()
     ProgressBar(out).update(3, 9, "a remark that is much too long for this")
     assert len(out.getvalue().removeprefix("\r").removesuffix("\x1b[K")) <= 30
 
 
-def test_elsewhere_lines_are_plain_and_few() -> None:
+def test_progress_without_a_terminal_is_a_few_plain_lines() -> None:
     out, clock = io.StringIO(), Clock()
     bar = ProgressBar(out, clock)
     for done in range(1, 101):
@@ -72,7 +72,7 @@ def test_time_left_follows_the_mean_pace_and_a_total_that_shrinks() -> None:
     assert out.getvalue().split("\r")[-1].count("left") == 0
 
 
-def test_other_work_is_timed_from_its_own_begin() -> None:
+def test_each_task_is_timed_from_its_own_start() -> None:
     out, clock = Terminal(), Clock()
     bar = ProgressBar(out, clock)
     clock.now += 1000.0

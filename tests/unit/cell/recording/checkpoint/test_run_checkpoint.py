@@ -83,12 +83,14 @@ def read(folder: Path) -> RunContext:
     return read_checkpoint(folder, FrameStore(folder.parent / "frames"))
 
 
-def test_it_comes_back_as_it_was(kept: Path) -> None:
+def test_a_checkpoint_restores_the_context(kept: Path) -> None:
     assert same(read(kept), context())
     assert not same(read(kept), context_with(context(), index=0))
 
 
-def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_checkpoint_is_read_by_a_python_that_names_enum_members(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As 3.11.2, Debian's, does: a member of an Enum is put down as getattr(kind, name)."""
     for kind in (Event, FailureKind, Adjustment, Side, GraspId):
         monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
@@ -97,7 +99,7 @@ def test_it_comes_back_on_a_python_that_names_members(tmp_path: Path, monkeypatc
     assert same(read(tmp_path / "checkpoint"), context())
 
 
-def test_what_stays_the_same_is_written_once(kept: Path) -> None:
+def test_unchanged_pictures_and_arrays_are_not_written_again(kept: Path) -> None:
     """A picture and a large array of the last effect are not written again by the next one."""
     before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
     write_checkpoint(kept, context_with(read(kept), index=0), FrameStore(kept.parent / "frames"))
@@ -108,7 +110,7 @@ def test_what_stays_the_same_is_written_once(kept: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])
-def test_a_file_that_is_cut_off_is_told(kept: Path, share: float) -> None:
+def test_a_truncated_checkpoint_is_refused(kept: Path, share: float) -> None:
     content = (kept / "context").read_bytes()
     (kept / "context").write_bytes(content[: int(share * len(content))])
     with pytest.raises(StorageError, match="missing or damaged"):
@@ -117,7 +119,7 @@ def test_a_file_that_is_cut_off_is_told(kept: Path, share: float) -> None:
 
 @pytest.mark.parametrize("pattern", ["checkpoint/*.npy", "frames/*.npz"])
 @pytest.mark.parametrize("damage", ["gone", "cut", "altered"])
-def test_so_is_an_array_or_a_picture(kept: Path, pattern: str, damage: str) -> None:
+def test_a_damaged_array_or_picture_is_refused(kept: Path, pattern: str, damage: str) -> None:
     path = max(kept.parent.glob(pattern), key=lambda p: p.stat().st_size)
     content = bytearray(path.read_bytes())
     path.unlink()
@@ -144,7 +146,7 @@ class Harm:
 
 
 @pytest.mark.parametrize("content", [Harm(), ["a list"], np.zeros(3)])
-def test_nothing_but_a_context_comes_back(
+def test_a_checkpoint_can_hold_nothing_but_a_context(
     kept: Path, content: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -30,7 +30,7 @@ def test_pictures_of_one_fold_share_their_part_of_the_table_and_their_colours() 
     assert (after[h // 2, crease] == after[h // 2, w // 2]).all()
 
 
-def test_what_was_not_seen_is_left_white() -> None:
+def test_unseen_parts_of_a_height_map_are_white() -> None:
     mask = np.zeros((100, 100), bool)
     mask[20:80, 20:80] = True
     height = np.where(mask, 0.02, 0.0)

@@ -98,7 +98,7 @@ def test_pictures_of_the_page_are_the_pictures_given(run):
         assert np.abs(seen.astype(int) - picture.rgb).mean() < 6.0
 
 
-def test_page_says_what_matters(run):
+def test_the_report_shows_result_steps_and_failures(run):
     text = Page(render(run)).text
     for needed in (
         "Folded: Medium towel", "simulated", "81.4 s", "33.2 s", "optimised", "library", "12.3 mm", "18.8 mm",
@@ -143,7 +143,7 @@ def test_a_report_that_cannot_be_written_leaves_nothing(run, tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_figures_are_written_as_people_read_them():
+def test_figures_are_formatted_with_units():
     assert length(0.0123) == "12.3 mm"
     assert length(None) == length(float("nan")) == "–"
     assert seconds(8.314) == "8.31 s"

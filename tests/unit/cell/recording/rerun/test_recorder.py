@@ -72,7 +72,7 @@ def test_the_file_holds_every_row_of_every_series(recorded):
         np.testing.assert_allclose(np.diff(t), 0.01, atol=1e-6)
 
 
-def test_an_arm_that_has_no_part_in_a_new_plan_has_no_path_any_more():
+def test_the_path_of_an_arm_without_a_part_in_the_new_plan_is_removed():
     """Another search may give the fold to the other arm, and one hand presses what two have folded."""
     arc = np.zeros((3, 3))
     shown = {"left", "right"}
@@ -353,7 +353,7 @@ def test_pump_survives_errors_and_counts_what_is_left_at_the_end():
     assert pump.dropped == 6
 
 
-def test_lines_of_one_plot_can_be_told_apart():
+def test_lines_of_one_plot_have_different_colours():
     entries = [e for e in scene.cell_entries(load_settings().table, None) if isinstance(e, Log)]
     looks = [e.parts[0].colors.as_arrow_array() for e in entries if e.path.startswith("grip/")]
     assert len(looks) == 6 == len({str(look) for look in looks})

@@ -104,7 +104,7 @@ def test_the_same_questions_get_the_same_answers(tmp_path: Path) -> None:
     assert again(tmp_path, work) == then
 
 
-def test_a_pause_and_what_an_operator_says_are_said_again(tmp_path: Path) -> None:
+def test_pauses_and_operator_commands_are_replayed(tmp_path: Path) -> None:
     commands, cell = CommandQueue(), FakeCell()
     for t, said in ((0.2, Event.PAUSE), (2.0, Event.RESUME), (2.0, Event.RETRY)):
         cell.at(t, lambda said=said: commands.put(said))
@@ -128,7 +128,7 @@ def test_a_stop_comes_at_the_same_tick(tmp_path: Path) -> None:
     assert again(tmp_path, act) == (failure, t)
 
 
-def test_what_a_driver_refused_is_refused_again(tmp_path: Path) -> None:
+def test_a_driver_error_is_replayed(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.stop_reason = "the button"
 
@@ -141,7 +141,7 @@ def test_what_a_driver_refused_is_refused_again(tmp_path: Path) -> None:
     assert again(tmp_path, act) == then
 
 
-def test_another_question_is_told_of(tmp_path: Path) -> None:
+def test_a_different_question_is_reported(tmp_path: Path) -> None:
     taken_down(
         tmp_path, FakeCell(), lambda ports, _: [ports.arms.command(np.zeros(14), np.zeros(14)) for _ in "ab"]
     )
@@ -158,7 +158,7 @@ def test_another_question_is_told_of(tmp_path: Path) -> None:
     assert (caught.value.then.split(":")[0], caught.value.now) == ("a set-point for the arms", "a picture")
 
 
-def test_more_questions_than_there_were_are_told_of(tmp_path: Path) -> None:
+def test_additional_questions_are_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.clock.now())
     there = answers(tmp_path)
     assert there.ports().clock.now() == 0.0
@@ -167,7 +167,7 @@ def test_more_questions_than_there_were_are_told_of(tmp_path: Path) -> None:
     assert (caught.value.then, caught.value.now) == ("the end of the run", "a look at the clock")
 
 
-def test_a_transcript_that_breaks_off_says_nothing_of_what_comes(tmp_path: Path) -> None:
+def test_a_truncated_transcript_is_no_deviation(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     whole = Transcript(tmp_path / TRANSCRIPT)
     write_transcript(tmp_path, whole.constants, list(whole)[:100])
@@ -176,7 +176,7 @@ def test_a_transcript_that_breaks_off_says_nothing_of_what_comes(tmp_path: Path)
     assert caught.value.then == caught.value.now == "" and caught.value.trouble is None
 
 
-def test_a_picture_that_is_missing_is_told_of(tmp_path: Path) -> None:
+def test_a_missing_picture_is_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     for path in (tmp_path / FRAMES).iterdir():
         path.unlink()
@@ -185,14 +185,14 @@ def test_a_picture_that_is_missing_is_told_of(tmp_path: Path) -> None:
     assert isinstance(caught.value.trouble, StorageError) and "missing" in caught.value.trouble.what
 
 
-def test_a_halt_passes_what_catches_failures(tmp_path: Path) -> None:
+def test_a_halt_is_not_caught_as_a_failure(tmp_path: Path) -> None:
     assert not issubclass(Halt, Exception)
 
 
 # the stop
 
 
-def test_the_stop_works_from_any_thread_and_is_not_noted(tmp_path: Path) -> None:
+def test_the_stop_works_from_any_thread_and_is_not_recorded(tmp_path: Path) -> None:
     """Others look at it as often as they like; what the executive asked is the same."""
     cell = FakeCell()
 
@@ -211,7 +211,7 @@ def test_the_stop_works_from_any_thread_and_is_not_noted(tmp_path: Path) -> None
     assert [e.channel for e in Transcript(tmp_path / TRANSCRIPT)] == [Channel.STOP, Channel.END]
 
 
-def test_the_stop_works_when_nothing_can_be_noted(tmp_path: Path) -> None:
+def test_the_stop_works_when_recording_fails(tmp_path: Path) -> None:
     cell, port_recorder = FakeCell(), PortRecorder(tmp_path)
     heard = port_recorder.between(cell.ports(), CommandQueue())
     assert port_recorder._writer is not None
@@ -221,7 +221,7 @@ def test_the_stop_works_when_nothing_can_be_noted(tmp_path: Path) -> None:
     assert "the disk is gone" in (port_recorder.close() or "")
 
 
-def test_what_a_driver_should_not_give_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
+def test_an_invalid_driver_answer_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
     port_recorder = PortRecorder(tmp_path)
     ports = FakeCell().ports()
     ports.clock.now = lambda: {"not": "a time"}  # type: ignore[attr-defined, method-assign]
@@ -244,7 +244,7 @@ def computed(cell: Workcell, skill: Callable[[], Any]) -> Outcome[Any]:
 
 
 @pytest.mark.parametrize("pressed", [False, True])
-def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
+def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     tmp_path: Path, workers: ThreadPoolExecutor, pressed: bool
 ) -> None:
     """How often the stop was asked meanwhile is the wall clock's affair; whether it was set is decided by."""
@@ -269,9 +269,7 @@ def test_a_stop_during_computing_ends_it_again_however_long_it_takes(
     assert there.next is not None and there.next.channel is Channel.END
 
 
-def test_where_the_transcript_is_over_nothing_is_computed_in_vain(
-    tmp_path: Path, workers: ThreadPoolExecutor
-) -> None:
+def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     write_transcript(tmp_path, CellConstants.of(FakeCell().ports()), [])
     there, ages = answers(tmp_path), threading.Event()
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
@@ -286,7 +284,7 @@ def test_where_the_transcript_is_over_nothing_is_computed_in_vain(
 
 
 @pytest.mark.parametrize("name", ["Clock", "Arms", "Head", "Gripper", "Tactile", "Camera", "Stop", "Attendant"])
-def test_every_method_of_every_port_is_taken_down_and_answered(name: str, tmp_path: Path) -> None:
+def test_every_method_of_every_port_is_recorded_and_replayed(name: str, tmp_path: Path) -> None:
     """A port that learns something new has to be taken down with it."""
     protocol = getattr(robots.ports, name)
     methods = {n for n, m in inspect.getmembers(protocol, inspect.isfunction) if not n.startswith("_")}
@@ -307,7 +305,7 @@ def of_kind(ports: Ports, name: str) -> list[Any]:
     return named.get(name) or [getattr(ports, name.lower())]
 
 
-def test_every_port_is_exchanged_for_one_that_is_taken_down(tmp_path: Path) -> None:
+def test_every_port_is_wrapped_for_recording(tmp_path: Path) -> None:
     bare = FakeCell().ports()
     port_recorder = PortRecorder(tmp_path)
     heard = port_recorder.between(bare, CommandQueue()).ports
@@ -317,7 +315,7 @@ def test_every_port_is_exchanged_for_one_that_is_taken_down(tmp_path: Path) -> N
     port_recorder.close()
 
 
-def test_without_a_recording_nothing_is_in_between(tmp_path: Path) -> None:
+def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
     bare, queue, port_recorder = FakeCell().ports(), CommandQueue(), PortRecorder(None)
     heard = port_recorder.between(bare, queue)
     assert heard.ports is bare and heard.commands is queue
@@ -325,7 +323,7 @@ def test_without_a_recording_nothing_is_in_between(tmp_path: Path) -> None:
     assert port_recorder.close() is None and list(tmp_path.iterdir()) == []
 
 
-def test_an_altered_answer_is_what_is_answered(tmp_path: Path) -> None:
+def test_an_altered_answer_is_replayed_as_altered(tmp_path: Path) -> None:
     """The answers come from the transcript and from nowhere else."""
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.arms.state())
     whole = Transcript(tmp_path / TRANSCRIPT)

@@ -35,7 +35,7 @@ def picture() -> CameraFrame:
     return CameraFrame(1.0, 3, rgb, np.ones((48, 64), np.float32), Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
 
 
-def test_what_is_noted_is_read(tmp_path: Path) -> None:
+def test_a_transcript_reads_back_as_written(tmp_path: Path) -> None:
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(500):
         writer.note(e.channel, e.question, e.answer)
@@ -52,7 +52,7 @@ def test_what_is_noted_is_read(tmp_path: Path) -> None:
     assert np.array_equal(FrameStore(tmp_path / FRAMES).get(named.name).rgb, picture().rgb)
 
 
-def test_what_was_noted_is_on_disk_within_a_moment(tmp_path: Path) -> None:
+def test_exchanges_are_on_disk_without_closing_the_transcript(tmp_path: Path) -> None:
     """A killed process leaves all but its last moment."""
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(3):
@@ -64,7 +64,7 @@ def test_what_was_noted_is_on_disk_within_a_moment(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_one_that_breaks_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_a_truncated_transcript_is_read_up_to_its_end(tmp_path: Path) -> None:
     path = write_transcript(tmp_path, CONSTANTS, sleeps(100))
     first = path.stat().st_size
     with path.open("ab") as file:
@@ -78,7 +78,7 @@ def test_one_that_breaks_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
         assert list(Transcript(path)) == sleeps(100)
 
 
-def test_a_damaged_one_is_told_of(tmp_path: Path) -> None:
+def test_a_damaged_transcript_is_refused(tmp_path: Path) -> None:
     path = write_transcript(tmp_path, CONSTANTS, sleeps(100))
     data = bytearray(path.read_bytes())
     for at in (-1, -40):
@@ -87,7 +87,7 @@ def test_a_damaged_one_is_told_of(tmp_path: Path) -> None:
             list(Transcript(path))
 
 
-def test_one_that_is_missing_is_told_of(tmp_path: Path) -> None:
+def test_a_missing_transcript_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="has no transcript") as caught:
         Transcript(tmp_path / TRANSCRIPT)
     assert caught.value.hint
@@ -117,7 +117,7 @@ def no_constants(head: dict) -> bytes:
     [other_schema, other_fields, other_channels, no_constants, lambda head: b"", lambda head: b"\x00\xff" * 400,
      lambda head: b"foldcell transcript 1\n[1, 2]", lambda head: b"foldcell transcript 1\nnot JSON"],
 )  # fmt: skip
-def test_one_of_another_version_is_refused(make, tmp_path: Path) -> None:
+def test_a_transcript_of_another_version_is_refused(make, tmp_path: Path) -> None:
     path = write_transcript(tmp_path, CONSTANTS, sleeps(3))
     head = json.loads(path.read_bytes().split(b"\n")[1])
     path.write_bytes(make(head) + b"\n")
@@ -126,12 +126,12 @@ def test_one_of_another_version_is_refused(make, tmp_path: Path) -> None:
     assert "version" in caught.value.hint
 
 
-def test_a_folder_that_takes_no_file_is_told_of_before_the_run(lockable) -> None:
+def test_an_unwritable_folder_is_reported_before_the_run(lockable) -> None:
     with lockable.read_only(), pytest.raises(StorageError, match="cannot be written"):
         TranscriptWriter(lockable.folder, CONSTANTS)
 
 
-def test_what_cannot_be_kept_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
+def test_a_storage_error_ends_the_transcript_and_not_the_run(tmp_path: Path) -> None:
     (tmp_path / FRAMES).write_text("no folder")
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(5):
@@ -145,9 +145,7 @@ def test_what_cannot_be_kept_ends_the_transcript_and_not_the_run(tmp_path: Path)
     assert list(Transcript(tmp_path / TRANSCRIPT)) == sleeps(5)
 
 
-def test_a_disk_that_stands_still_does_not_fill_the_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_blocked_disk_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.recording.transcript.transcript.PENDING", 1000)
     monkeypatch.setattr("cell.recording.transcript.transcript.EVERY_S", 30.0)
     writer = TranscriptWriter(tmp_path, CONSTANTS)

@@ -60,7 +60,7 @@ def test_readings_come_back_bit_for_bit_and_read_only(value: Any) -> None:
             assert there == field
 
 
-def test_what_numpy_makes_of_a_number_is_that_number() -> None:
+def test_numpy_scalars_are_packed_as_python_numbers() -> None:
     assert unpack(pack(np.float64(0.1))) == 0.1 and pack(np.float64(0.1)) == pack(0.1)
     assert pack(np.bool_(True)) == pack(True) and pack(np.int64(3)) == pack(3)
 
@@ -70,7 +70,7 @@ def test_equal_bytes_mean_equal_values() -> None:
     assert pack((J, J)) == pack((J.copy(), J[::-1][::-1]))
 
 
-def test_what_was_raised_is_raised_again_as_it_was() -> None:
+def test_a_packed_exception_is_restored() -> None:
     error = DriverError(FailureKind.CAMERA_FAULT, "no picture", "look at the cable", tries=3)
     raised = unpack(pack_raised(error))
     assert isinstance(raised, Raised) and isinstance(raised.error, DriverError)
@@ -79,7 +79,7 @@ def test_what_was_raised_is_raised_again_as_it_was() -> None:
     assert f"{type(crash).__name__}: {crash}" == "KeyError: 'a bug in a driver'"
 
 
-def test_what_no_port_gives_is_refused() -> None:
+def test_types_that_no_port_returns_are_refused() -> None:
     for value in (object(), {"a": 1}, [1], b"x"):
         with pytest.raises(TypeError, match="transcript"):
             pack(value)
@@ -99,7 +99,7 @@ def test_a_damaged_value_is_a_value_or_refused(value: Any, data: Any) -> None:
         unpack(bytes(packed[: data.draw(st.integers(0, len(packed)))]))
 
 
-def test_nothing_is_made_of_objects() -> None:
+def test_arbitrary_objects_are_never_unpickled() -> None:
     packed = pack(np.arange(2.0)).replace(b"<f8", b"|O8")
     with pytest.raises(ValueError, match=r"object|array"):
         unpack(packed)

@@ -64,7 +64,7 @@ def test_a_read_only_folder_is_a_storage_error(lockable: Any) -> None:
     assert list(lockable.folder.iterdir()) == []
 
 
-def test_a_full_folder_is_left_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_without_space_is_left_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a full or read-only file system does."""
     for number in (errno.EROFS, errno.ENOSPC):
 
@@ -77,7 +77,7 @@ def test_a_full_folder_is_left_as_it_was(tmp_path: Path, monkeypatch: pytest.Mon
         assert list(tmp_path.iterdir()) == []
 
 
-def test_too_little_space_is_found_out_at_once(tmp_path: Path) -> None:
+def test_too_little_space_is_reported_before_the_run(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="MiB left"):
         prepare_logs(tmp_path / "new", least_free=2**60)
     assert not (tmp_path / "new").exists()

@@ -11,9 +11,7 @@ from cell.support.files.whole_file import write_whole
 from robots.errors import StorageError
 
 
-def test_what_fails_once_the_file_has_its_name_is_told_as_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_after_the_rename_is_raised_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder that cannot be synced, as on some network drives; somebody who interrupts just then."""
 
     def fails(error: BaseException) -> None:

@@ -26,7 +26,7 @@ def before() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_the_cell_and_ends_nothing_by_force(number: signal.Signals) -> None:
+def test_a_signal_stops_the_cell_without_killing_the_process(number: signal.Signals) -> None:
     cell = FakeCell()
     with taking_signals() as interrupts:
         with interrupts.stop(cell.ports(), asked=False):
@@ -37,7 +37,7 @@ def test_a_signal_stops_the_cell_and_ends_nothing_by_force(number: signal.Signal
 
 
 @pytest.mark.parametrize(("asked", "reason"), [(False, "SIGHUP"), (True, "")])
-def test_a_terminal_that_hangs_up_stops_what_nobody_attends(asked: bool, reason: str) -> None:
+def test_a_hangup_stops_an_unattended_run(asked: bool, reason: str) -> None:
     """Who was asked there is missed by the one who asks: that run ends by itself, or goes on by the page."""
     cell = FakeCell()
     with taking_signals() as interrupts, interrupts.stop(cell.ports(), asked=asked):
@@ -45,7 +45,7 @@ def test_a_terminal_that_hangs_up_stops_what_nobody_attends(asked: bool, reason:
         assert cell.stop_reason == reason
 
 
-def test_nohup_is_heeded() -> None:
+def test_a_hangup_is_ignored_under_nohup() -> None:
     handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     cell = FakeCell()
     try:
@@ -57,7 +57,7 @@ def test_nohup_is_heeded() -> None:
 
 
 @pytest.mark.parametrize(("driver", "stopped"), [("sim", False), ("emulator", True), ("ros", True)])
-def test_a_program_that_was_suspended_moves_no_robot(driver: str, stopped: bool) -> None:
+def test_a_suspended_program_stops_a_real_robot(driver: str, stopped: bool) -> None:
     """A simulated cell waits for its executive: it may be looked at between Ctrl-Z and fg."""
     cell = FakeCell()
     with taking_signals() as interrupts, interrupts.stop(replace(cell.ports(), driver=driver), asked=False):

@@ -102,7 +102,7 @@ def test_two_locks_in_one_process_exclude_each_other(tmp_path: Path) -> None:
         OwnerLock(tmp_path / "l").acquire()
 
 
-def test_looking_does_not_refuse_an_owner(tmp_path: Path) -> None:
+def test_checking_a_lock_does_not_block_its_owner(tmp_path: Path) -> None:
     """`is_held` holds a shared lock for an instant; an owner that comes just then has to wait, not fail."""
     import fcntl
     import threading
@@ -118,11 +118,11 @@ def test_looking_does_not_refuse_an_owner(tmp_path: Path) -> None:
     os.close(looker)
 
 
-def test_what_does_not_exist_is_not_held(tmp_path: Path) -> None:
+def test_a_missing_lock_file_is_not_held(tmp_path: Path) -> None:
     assert not is_held(tmp_path / "none")
 
 
-def test_a_lock_that_cannot_be_made(tmp_path: Path) -> None:
+def test_an_unwritable_lock_is_a_storage_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="lock file"):
         OwnerLock(tmp_path / "file" / "cell.lock").acquire()

@@ -81,7 +81,7 @@ open(os.path.join({folder!r}, ("stopped" if asked else "whole") + "-{number}"), 
 
 
 @pytest.mark.parametrize("each", [None, 8])
-def test_what_was_handed_over_already_is_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
+def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
     """A run that heeds the signal ends in order; the executor's queue, which nobody can take back, is left."""
 
     def ended(how: str) -> list[str]:
@@ -101,7 +101,7 @@ def test_what_was_handed_over_already_is_not_done_after_an_interruption(tmp_path
 
 @pytest.mark.parametrize("each", [None, 1, 3])
 @pytest.mark.timeout(60)
-def test_work_is_done_elsewhere(each: int | None) -> None:
+def test_tasks_run_in_another_process(each: int | None) -> None:
     """Also where far more waits than there are processes, and these are replaced."""
     with worker_pool(2, each) as pool:
         pids = list(pool.map(_pid, range(14)))

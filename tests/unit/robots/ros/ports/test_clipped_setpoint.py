@@ -40,7 +40,7 @@ def outside(q: Array) -> Array:
 
 
 @given(q=anywhere | inside, qd=anywhere, before=inside)
-def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: Array) -> None:
+def test_the_set_point_stays_within_limits_and_reach(q: Array, qd: Array, before: Array) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
     assert np.all((sent.q >= LIMITS.lower) & (sent.q <= LIMITS.upper))
     assert np.all(np.abs(sent.q - before) <= REACH + ROUNDING)
@@ -49,7 +49,7 @@ def test_stays_within_the_ranges_and_within_reach(q: Array, qd: Array, before: A
 
 
 @given(q=anywhere | inside | far_out, qd=anywhere, before=far_out)
-def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
+def test_a_set_point_outside_the_limits_never_jumps_or_moves_further_out(
     q: Array, qd: Array, before: Array
 ) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 1.0)
@@ -59,7 +59,7 @@ def test_from_outside_of_the_ranges_it_never_jumps_and_never_goes_further_out(
 
 
 @given(goal=inside, before=far_out)
-def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Array) -> None:
+def test_a_set_point_outside_the_limits_returns_inside(goal: Array, before: Array) -> None:
     """As directly as from anywhere else, a step's reach at a time."""
     steps = int(np.ceil(np.max(np.abs(goal - before) / REACH))) + 1
     for _ in range(steps):
@@ -71,14 +71,14 @@ def test_from_outside_of_the_ranges_it_gets_back_inside(goal: Array, before: Arr
 
 
 @given(before=far_out)
-def test_it_may_stay_where_it_stands_wherever_that_is(before: Array) -> None:
+def test_the_present_position_is_always_allowed(before: Array) -> None:
     sent = clip_setpoint(before, np.zeros(14), before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, before)
     assert not sent.clipped
 
 
 @given(before=inside, share=vectors(-0.99, 0.99), qd=between(-VELOCITY, VELOCITY))
-def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array) -> None:
+def test_an_allowed_set_point_is_sent_unchanged(before: Array, share: Array, qd: Array) -> None:
     q = np.clip(before + share * REACH, LIMITS.lower, LIMITS.upper)
     sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, q)
@@ -87,13 +87,13 @@ def test_what_is_allowed_is_sent_as_it_is(before: Array, share: Array, qd: Array
 
 
 @given(q=inside | anywhere, qd=between(-2.0 * VELOCITY, 2.0 * VELOCITY), before=inside)
-def test_says_whether_it_changed_anything(q: Array, qd: Array, before: Array) -> None:
+def test_a_changed_set_point_is_marked_as_clipped(q: Array, qd: Array, before: Array) -> None:
     sent = clip_setpoint(q, qd, before, before, LIMITS, 0.0)
     assert sent.clipped is not (np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd))
 
 
 @given(q=anywhere, before=inside)
-def test_goes_towards_what_was_asked_for(q: Array, before: Array) -> None:
+def test_the_set_point_moves_towards_the_requested_one(q: Array, before: Array) -> None:
     sent = clip_setpoint(q, np.zeros(14), before, before, LIMITS, 0.0)
     assert np.all(np.sign(q - before) * (sent.q - before) >= -ROUNDING)
     nearer = np.minimum(np.abs(q - before), REACH)
@@ -102,7 +102,7 @@ def test_goes_towards_what_was_asked_for(q: Array, before: Array) -> None:
 
 
 @given(q=anywhere | inside | far_out, before=far_out, stands=far_out)
-def test_joints_that_stray_are_sent_no_further_than_around_where_they_are_and_were_sent(
+def test_straying_joints_get_set_points_near_their_position_or_last_set_point(
     q: Array, before: Array, stands: Array
 ) -> None:
     sent = clip_setpoint(q, np.zeros(14), before, stands, LIMITS, 0.0)
@@ -112,13 +112,13 @@ def test_joints_that_stray_are_sent_no_further_than_around_where_they_are_and_we
 
 
 @given(before=inside, stands=inside)
-def test_blocked_joints_are_held_where_they_stand_however_far_they_were_sent(before: Array, stands: Array) -> None:
+def test_blocked_joints_are_held_at_their_position(before: Array, stands: Array) -> None:
     sent = clip_setpoint(stands, np.zeros(14), before, stands, LIMITS, 0.0)
     np.testing.assert_array_equal(sent.q, stands)
     assert not sent.clipped
 
 
-def test_is_nobodys_to_change() -> None:
+def test_the_clipped_set_point_is_read_only() -> None:
     q = np.zeros(14)
     sent = clip_setpoint(q, q, q, q, LIMITS, 0.0)
     q[0] = 1.0

@@ -181,7 +181,7 @@ def test_enabling_is_repeated_until_the_robot_agrees(puppet: Puppet, ports: Port
     puppet.stays(lambda: len(heard))
 
 
-def test_a_robot_that_does_not_switch_on_is_told_of(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_a_robot_that_does_not_enable_is_a_driver_error(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(arms_module, "ENABLE_S", 0.5)
     puppet.deaf.add(ENABLE)
     with pytest.raises(DriverError, match="motors") as caught:
@@ -189,7 +189,7 @@ def test_a_robot_that_does_not_switch_on_is_told_of(puppet: Puppet, ports: Ports
     assert caught.value.kind is FailureKind.HARDWARE_FAULT
 
 
-def test_what_a_silent_robot_said_long_ago_is_not_believed(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_an_old_state_of_a_silent_robot_does_not_enable_it(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(arms_module, "ENABLE_S", 0.5)
     ports.arms.enable()
     puppet.hush(STATE)
@@ -252,9 +252,7 @@ def test_the_robot_hears_what_is_returned(puppet: Puppet, arms: Arms, limits: Jo
     assert clipped > 0
 
 
-def test_no_further_from_the_last_set_point_than_the_joints_go(
-    puppet: Puppet, arms: Arms, limits: JointLimits
-) -> None:
+def test_set_points_keep_the_joint_velocity_limits(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     puppet.deaf = {LIMB[side] + "joint_command" for side in Side}
     reach = limits.velocity * JUMP_TIME
     stood = puppet.q.copy()
@@ -267,7 +265,7 @@ def test_no_further_from_the_last_set_point_than_the_joints_go(
     np.testing.assert_allclose(arms.command(stood + 5.0).q, np.minimum(stood + reach, limits.upper), atol=1e-12)
 
 
-def test_limits_hold_whoever_asks_for_more(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
+def test_limits_hold_for_any_command(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     puppet.q = limits.upper - 0.01
     wait(lambda: np.array_equal(arms.port.state().q, puppet.q), "they stand near their ends")
     sent = arms.command(limits.upper + 0.01, 3.0 * limits.velocity)
@@ -333,7 +331,7 @@ def test_a_moment_of_silence_is_forgiven(puppet: Puppet, arms: Arms) -> None:
     arms.command(puppet.q)
 
 
-def test_a_triggered_stop_refuses_at_once_whatever_the_robot_says(puppet: Puppet, arms: Arms) -> None:
+def test_commands_are_refused_immediately_after_a_triggered_stop(puppet: Puppet, arms: Arms) -> None:
     puppet.deaf.add(STOP)
     arms.command(puppet.q)
     arms.stop.trigger("a test")
@@ -343,7 +341,7 @@ def test_a_triggered_stop_refuses_at_once_whatever_the_robot_says(puppet: Puppet
 
 
 @pytest.mark.parametrize("wrong", [np.full(14, np.nan), np.full(14, np.inf), np.zeros(7), np.zeros((14, 1))])
-def test_no_joint_vector_is_no_command(puppet: Puppet, arms: Arms, wrong: Array) -> None:
+def test_a_command_of_the_wrong_shape_is_refused(puppet: Puppet, arms: Arms, wrong: Array) -> None:
     assert refused(arms.port, wrong) is FailureKind.HARDWARE_FAULT
     assert refused(arms.port, puppet.q, wrong) is FailureKind.HARDWARE_FAULT
     one = puppet.q.copy()
@@ -353,9 +351,7 @@ def test_no_joint_vector_is_no_command(puppet: Puppet, arms: Arms, wrong: Array)
     assert arms.heard(Side.LEFT) == [] and arms.heard(Side.RIGHT) == []
 
 
-def test_the_robot_is_told_how_long_a_command_holds_and_to_move_at_full_speed(
-    puppet: Puppet, ports: Ports
-) -> None:
+def test_command_timeout_and_full_speed_are_published(puppet: Puppet, ports: Ports) -> None:
     for side in Side:
         wait(lambda side=side: puppet.heard[LIMB[side] + "joint_command_timeout"], "the timeout")
         wait(lambda side=side: puppet.heard[LIMB[side] + "set_speed_ratio"], "the speed")

@@ -20,10 +20,11 @@ from robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, r
 from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame
+from tests.optional_parts import ROS
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:notifyAll"),  # rospy's own
-    pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed"),
+    ROS.required,
 ]
 HEIGHT, WIDTH = 3, 4
 
@@ -125,7 +126,7 @@ def test_colour_and_depth_of_one_moment_come_together(film: Film, camera: RosCam
         assert not frame.rgb.flags.writeable and not frame.depth.flags.writeable
 
 
-def test_depth_of_the_moment_before_is_not_taken_for_its_own(film: Film, camera: RosCamera) -> None:
+def test_depth_of_an_earlier_exposure_is_not_used(film: Film, camera: RosCamera) -> None:
     """At 60 pictures a second both lie near enough, and the wrong one is there first."""
     film.colour = film.depth = lambda n: 50.0 + n / 60
     for _ in range(3):
@@ -140,12 +141,14 @@ def test_a_lost_depth_picture_is_waited_out(film: Film, camera: RosCamera) -> No
     np.testing.assert_array_equal(frame.depth, depths(int(frame.rgb[0, 0, 0])))
 
 
-def test_the_figures_of_the_camera_come_with_it(film: Film, camera: RosCamera) -> None:
+def test_a_picture_has_the_camera_intrinsics(film: Film, camera: RosCamera) -> None:
     k = camera.capture().intrinsics
     assert (k.width, k.height, k.fx, k.fy, k.cx, k.cy) == (WIDTH, HEIGHT, 5.0, 6.0, 2.0, 1.5)
 
 
-def test_it_listens_only_while_it_takes_a_picture(film: Film, puppet: Puppet, camera: RosCamera) -> None:
+def test_the_camera_subscribes_only_while_it_takes_a_picture(
+    film: Film, puppet: Puppet, camera: RosCamera
+) -> None:
     puppet.let(10)
     assert film.taken == 0
     camera.capture()
@@ -188,7 +191,7 @@ def test_depth_of_other_moments_is_a_fault(film: Film, camera: RosCamera, monkey
     ],
     ids=["colour's encoding", "unregistered depth", "depth's encoding"],
 )
-def test_a_picture_that_cannot_be_read_is_a_fault_that_says_why(
+def test_an_unreadable_picture_is_a_fault_with_its_reason(
     film: Film, camera: RosCamera, colour: Any, depth: Any, says: str
 ) -> None:
     usual = film.pictures
@@ -280,7 +283,7 @@ def test_a_slow_camera_gives_what_it_exposed_in_time(film: Film, node: Node) -> 
     assert clock.now() - taken[0].stamp < PICTURE_AGE, "or whoever asked would refuse it"
 
 
-def test_what_was_exposed_when_patience_ends_is_not_thrown_away(film: Film, node: Node, monkeypatch) -> None:
+def test_a_timeout_keeps_the_exposures_taken_so_far(film: Film, node: Node, monkeypatch) -> None:
     monkeypatch.setattr(camera_module, "ANSWER_S", 2.0)
     camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), exposures=1000)
     assert camera.capture().depth.shape == (HEIGHT, WIDTH)
@@ -316,7 +319,9 @@ def test_a_glimpse_never_waits_and_is_never_old(film: Film, node: Node) -> None:
     wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
 
 
-def test_a_master_that_hangs_holds_nobody_up(film: Film, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_master_does_not_block_the_camera(
+    film: Film, node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(camera_module, "ANSWER_S", 0.2)
     monkeypatch.setattr(camera_module, "GRACE_S", 0.2)
     released = threading.Event()

@@ -47,7 +47,7 @@ def told(node: Node) -> Iterator[Told]:
     made.close()
 
 
-def test_the_walls_clock_never_goes_back() -> None:
+def test_the_wall_clock_never_goes_back() -> None:
     clock = WallClock()
     times = [clock.now() for _ in range(1000)]
     assert times == sorted(times) and times[0] >= 0.0
@@ -68,13 +68,13 @@ def test_the_time_in_which_the_machine_slept_counts(monkeypatch: pytest.MonkeyPa
     assert clock.now() - before >= 600.0
 
 
-def test_the_topic_says_what_time_it_is(told: Told) -> None:
+def test_the_clock_reads_the_time_of_the_topic(told: Told) -> None:
     assert told.clock.now() == 0.0
     told.set(12.5)
     assert told.clock.now() == 12.5
 
 
-def test_it_never_goes_back(told: Told) -> None:
+def test_the_clock_never_goes_back(told: Told) -> None:
     told.set(12.5)
     told.say(3.0)
     told.set(12.75)
@@ -87,7 +87,7 @@ def test_it_never_goes_back(told: Told) -> None:
     assert seen == sorted(seen) and min(seen) >= 12.75
 
 
-def test_sleeps_until_the_topic_says_so(told: Told) -> None:
+def test_sleeping_ends_at_the_time_of_the_topic(told: Told) -> None:
     told.set(1.0)
     woken: list[float] = []
 
@@ -108,13 +108,15 @@ def test_sleeps_until_the_topic_says_so(told: Told) -> None:
     assert told.clock.now() == 2.0
 
 
-def test_a_step_that_rounding_hides_is_none(told: Told) -> None:
+def test_a_time_step_below_rounding_is_ignored(told: Told) -> None:
     told.set(2.0)
     told.clock.sleep_until(2.0 + 1e-9)
 
 
 @pytest.mark.parametrize("talks", [False, True], ids=["silent", "says the same again"])
-def test_a_clock_that_stands_still_has_died(told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool) -> None:
+def test_a_clock_that_stands_still_is_a_driver_error(
+    told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool
+) -> None:
     monkeypatch.setattr(clock_module, "SILENCE_S", 0.4)
     told.set(7.0)
     over = threading.Event()
@@ -144,7 +146,9 @@ def test_a_clock_that_stands_still_has_died(told: Told, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(("simulated", "kind"), [(True, TopicClock), (False, WallClock)])
-def test_the_parameter_chooses(puppet: Puppet, node: Node, simulated: bool, kind: type) -> None:
+def test_the_use_sim_time_parameter_selects_the_clock(
+    puppet: Puppet, node: Node, simulated: bool, kind: type
+) -> None:
     node.set_parameter("/use_sim_time", simulated)
     try:
         assert type(cell_clock(node)) is kind

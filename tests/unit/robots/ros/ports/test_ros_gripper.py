@@ -61,7 +61,7 @@ def fault(port: RosGripper, opening: float = 0.02, force: float = 6.0) -> str:
     return caught.value.what
 
 
-def test_it_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> None:
+def test_a_gripper_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> None:
     bench.port.calibrate()
     bench.port.command(FULL / 2, 12.0)
     bench.done()
@@ -72,7 +72,7 @@ def test_it_is_calibrated_configured_and_moved_in_this_order(bench: Bench) -> No
     assert bench.port.state().opening == pytest.approx(FULL / 2)
 
 
-def test_what_follows_a_calibration_waits_until_it_has_ended(bench: Bench) -> None:
+def test_a_command_waits_for_the_end_of_the_calibration(bench: Bench) -> None:
     bench.hand.calibration_ticks = 10**9
     bench.port.calibrate()
     bench.port.command(0.02, 6.0)
@@ -115,7 +115,7 @@ def test_a_command_is_repeated_until_it_is_echoed_and_never_after(bench: Bench, 
     assert len(bench.hand.heard) == count
 
 
-def test_it_is_not_told_again_before_it_had_time_to_answer(bench: Bench, puppet: Puppet) -> None:
+def test_a_command_is_not_repeated_before_an_answer_is_possible(bench: Bench, puppet: Puppet) -> None:
     bench.calibrate()
     bench.hand.deaf = True
     before = len(bench.hand.heard)
@@ -145,7 +145,7 @@ def test_the_newest_of_several_quick_commands_wins(bench: Bench, puppet: Puppet)
     assert heard == sorted(heard)
 
 
-def test_a_change_of_mind_while_the_force_is_configured(bench: Bench, puppet: Puppet) -> None:
+def test_a_new_command_during_force_configuration_wins(bench: Bench, puppet: Puppet) -> None:
     bench.calibrate()
     bench.hand.deaf = True
     bench.port.command(0.01, 6.0)
@@ -172,7 +172,7 @@ at_once_or_not = pytest.mark.parametrize("at_once", [True, False], ids=["at once
 
 
 @at_once_or_not
-def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(
+def test_a_repeated_command_is_sent_only_after_a_new_calibration(
     bench: Bench, puppet: Puppet, at_once: bool
 ) -> None:
     bench.calibrate()
@@ -190,7 +190,7 @@ def test_the_same_command_again_says_nothing_until_it_is_calibrated_anew(
     assert bench.port.state().calibrated
 
 
-def test_more_than_it_can_is_as_much_as_it_can(bench: Bench) -> None:
+def test_openings_and_forces_are_clipped_to_the_gripper_limits(bench: Bench) -> None:
     bench.calibrate()
     bench.port.command(1.0, 1000.0)
     bench.done()
@@ -225,21 +225,21 @@ def test_a_silent_gripper_is_a_fault_after_a_while(bench: Bench, puppet: Puppet)
     assert bench.port.state().stamp == stamp < bench.clock.now()
 
 
-def test_without_calibration_it_is_refused(bench: Bench, puppet: Puppet) -> None:
+def test_a_command_without_calibration_is_refused(bench: Bench, puppet: Puppet) -> None:
     assert "calibrated" in fault(bench.port)
     puppet.let(10)
     assert bench.hand.heard == []
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
-def test_no_number_is_no_command(bench: Bench, wrong: float) -> None:
+def test_a_command_that_is_not_a_number_is_refused(bench: Bench, wrong: float) -> None:
     bench.calibrate()
     fault(bench.port, wrong, 6.0)
     fault(bench.port, 0.02, wrong)
     assert not bench.port.state().moving
 
 
-def test_its_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> None:
+def test_the_gripper_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet) -> None:
     bench.hand.position, bench.hand.force, bench.hand.moving, bench.hand.calibrated = 25.0, 40.0, 1, 1
     wait(lambda: bench.port.state().calibrated, "heard")
     state = bench.port.state()
@@ -256,7 +256,7 @@ def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: 
     assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated
 
 
-def test_it_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
+def test_a_gripper_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
     bench.calibrate()
     bench.hand.deaf = True
     assert not bench.port.state().moving
@@ -270,7 +270,7 @@ def test_it_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
     assert bench.port.state().opening == pytest.approx(0.02)
 
 
-def test_what_was_handled_for_another_is_not_taken_for_ones_own(puppet: Puppet, connect: Connect) -> None:
+def test_an_answer_to_another_program_is_ignored(puppet: Puppet, connect: Connect) -> None:
     """Both begin to count at the same number."""
     hand = puppet.hands[Side.LEFT]
     for n in (1, 2):
@@ -285,7 +285,7 @@ def test_what_was_handled_for_another_is_not_taken_for_ones_own(puppet: Puppet, 
     assert [m.command for m in hand.handled] == ["calibrate", "clear_calibration", "calibrate"]
 
 
-def test_each_side_is_its_own(puppet: Puppet, connect: Connect) -> None:
+def test_each_side_has_its_own_gripper(puppet: Puppet, connect: Connect) -> None:
     with connect() as ports:
         left, right = (ports.grippers[side] for side in (Side.LEFT, Side.RIGHT))
         right.calibrate()
@@ -296,7 +296,7 @@ def test_each_side_is_its_own(puppet: Puppet, connect: Connect) -> None:
         assert right.state().opening == pytest.approx(FULL) == right.max_opening
 
 
-def test_what_was_not_done_before_a_stop_is_not_done_after_it(puppet: Puppet, ports: Ports) -> None:
+def test_an_order_interrupted_by_a_stop_is_not_done_after_it(puppet: Puppet, ports: Ports) -> None:
     hand, port = puppet.hands[Side.LEFT], ports.grippers[Side.LEFT]
     port.calibrate()
     wait(lambda: not port.state().moving, "calibrated")
@@ -332,7 +332,7 @@ def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
     assert bench.port.state().calibrated and bench.port.state().opening == pytest.approx(0.02)
 
 
-def test_while_it_is_calibrated_it_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:
+def test_a_gripper_in_calibration_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:
     bench.calibrate()
     assert bench.port.state().calibrated
     bench.hand.deaf = True

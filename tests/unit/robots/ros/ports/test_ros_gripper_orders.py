@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from wire import Wire
 
 from robots.baxter.ros.electric_gripper import FULL_FORCE, FULL_OPENING
-from robots.baxter.ros.installation import find_ros
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.ports.gripper import RosGripper
 from robots.errors import DriverError, FailureKind
 from robots.ports import Side
+from tests.optional_parts import ROS
 
-pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+pytestmark = ROS.required
 STATE_S = 0.05
 LONG = 40
 """States in which all that was ordered has been done."""
@@ -163,7 +163,7 @@ deeds = st.one_of(
 
 @settings(max_examples=400)
 @given(calibrated=st.booleans(), deeds=st.lists(deeds, max_size=12))
-def test_whatever_is_ordered_the_last_of_it_is_done(calibrated: bool, deeds: list[tuple]) -> None:
+def test_the_last_of_any_sequence_of_orders_is_done(calibrated: bool, deeds: list[tuple]) -> None:
     """However few states of the gripper lie between two orders."""
     bench = Bench(calibrated)
     for name, *figures in deeds:
@@ -192,7 +192,7 @@ def test_the_last_of_many_commands_right_after_a_calibration_is_done() -> None:
 
 
 @pytest.mark.parametrize("states", range(8))
-def test_calibrated_once_more_while_it_is_being_calibrated(states: int) -> None:
+def test_a_second_calibration_during_the_first_is_done(states: int) -> None:
     """The end of the first is not taken for that of the second."""
     bench = Bench()
     bench.calibrate()
@@ -203,7 +203,7 @@ def test_calibrated_once_more_while_it_is_being_calibrated(states: int) -> None:
 
 
 @pytest.mark.parametrize("states", range(10))
-def test_what_a_stop_made_void_is_not_taken_up_again(states: int) -> None:
+def test_an_order_cancelled_by_a_stop_is_not_resumed(states: int) -> None:
     bench = Bench(calibrated=True)
     bench.calibrate()
     bench.command(0.01, 6.0)
@@ -215,7 +215,7 @@ def test_what_a_stop_made_void_is_not_taken_up_again(states: int) -> None:
     bench.ends()
 
 
-def test_what_a_hand_was_told_before_a_stop_is_told_again_after_it() -> None:
+def test_a_command_given_before_a_stop_can_be_repeated_after_it() -> None:
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
     bench.ends()
@@ -241,7 +241,7 @@ def fault(bench: Bench, opening: float = 0.02, force: float = 6.0) -> str:
     return caught.value.what
 
 
-def test_a_refusal_is_told_once_and_does_not_hold_up_what_follows() -> None:
+def test_a_refusal_is_reported_once_and_does_not_block_later_commands() -> None:
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
     bench.ends()
@@ -271,7 +271,7 @@ def test_the_pads_do_not_go_with_a_force_that_was_refused() -> None:
 
 
 @pytest.mark.parametrize("calibrate", [False, True])
-def test_what_a_deaf_hand_did_not_hear_is_not_done_when_nobody_expects_it_any_more(calibrate: bool) -> None:
+def test_an_order_that_timed_out_is_not_done_later(calibrate: bool) -> None:
     bench = Bench(calibrated=True)
     bench.hand.deaf = True
     if calibrate:
@@ -292,7 +292,7 @@ def test_what_a_deaf_hand_did_not_hear_is_not_done_when_nobody_expects_it_any_mo
     bench.ends()
 
 
-def test_it_moves_from_the_command_on_whenever_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gripper_counts_as_moving_from_the_command_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even while a state comes: what was heard before it is not put together with what waits after it."""
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
@@ -325,7 +325,7 @@ def test_a_hand_of_which_nothing_was_heard_is_not_calibrated() -> None:
     assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated and wire.count == 0
 
 
-def test_a_stop_that_comes_while_a_command_is_looked_at_is_what_it_fails_by() -> None:
+def test_a_command_interrupted_by_a_stop_fails_as_stopped() -> None:
     """What it waited for has become void by the stop: to say that the hand is not calibrated would mislead."""
     bench = Bench()
     looks = iter([False, True])
@@ -335,7 +335,7 @@ def test_a_stop_that_comes_while_a_command_is_looked_at_is_what_it_fails_by() ->
     assert caught.value.kind is FailureKind.STOPPED
 
 
-def test_a_calibration_under_way_goes_on_though_another_word_is_echoed_meanwhile() -> None:
+def test_a_calibration_continues_when_another_command_is_echoed() -> None:
     """The robot echoes whoever spoke last: it is not told again for that, and has its 10 s."""
     bench = Bench()
     bench.calibrate()
@@ -347,7 +347,7 @@ def test_a_calibration_under_way_goes_on_though_another_word_is_echoed_meanwhile
     assert bench.wire.count == told and bench.hand.busy > 0
 
 
-def test_a_silent_hand_grows_old_whatever_it_is_told() -> None:
+def test_the_state_of_a_silent_hand_ages_despite_commands() -> None:
     bench = Bench(calibrated=True)
     stamp = bench.port.state().stamp
     assert stamp == bench.wire.now()

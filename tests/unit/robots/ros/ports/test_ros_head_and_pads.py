@@ -21,7 +21,7 @@ LEFT = Side.LEFT
 # the head ----------------------------------------------------------------------------------------------
 
 
-def test_the_head_is_told_until_it_is_there_and_no_longer(puppet: Puppet, ports: Ports) -> None:
+def test_the_head_is_commanded_until_it_arrives(puppet: Puppet, ports: Ports) -> None:
     puppet.deaf.add(HEAD)
     ports.head.command_pan(0.4)
     wait(lambda: len(puppet.heard[HEAD]) >= 4, "it is told again and again")
@@ -38,7 +38,7 @@ def standing(pan: float) -> JointState:
     return JointState(0.0, zero, zero, zero, pan)
 
 
-def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
+def test_turning_the_head_times_out(puppet: Puppet, node: Node) -> None:
     clock = HandClock()
     head = RosHead(node, clock)
     wait(lambda: puppet.hears(HEAD), "it is heard")
@@ -57,7 +57,7 @@ def test_it_gives_up_after_a_while(puppet: Puppet, node: Node) -> None:
     assert len(puppet.heard[HEAD]) == 40
 
 
-def test_it_turns_no_further_than_it_can(puppet: Puppet, ports: Ports) -> None:
+def test_the_head_turns_no_further_than_its_limit(puppet: Puppet, ports: Ports) -> None:
     ports.head.command_pan(3.0)
     wait(lambda: ports.arms.state().head_pan > 1.0, "it turns")
     assert 1.3 < ports.arms.state().head_pan < 1.396
@@ -67,7 +67,7 @@ def test_it_turns_no_further_than_it_can(puppet: Puppet, ports: Ports) -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_what_is_no_angle_is_not_said(puppet: Puppet, ports: Ports, wrong: float) -> None:
+def test_an_invalid_head_angle_is_not_sent(puppet: Puppet, ports: Ports, wrong: float) -> None:
     with pytest.raises(DriverError):
         ports.head.command_pan(wrong)
     puppet.let(10)
@@ -85,7 +85,7 @@ def tactile(puppet: Puppet, node: Node) -> tuple[RosTactile, HandClock]:
     return port, clock
 
 
-def test_the_cells_stand_as_they_do_on_the_pads(tactile: tuple[RosTactile, HandClock]) -> None:
+def test_tactile_cells_are_arranged_as_on_the_pads(tactile: tuple[RosTactile, HandClock]) -> None:
     reading = tactile[0].reading()
     assert reading.side is LEFT and reading.stamp == 100.0
     np.testing.assert_array_equal(reading.cells, np.arange(24.0).reshape(2, 4, 3))
@@ -145,7 +145,7 @@ def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
 
 
-def test_a_head_that_was_stopped_on_its_way_is_not_told_again(puppet: Puppet, ports: Ports) -> None:
+def test_a_stopped_head_motion_is_not_resumed(puppet: Puppet, ports: Ports) -> None:
     puppet.deaf.add(HEAD)
     ports.head.command_pan(0.4)
     wait(lambda: len(puppet.heard[HEAD]) >= 2, "it is told again")

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire import Wire
 
-from robots.baxter.ros.installation import find_ros
 from robots.baxter.ros.ports.head import RosHead
 from robots.errors import DriverError, FailureKind
 from robots.ports import JointState
+from tests.optional_parts import ROS
 
-pytestmark = pytest.mark.skipif(find_ros() is None, reason="ROS 1 is not installed")
+pytestmark = ROS.required
 LIMIT = 1.39
 
 
@@ -35,14 +35,14 @@ class Bench:
         return self.wire.count - told
 
 
-def test_a_head_that_was_never_told_anything_is_left_where_it_stands() -> None:
+def test_a_head_without_commands_is_not_moved() -> None:
     bench = Bench()
     bench.pan = 0.7
     assert bench.states(10.0) == 0
 
 
 @given(st.floats(-10.0, 10.0))
-def test_it_is_told_the_angle_or_the_nearest_that_it_can_turn_to(angle: float) -> None:
+def test_the_head_angle_is_clipped_to_its_limits(angle: float) -> None:
     bench = Bench()
     bench.port.command_pan(angle)
     (message,) = bench.wire.told
@@ -52,7 +52,7 @@ def test_it_is_told_the_angle_or_the_nearest_that_it_can_turn_to(angle: float) -
 
 @pytest.mark.parametrize("goal", [-0.5, 0.5])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_it_is_told_twenty_times_a_second_until_it_is_there(goal: float, side: float) -> None:
+def test_the_head_is_commanded_at_20_hz_until_it_arrives(goal: float, side: float) -> None:
     """From whichever side it comes; 5 mrad before its goal it is there; it is told again if it is pushed away."""
     bench = Bench()
     bench.port.command_pan(goal)
@@ -64,7 +64,7 @@ def test_it_is_told_twenty_times_a_second_until_it_is_there(goal: float, side: f
     assert 16 <= bench.states(1.0) <= 20
 
 
-def test_it_is_told_for_five_seconds_from_the_last_command_on() -> None:
+def test_the_head_is_commanded_for_five_seconds_after_the_last_command() -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     bench.states(4.8)
@@ -78,7 +78,7 @@ def test_it_is_told_for_five_seconds_from_the_last_command_on() -> None:
     assert bench.wire.told[-1].target == -0.4
 
 
-def test_a_stop_on_its_way_ends_it_also_after_the_reset() -> None:
+def test_a_head_motion_ended_by_a_stop_does_not_resume_after_the_reset() -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     assert bench.states(0.3) > 0
@@ -90,7 +90,7 @@ def test_a_stop_on_its_way_ends_it_also_after_the_reset() -> None:
     assert bench.states(0.3) > 0
 
 
-def test_a_stopped_head_is_told_nothing() -> None:
+def test_a_stopped_head_gets_no_commands() -> None:
     bench = Bench()
     bench.stopped = True
     with pytest.raises(DriverError) as caught:
@@ -101,7 +101,7 @@ def test_a_stopped_head_is_told_nothing() -> None:
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
-def test_what_is_no_angle_does_not_take_the_place_of_one(wrong: float) -> None:
+def test_an_invalid_head_angle_does_not_replace_the_last_one(wrong: float) -> None:
     bench = Bench()
     bench.port.command_pan(0.4)
     with pytest.raises(DriverError) as caught:

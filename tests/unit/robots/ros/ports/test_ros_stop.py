@@ -53,7 +53,7 @@ def test_another_thread_stops_the_robot(puppet: Puppet, ports: Ports) -> None:
     wait(lambda: puppet.stopped and not puppet.enabled, "the robot has stopped")
 
 
-def test_it_is_told_until_the_robot_has_stopped_and_no_longer(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_is_repeated_until_the_robot_has_stopped(puppet: Puppet, stop: RosStop) -> None:
     puppet.deaf.add(STOP)
     stop.trigger("a test")
     wait(lambda: len(puppet.heard[STOP]) >= 5, "it is told again and again")
@@ -62,7 +62,7 @@ def test_it_is_told_until_the_robot_has_stopped_and_no_longer(puppet: Puppet, st
     puppet.stays(lambda: len(puppet.heard[STOP]))
 
 
-def test_a_robot_that_was_stopped_before_is_told_nevertheless(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_is_sent_to_a_robot_that_is_already_stopped(puppet: Puppet, stop: RosStop) -> None:
     puppet.stopped = True
     wait(lambda: stop.state().stopped, "seen")
     puppet.hush(STATE)
@@ -97,7 +97,7 @@ def test_triggering_never_waits(puppet: Puppet, stop: RosStop) -> None:
     wait(lambda: puppet.stopped, "stopped")
 
 
-def test_a_signal_handler_stops_the_robot_wherever_the_program_is(puppet: Puppet, ports: Ports) -> None:
+def test_a_signal_handler_can_stop_the_robot_at_any_point(puppet: Puppet, ports: Ports) -> None:
     main = threading.main_thread().ident
     handled = []
 
@@ -183,7 +183,7 @@ def test_closing_does_not_wait_for_a_robot_that_never_stops(puppet: Puppet, node
     assert not closing.is_alive()
 
 
-def test_after_closing_it_is_harmless(puppet: Puppet, node: Node) -> None:
+def test_a_stop_after_closing_does_nothing(puppet: Puppet, node: Node) -> None:
     stop = RosStop(node, WallClock())
     stop.close()
     stop.close()
@@ -225,7 +225,7 @@ def test_a_stop_of_the_robot_is_seen_with_its_reason(
 
 
 @pytest.mark.parametrize("triggered", [True, False])
-def test_it_stays_stopped_when_the_robot_no_longer_says_so(puppet: Puppet, ports: Ports, triggered: bool) -> None:
+def test_a_stop_stays_when_the_robot_no_longer_reports_it(puppet: Puppet, ports: Ports, triggered: bool) -> None:
     ports.arms.enable()
     if triggered:
         ports.stop.trigger("a test")
@@ -241,7 +241,7 @@ def test_it_stays_stopped_when_the_robot_no_longer_says_so(puppet: Puppet, ports
     assert caught.value.kind is FailureKind.STOPPED
 
 
-def test_an_unstopped_state_is_as_old_as_the_robots_last_word(puppet: Puppet, stop: RosStop) -> None:
+def test_the_age_of_an_unstopped_state_is_that_of_the_last_message(puppet: Puppet, stop: RosStop) -> None:
     puppet.hush(STATE)
     state = stop.state()
     puppet.let(10)
@@ -283,7 +283,7 @@ def test_after_a_reset_the_arms_are_off_and_nothing_rearms(puppet: Puppet, ports
     ports.arms.command(puppet.q, ZERO)
 
 
-def test_it_stops_as_often_as_it_is_reset(puppet: Puppet, stop: RosStop) -> None:
+def test_a_stop_works_again_after_each_reset(puppet: Puppet, stop: RosStop) -> None:
     for k in range(4):
         stopped_by(stop, f"number {k}")
         assert stop.state().reason == f"number {k}"
@@ -306,7 +306,7 @@ def test_a_reset_that_fails_leaves_the_stop_as_it_was(puppet: Puppet, stop: RosS
     wait(lambda: len(puppet.heard[STOP]) > told + 5, "the robot is told again")
 
 
-def test_while_it_is_being_reset_nothing_moves(puppet: Puppet, ports: Ports, monkeypatch) -> None:
+def test_nothing_moves_during_a_reset(puppet: Puppet, ports: Ports, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 60.0)
     ports.arms.enable()
     ports.stop.trigger("a test")
@@ -322,7 +322,7 @@ def test_while_it_is_being_reset_nothing_moves(puppet: Puppet, ports: Ports, mon
     assert not resetting.is_alive() and not ports.stop.state().stopped
 
 
-def test_what_a_silent_robot_said_long_ago_ends_no_stop(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_an_old_state_of_a_silent_robot_does_not_end_a_stop(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     puppet.hush(STATE)
     assert not stop.robot.newest.stopped and not stop.robot.newest.enabled
@@ -332,7 +332,7 @@ def test_what_a_silent_robot_said_long_ago_ends_no_stop(puppet: Puppet, stop: Ro
     assert stop.state().stopped
 
 
-def test_a_fault_that_stays_is_told(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_a_persistent_fault_is_reported(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     puppet.stopped = puppet.error = True
     puppet.deaf.add(RESET)
@@ -341,7 +341,9 @@ def test_a_fault_that_stays_is_told(puppet: Puppet, stop: RosStop, monkeypatch) 
         stop.reset()
 
 
-def test_an_error_that_outlives_the_stop_does_not_keep_it(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_a_remaining_error_does_not_prevent_the_reset_of_a_stop(
+    puppet: Puppet, stop: RosStop, monkeypatch
+) -> None:
     """A robot can be enabled with one: it is the robot's to refuse."""
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     stop.trigger("a test")

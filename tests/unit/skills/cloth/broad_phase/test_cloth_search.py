@@ -178,7 +178,7 @@ def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, ha
     assert not [p for p in touching if p not in found_vt] and not [p for p in meeting if p not in found_ee]
 
 
-def test_normals_are_up_to_date_wherever_a_search_asks_for_them():
+def test_normals_are_up_to_date_for_every_search():
     """Which layer of a sheet can touch itself is told by the normals of stale clusters and of those beside
     them."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
@@ -246,7 +246,7 @@ def bent_edges(sim, x):
     return bent
 
 
-def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
+def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
     """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
     near = missing = 0
     for seed in range(3, 7):
@@ -273,7 +273,7 @@ def test_of_crumpled_sheets_hardly_a_pair_of_bent_edges_is_ever_missing():
 
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
-def test_no_contacts_serve_longer_than_their_pairs_were_foreseen(phase, pace):
+def test_contacts_are_not_used_beyond_the_horizon_of_their_pairs(phase, pace):
     """A cluster of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
     x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
     base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)

@@ -60,7 +60,7 @@ def test_a_cluster_has_no_more_corners_than_two_rows_hold():
     assert all(len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in made)
 
 
-def test_what_is_read_by_the_register_begins_with_a_line_of_the_cache():
+def test_arrays_read_by_vector_instructions_are_cache_aligned():
     clusters = topology_of(MESH).clusters
     state = new_state(20, 30, 4, 25, 25, clusters)
     for made in (clusters, state, new_pairs(50, 40)):

@@ -52,7 +52,7 @@ def test_folded_layers_come_to_rest_and_sleep(folded):
     assert s.asleep.mean() > 0.9
 
 
-def test_layers_of_which_some_sleep_go_on_from_a_checkpoint_with_the_same_bits(folded):
+def test_partly_sleeping_layers_continue_from_a_checkpoint_bit_for_bit(folded):
     """Nothing of an earlier search counts that is not in it: here all edges had been ridges."""
     mesh, x = folded
     one = ClothSimulation(mesh, MATERIAL, x)
@@ -69,7 +69,7 @@ def test_layers_of_which_some_sleep_go_on_from_a_checkpoint_with_the_same_bits(f
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_positions_that_are_no_numbers_any_more_are_an_error(folded, seed):
+def test_non_finite_positions_are_an_error(folded, seed):
     mesh, x = folded
     s = ClothSimulation(mesh, MATERIAL, x)
     s.advance(2)
@@ -150,7 +150,7 @@ def thrown(seed):
     return count_crossings(s.positions, mesh.triangles)
 
 
-def test_thin_flaps_that_are_thrown_on_another_do_not_stay_in_it():
+def test_thrown_flaps_do_not_stay_inside_another_sheet():
     """Seven of eight do not; where contacts were renewed four substeps apart, and sides were those of the moment,
     only two did not."""
     assert sum(thrown(seed) > 0 for seed in range(8)) <= 1

@@ -53,7 +53,7 @@ def narrow(x, tri, order, borne=None, speed=0.0):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_vertex_over_a_corner_is_one_contact_that_bears_what_all_bore(seed):
+def test_a_vertex_over_a_corner_has_one_contact_with_the_whole_load(seed):
     x, tri = fan()
     borne = np.random.default_rng(seed).normal(size=(6, 3))
     order = np.random.default_rng(seed).permutation(6)
@@ -65,7 +65,7 @@ def test_a_vertex_over_a_corner_is_one_contact_that_bears_what_all_bore(seed):
     np.testing.assert_allclose(push[0], borne.sum(axis=0))
 
 
-def test_which_triangle_stays_hangs_on_positions_and_not_on_the_order_of_the_pairs():
+def test_the_kept_triangle_does_not_depend_on_the_order_of_the_pairs():
     x, tri = fan()
     for toward in range(6):
         a = (toward + 0.5) * np.pi / 3.0
@@ -89,7 +89,7 @@ def test_weights_go_over_a_border_without_a_jump():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_who_bears_what_hangs_on_positions_and_not_on_the_order_of_the_pairs(seed):
+def test_the_load_shares_do_not_depend_on_the_order_of_the_pairs(seed):
     rng = np.random.default_rng(seed)
     x, tri = fan()
     x[1:7, 2] = 0.008 * rng.standard_normal(6)
@@ -105,7 +105,7 @@ def test_who_bears_what_hangs_on_positions_and_not_on_the_order_of_the_pairs(see
             np.testing.assert_allclose(push, shares[0][t])
 
 
-def test_what_comes_fast_beside_a_triangle_keeps_its_side():
+def test_a_fast_vertex_beside_a_triangle_keeps_its_side():
     """Further off than a side is remembered, but there by the next narrow phase: it must be known where it came
     from."""
     x, tri = fan()
@@ -119,7 +119,7 @@ def test_what_comes_fast_beside_a_triangle_keeps_its_side():
     assert kept == 1 and pairs.side[0] == 1
 
 
-def test_the_walls_of_a_valley_are_met_one_by_one():
+def test_each_wall_of_a_valley_is_a_contact_of_its_own():
     """45 degrees steep: a vertex at the bottom touches what is left and what is right of it."""
     x, tri = fan(lift=0.02)
     x[-1] = [0.0, 0.0, 0.5 * THICK]
@@ -127,7 +127,7 @@ def test_the_walls_of_a_valley_are_met_one_by_one():
     assert len(kept) > 1
 
 
-def test_over_a_peak_that_is_over_no_triangle_it_is_met_all_the_same():
+def test_a_vertex_over_a_peak_and_over_no_triangle_still_has_a_contact():
     """The vertex leans a little over the steep flank of a peak: no triangle's prism has it."""
     x, tri = fan(lift=-0.02)
     x[-1] = 1e-4, 2e-5, 0.8 * THICK
@@ -140,7 +140,7 @@ def test_over_a_peak_that_is_over_no_triangle_it_is_met_all_the_same():
     assert (share[:, 0] > 0.95).all()  # the peak itself bears it
 
 
-def test_a_sheet_beside_a_sheet_is_on_no_side_of_it():
+def test_a_sheet_beside_a_sheet_has_no_side():
     x, tri = fan()
     x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, hardly above
     kept, _, _ = contacts(x, tri, np.arange(6))
@@ -149,7 +149,7 @@ def test_a_sheet_beside_a_sheet_is_on_no_side_of_it():
 
 @pytest.mark.parametrize("bend", [30.0, 50.0, 80.0])
 @pytest.mark.parametrize("seed", range(20))
-def test_over_a_ridge_no_plane_pushes_what_does_not_touch_it(bend, seed):
+def test_no_plane_pushes_a_vertex_that_is_clear_of_a_ridge(bend, seed):
     """The planes of both sides pass nearer there than the cloth is thick."""
     rng = np.random.default_rng(seed)
     half = np.deg2rad(bend) / 2.0
@@ -168,7 +168,7 @@ def test_over_a_ridge_no_plane_pushes_what_does_not_touch_it(bend, seed):
 
 
 @pytest.mark.parametrize(("beside", "borne"), [(1e-4, True), (4e-4, True), (7e-4, True), (1.5e-3, False)])
-def test_a_hem_is_borne_by_the_hem_below(beside, borne):
+def test_a_hem_rests_on_the_hem_below(beside, borne):
     """As high as what lies further in, though its vertices lie up to a millimetre beside."""
     hem = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.03, 0.02, 0.0]]
     vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther off than thick, but lower
@@ -179,7 +179,7 @@ def test_a_hem_is_borne_by_the_hem_below(beside, borne):
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 @pytest.mark.parametrize("inside", [0.0002, -0.0002])
-def test_under_two_layers_that_are_joined_at_a_hem_a_vertex_meets_the_nearer_one(order, inside):
+def test_a_vertex_under_two_layers_joined_at_a_hem_meets_the_nearer_one(order, inside):
     """At its border too, although it is farther inside of the other one, which is about parallel and could be
     reached until the next look."""
     x = np.array([

@@ -21,7 +21,7 @@ WAYS = st.one_of(st.floats(0.0, 12.0), st.sampled_from(LIMITS))  # in a phase
 
 
 @given(st.data(), FRAMES, st.booleans(), WAYS)
-def test_nothing_comes_nearer_than_is_allowed_before_it_is_looked_at_again(data, substeps, leisure, way):
+def test_no_pair_comes_too_near_between_two_narrow_phases(data, substeps, leisure, way):
     phase = phase_length(1.0 / (60 * substeps), substeps)
     pace = 2 * phase if leisure else phase
     s = data.draw(st.integers(0, substeps - 1))
@@ -35,7 +35,7 @@ def test_nothing_comes_nearer_than_is_allowed_before_it_is_looked_at_again(data,
 
 
 @pytest.mark.parametrize("substeps", [16, 20, 28, 64])
-def test_what_is_calm_is_looked_at_half_as_often(substeps):
+def test_calm_cloth_has_half_as_many_narrow_phases(substeps):
     phase = phase_length(1.0 / (60 * substeps), substeps)
     looks, s, pace = 0, 0, 2 * phase
     while s < substeps:
@@ -47,12 +47,12 @@ def test_what_is_calm_is_looked_at_half_as_often(substeps):
 @pytest.mark.parametrize(
     ("rate", "substeps", "phase"), [(60, 16, 4), (60, 28, 7), (60, 8, 4), (240, 4, 4), (90, 20, 5)]
 )
-def test_a_phase_is_as_long_as_fits_and_no_shorter_than_four_substeps(rate, substeps, phase):
+def test_a_phase_has_the_longest_fitting_length_of_at_least_four_substeps(rate, substeps, phase):
     assert phase_length(1.0 / (rate * substeps), substeps) == phase
 
 
 @given(st.floats(0.001, 0.1), st.floats(0.01, 3.0), st.randoms(use_true_random=False), FRAMES)
-def test_a_pair_that_comes_nearer_is_looked_at_before_it_meets(gap, speed, random, substeps):
+def test_an_approaching_pair_is_checked_before_contact(gap, speed, random, substeps):
     """Others of the same cloth set the pace as they like, and it comes 1.5 times as fast as it seemed."""
     h = 1.0 / (60 * substeps)
     phase = phase_length(h, substeps)

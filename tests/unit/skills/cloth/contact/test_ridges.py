@@ -73,7 +73,7 @@ def distance(p, q, r, s):
 
 @settings(deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.01, 0.03), st.floats(0.001, 0.006))
-def test_where_an_edge_is_flat_the_vertices_keep_edges_apart(seed, length, thick):
+def test_vertices_keep_edges_apart_where_an_edge_is_flat(seed, length, thick):
     """A roof or valley of two triangles, bent by nearly twice what makes a ridge, and an edge across it with its
     ends a thickness over the triangles under them: it stays farther from the roof's edge than edges push."""
     rng = np.random.default_rng(seed)

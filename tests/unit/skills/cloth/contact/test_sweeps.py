@@ -121,7 +121,7 @@ def test_groups_keep_the_order_of_contacts_that_share_a_vertex(n, m):
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 @pytest.mark.parametrize("n, m", [(1, 4), (7, 60), (301, 200), (40, 9)])
-def test_eight_at_once_are_solved_as_one_by_one(n, m, friction):
+def test_eight_contacts_at_once_are_solved_as_one_by_one(n, m, friction):
     """To the last bit, there and back."""
     together, alone = Contacts(3, n, m), Contacts(3, n, m)
     length = -(-n // PARTS)
@@ -143,7 +143,7 @@ def test_turns_keep_the_order_of_contacts_that_share_a_vertex(n, m):
     assert (place[:, None] < place[None, :])[np.triu(shared, 1)].all()
 
 
-def test_what_takes_turns_seldom_waits_for_the_one_before():
+def test_contacts_in_turns_rarely_share_vertices_with_the_one_before():
     contacts = Contacts(3, 300, 600)
     contacts.members[:] = np.arange(300)[:, None] // 3 + np.arange(4) * 110  # three in a row share all four
     turn = contacts.turns()
@@ -152,7 +152,7 @@ def test_what_takes_turns_seldom_waits_for_the_one_before():
 
 
 @pytest.mark.parametrize("n, m", [(1, 4), (301, 200), (40, 9)])
-def test_contacts_in_turns_do_what_they_do_in_their_order(n, m):
+def test_contacts_in_turns_give_the_same_bits_as_in_listed_order(n, m):
     """To the last bit: release what overlaps, and apply what they bear. Another order does something else."""
     x, listed = [], np.arange(n, dtype=np.uint32)
     for turn in (Contacts(3, n, m).turns(), listed, listed[::-1].copy()):
@@ -185,7 +185,7 @@ def test_only_an_overlap_is_released_and_not_all_at_once():
         assert contacts.gaps() == pytest.approx(begun + released, abs=1e-12)
 
 
-def test_memory_follows_what_is_borne():
+def test_the_contact_memory_follows_the_load():
     contacts = Contacts(3, 21, 40)
     contacts.borne[:, :3] = np.random.default_rng(0).standard_normal((21, 3))
     count, order, _ = contacts.groups()
@@ -218,7 +218,7 @@ def test_sweeps_lead_to_the_least_motion_that_keeps_all_apart(seed):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
-def test_a_sweep_tells_whether_it_moved_the_sides_of_a_contact(friction):
+def test_a_sweep_returns_whether_it_moved_the_sides_of_a_contact(friction):
     """By the overlap that it undoes, and by what friction holds."""
     contacts = Contacts(7, 1, 4)
     contacts.w[:] = 1000.0

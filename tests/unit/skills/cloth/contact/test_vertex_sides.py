@@ -72,7 +72,7 @@ def some(seed, n, height):
     )
 
 
-def test_what_stops_a_vertex_is_the_nearest_point():
+def test_a_vertex_is_stopped_by_the_nearest_point_of_the_triangle():
     triangle, vertex = some(1, 3000, 0.8 * THICK)
     verdict, _, normal, weights, least, out = judge(triangle, vertex)
     wanted = np.array([nearest(*pair) for pair in zip(triangle, vertex, strict=True)])
@@ -88,7 +88,7 @@ def test_what_stops_a_vertex_is_the_nearest_point():
 
 
 @given(seed=st.integers(0, 10**6))
-def test_there_is_a_distance_that_pushes_nothing_which_is_farther_than_the_cloth_is_thick(seed):
+def test_no_vertex_farther_than_the_thickness_is_pushed(seed):
     triangle, vertex = some(seed, 64, 1.5 * THICK)
     verdict, _, normal, weights, least, _ = judge(triangle, vertex)
     away = np.array([
@@ -100,7 +100,7 @@ def test_there_is_a_distance_that_pushes_nothing_which_is_farther_than_the_cloth
 
 
 @given(seed=st.integers(0, 10**6))
-def test_with_it_the_push_does_not_jump_where_a_vertex_goes_over_a_border(seed):
+def test_the_push_is_continuous_where_a_vertex_crosses_a_border(seed):
     """Of a vertex that keeps to its side, above the plane."""
     rng = np.random.default_rng(seed)
     steps = 400
@@ -118,7 +118,7 @@ def test_with_it_the_push_does_not_jump_where_a_vertex_goes_over_a_border(seed):
     assert np.linalg.norm(np.diff(push, axis=0), axis=1).max() < 3.0 * step + 1e-6
 
 
-def test_what_is_away_has_no_side_and_is_told_by_how_much():
+def test_a_vertex_out_of_reach_has_no_side_and_its_distance_is_returned():
     triangle, vertex = some(3, 2000, 6.0 * THICK)
     slide = np.random.default_rng(3).standard_normal((2000, 3))
     verdict, side, *_, out = judge(triangle, vertex, slide, remembered=np.ones(2000))

@@ -75,7 +75,7 @@ def without(s, frames):
 
 
 @pytest.mark.parametrize("reach", [0.02, 0.05])
-def test_contacts_alone_keep_it(reach):
+def test_contacts_alone_do_not_undo_a_crossing(reach):
     mesh, x, _ = poked(reach)
     s = ClothSimulation(mesh, MATERIAL, x)
     without(s, 120)
@@ -118,7 +118,7 @@ def test_undoing_crossings_makes_little_speed():
     assert undone < 2.5 * left
 
 
-def test_what_does_not_cross_is_left_alone():
+def test_layers_without_crossings_are_unchanged():
     """Layers that fall on each other: nothing is found at any frame, and every bit is that of contacts alone."""
     mesh, x, n = two_sheets()
     x[n:, 2] += 0.02
@@ -145,7 +145,7 @@ def test_a_crossing_is_found_and_its_age_goes_through_a_checkpoint():
     assert a.positions.tobytes() == b.positions.tobytes()
 
 
-def test_an_edge_crosses_a_triangle_where_a_line_solver_says_so():
+def test_edge_triangle_crossings_agree_with_a_linear_solver():
     rng = np.random.default_rng(0)
     hits = 0
     for _ in range(500):

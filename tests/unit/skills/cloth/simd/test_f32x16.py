@@ -68,7 +68,7 @@ OPERATIONS = [
 
 
 @pytest.mark.parametrize("k", range(len(OPERATIONS)))
-def test_they_compute_as_numpy_does(k):
+def test_operations_agree_with_numpy(k):
     """Told by limits just above and below what is expected in each place, and by equal ones."""
     given = np.zeros((2, 2, LANES), np.float32)
     given[0] = np.random.default_rng(k).normal(vabs=(2, LANES))

@@ -20,7 +20,7 @@ def computed(given, out):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_they_compute_as_numpy_does_and_the_fourth_column_stays_zero(seed):
+def test_operations_agree_with_numpy_and_the_fourth_column_stays_zero(seed):
     given, out = rows(2), rows(7)
     given[:, :3] = np.random.default_rng(seed).normal(size=(2, 3))
     computed(given, out)

@@ -61,7 +61,7 @@ def test_each_figure_by_itself_is_refused_beyond_its_limit_and_only_there(figure
 
 
 @pytest.mark.parametrize(("figure", "kind"), [*LIMITS[:3], LIMITS[4]])
-def test_a_good_fold_is_the_less_sure_the_nearer_it_comes_to_a_limit(figure, kind):
+def test_the_confidence_of_a_good_fold_falls_towards_a_limit(figure, kind):
     assert [verdict(**figure(x))[1] for x in (0.4, 0.7, 0.98)] == pytest.approx([0.80, 0.65, 0.51], abs=0.01)
 
 
@@ -116,12 +116,12 @@ def test_a_bad_edge_is_named_by_its_place(place, kind):
     assert verdict(FoldStep("half", 0, STEP.line, (), {}, {}), **figures)[0] is K.OFF_TARGET
 
 
-def test_of_two_defects_of_the_moved_edge_the_larger_is_named():
+def test_the_larger_of_two_defects_of_the_moved_edge_is_named():
     assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
 
 
-def test_a_pile_is_told_by_height_and_a_bad_outline_is_not():
+def test_a_pile_is_diagnosed_by_height_and_not_by_outline():
     """What height alone speaks against is pressed and looked at again."""
     for kind, outline, told in (
         (K.PILING, 0.0, True), (K.PILING, 0.03, True), (K.SAG, 0.0, True), (K.DROPPED_CORNER, 0.0, True),
@@ -168,6 +168,6 @@ def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
         ({"missing_layer": 0.6}, "a target lacks 60 % of its upper layer's height (at most 45 %)"),
     ],
 )
-def test_what_is_beyond_its_limit_is_told_in_plain_figures(figures, named):
+def test_figures_beyond_their_limit_are_reported_with_units(figures, named):
     (told,) = beyond_limits(inspection(**figures), S)
     assert told.startswith(named)

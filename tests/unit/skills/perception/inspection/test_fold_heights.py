@@ -52,7 +52,7 @@ def test_heights_are_judged_away_from_the_rim_and_from_every_fold_line(lines: tu
         assert not (judged & (np.abs(line.signed_distance(HERE)) < S.fold_margin - 1e-9)).any()
 
 
-def test_the_height_of_a_stack_is_one_that_only_a_twentieth_of_it_exceeds() -> None:
+def test_the_stack_height_is_the_95th_percentile() -> None:
     rng = np.random.default_rng(0)
     height = rng.permutation(np.linspace(0.0, 1.0, STACK.size)).reshape(STACK.shape).astype(np.float32)
     judged = np.ones(STACK.shape, bool)
@@ -64,7 +64,7 @@ def test_the_height_of_a_stack_is_one_that_only_a_twentieth_of_it_exceeds() -> N
     assert upper_height(height, ~STACK) == extra_height(height, ~STACK) == pytest.approx(0.5)
 
 
-def test_of_too_little_that_is_seen_no_excess_is_told() -> None:
+def test_too_few_seen_cells_give_no_excess_height() -> None:
     few = np.zeros(STACK.shape, bool)
     few[:10, :10] = True
     excess = np.full(STACK.shape, 0.05, np.float32)
@@ -73,7 +73,7 @@ def test_of_too_little_that_is_seen_no_excess_is_told() -> None:
     assert extra_height(excess, few) == pytest.approx(0.05)
 
 
-def test_the_area_that_is_piled_up_is_that_of_what_stands_too_high() -> None:
+def test_the_piled_area_is_the_area_above_the_height_limit() -> None:
     """A heap of 30 by 40 mm on a stack, seen with pixels of 2 mm; then a part is not judged, or was not seen."""
     excess = np.zeros(VIEW.shape, np.float32)
     heap = within((0.600, 0.630), (0.0, 0.040))
@@ -102,7 +102,7 @@ def lacking(
 
 
 @pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, 0.6), (-0.2, -0.4)])
-def test_the_target_that_lacks_most_of_its_height_is_told(left: float, right: float) -> None:
+def test_the_target_lacking_most_height_is_named(left: float, right: float) -> None:
     assert lacking(left, right) == pytest.approx(max(left, right), abs=1e-5)
 
 
@@ -117,7 +117,7 @@ def test_heights_at_a_target_are_looked_for_where_the_fold_came_to_lie() -> None
     assert missing_layer(height, moved, VIEW, STEP, *STILL, S) < 0.2
 
 
-def test_a_target_that_is_not_seen_says_nothing() -> None:
+def test_an_unseen_target_is_ignored() -> None:
     """What is seen there is less than a quarter of a circle of 40 mm; the other target still counts."""
     near = np.linalg.norm(HERE - LEFT, axis=2)
     assert lacking(0.5, 0.1, hidden=near < 0.05) == pytest.approx(0.1, abs=1e-5)
@@ -127,7 +127,7 @@ def test_a_target_that_is_not_seen_says_nothing() -> None:
     assert np.isnan(lacking(0.5, 0.1, step=None)) and np.isnan(lacking(0.5, 0.1, step=replace(STEP, targets={})))
 
 
-def test_where_a_target_has_steps_its_mean_height_counts() -> None:
+def test_the_missing_layer_uses_the_mean_height_of_a_stepped_target() -> None:
     """Two layers on the one half of it, six on the other: half of each is there."""
     moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
     assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)

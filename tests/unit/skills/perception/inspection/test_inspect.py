@@ -74,7 +74,7 @@ def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
         ([HALF + np.array([0.04, 0.0])], "as a whole"),
     ],
 )
-def test_what_decided_is_named_with_its_limit_and_nothing_else_is(polygons, named):
+def test_only_figures_beyond_their_limit_are_named(polygons, named):
     seen = look(polygons).unwrap()
     beyond = beyond_limits(seen, InspectionSettings())
     assert bool(beyond) == (seen.diagnosis is not None)
@@ -88,11 +88,11 @@ def test_a_fold_as_predicted_is_accepted():
 
 
 @pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
-def test_how_high_the_stack_stands_is_seen(thickness):
+def test_the_height_of_the_stack_is_measured(thickness):
     assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
 
 
-def test_a_height_that_too_little_is_seen_of_is_none():
+def test_a_height_from_too_few_pixels_is_nan():
     judged = np.zeros((40, 40), bool)
     judged[:10, :10] = True
     assert np.isnan(upper_height(np.full((40, 40), 0.01, np.float32), judged))
@@ -151,7 +151,7 @@ def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
 
 
 @pytest.mark.parametrize(("place", "behind"), [("left", 0.15), ("right", -0.15), ("middle", 0.0)])
-def test_what_is_left_behind_is_told_where_it_is(place, behind):
+def test_cloth_left_behind_is_reported_with_its_place(place, behind):
     """Cloth reaches 40 mm too far beyond the fold line, beside one grasp or between the two."""
     view = TableView(camera(), TABLE)
     there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
@@ -202,7 +202,7 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
 
 
 @pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
-def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
+def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
     """What is seen of the edge lies where it should; the unseen end's target lacks its layer."""
     seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
     lag = np.zeros(9)
@@ -215,7 +215,7 @@ def test_heights_speak_where_one_end_of_the_moved_edge_is_not_seen(end):
     assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
 
 
-def test_without_the_step_a_bad_edge_is_off_target():
+def test_a_bad_edge_without_its_step_is_off_target():
     assert look([SHORT], step=None).unwrap().diagnosis is FailureKind.OFF_TARGET
 
 

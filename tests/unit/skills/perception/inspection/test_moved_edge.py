@@ -158,21 +158,21 @@ def looked_at(after, before, step=STEP, motion=STILL, **shape):
 
 
 @pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
-def test_an_edge_that_lies_too_far_out_or_too_far_in_is_found_there(lag):
+def test_an_edge_too_far_out_or_in_is_measured(lag):
     """To the 2 mm in which places are told."""
     seen = looked_at(*towel(lag))
     assert np.abs(seen.lag - lag).max() < 0.0045
     assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005
 
 
-def test_an_edge_that_lies_further_in_than_one_looks_is_at_least_so_far_in():
+def test_an_edge_beyond_the_search_range_is_reported_at_its_limit():
     seen = looked_at(*towel(lambda t: 0.2 * (t > 0.78)))
     assert np.abs(seen.lag[:7]).max() < 0.0045 and seen.lag[7:] == pytest.approx(0.12, abs=0.0025)
     assert seen.corner > 0.1
 
 
 @pytest.mark.parametrize("motion", [turned(0.0, 0.02, -0.015), turned(5.0), turned(-4.0, -0.01, 0.02)])
-def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
+def test_a_displaced_fold_is_inspected_where_it_lies(motion):
     """The picture before shows the cloth where it lay then."""
     seen = looked_at(*towel(lambda t: 0.04 * t, motion=motion), motion=motion)
     assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
@@ -180,7 +180,7 @@ def test_a_fold_that_slid_as_a_whole_is_looked_at_where_it_came_to_lie(motion):
 
 
 @pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
-def test_whichever_way_a_fold_goes_its_edge_is_found(degrees):
+def test_the_moved_edge_is_found_for_any_fold_direction(degrees):
     """Line, prediction and cloth are turned together: towards the camera it is the same as away from it."""
     R, t = turned(degrees)
     after, before = towel(lambda u: 0.04 * u, motion=(R, t), before=(R, t))
@@ -245,7 +245,7 @@ def test_a_sag_is_the_half_sine_over_the_line_between_the_ends(sag, unseen):
     assert MovedEdge(lag, LAYER).sag == pytest.approx(sag, abs=1e-9)
 
 
-def test_of_fewer_than_five_strips_no_sag_is_told():
+def test_fewer_than_five_strips_give_no_sag():
     lag = np.zeros(9)
     lag[[0, 2, 4, 6, 8]] = np.nan
     edge = MovedEdge(lag, LAYER)
@@ -254,14 +254,14 @@ def test_of_fewer_than_five_strips_no_sag_is_told():
 
 @pytest.mark.parametrize("strip", range(1, 8))
 @pytest.mark.parametrize("wrong", [-0.024, 0.1])
-def test_one_strip_that_lies_is_no_sag(strip, wrong):
+def test_one_outlying_strip_is_no_sag(strip, wrong):
     """Least squares would take a fifth of it for one."""
     lag = 0.02 * np.sin(np.pi * T)
     lag[strip] = wrong
     assert MovedEdge(lag, LAYER).sag == pytest.approx(0.02, abs=0.009)
 
 
-def test_a_corner_is_told_by_the_worse_end_that_is_seen():
+def test_the_corner_figure_is_that_of_the_worse_seen_end():
     """The second strip counts where the first one is not seen; an end of which no third is seen says nothing."""
     nan = np.nan
     for lag, corner, whole in (
@@ -278,7 +278,7 @@ def test_a_corner_is_told_by_the_worse_end_that_is_seen():
     assert np.isnan(MovedEdge(np.array([nan] * 3 + [0.0] * 3 + [nan] * 3), LAYER).corner)
 
 
-def test_when_nothing_rose_nothing_is_said():
+def test_an_edge_without_a_height_step_gives_no_figures():
     """The picture before shows the fold already: there is no telling where its edge lies."""
     _, after = heights(lambda t: 0.04 * np.sin(np.pi * t))
     again = after + NOISE * np.random.default_rng(1).standard_normal(after.shape).astype(np.float32)

@@ -57,7 +57,7 @@ def test_a_bump_is_found_where_it_stands(place: tuple[float, float], up: float) 
 
 
 @pytest.mark.parametrize("width", [1, 2])
-def test_what_lies_at_the_rim_does_not_count(width: int) -> None:
+def test_heights_at_the_rim_do_not_count(width: int) -> None:
     """The table's depth, or a hand's, and the cloth's are mixed there."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     within = cv2.erode(mask.astype(np.uint8), np.ones((2 * width + 1, 2 * width + 1), np.uint8)) > 0
@@ -69,7 +69,7 @@ def test_what_lies_at_the_rim_does_not_count(width: int) -> None:
     assert len(found(height, mask)[0]) == 0
 
 
-def test_what_was_not_seen_does_not_count() -> None:
+def test_unseen_pixels_do_not_count() -> None:
     """Every other pixel of a bump is dark: of the mean over its neighbours nothing is told there."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     whole = found(height, mask)[0]
@@ -80,7 +80,7 @@ def test_what_was_not_seen_does_not_count() -> None:
 
 
 @pytest.mark.parametrize("hole", [5, 11, 31])
-def test_a_hole_in_the_depth_says_nothing_about_the_edges(hole: int) -> None:
+def test_a_hole_in_the_depth_does_not_change_the_edges(hole: int) -> None:
     """Cloth is there, as the mask says: it is taken to be as high as elsewhere, in the hole and around it."""
     height, mask = seen([])
     row, column = np.round(VIEW.to_pixel(np.array([0.60, 0.05]))).astype(int)[::-1]
@@ -105,7 +105,7 @@ def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
     assert len(standing(height, mask, VIEW, half, THICKNESS, 0.007).places) == 0
 
 
-def test_what_is_clear_of_the_edges_lies_well_inside_them() -> None:
+def test_places_clear_of_the_edges_are_well_inside_them() -> None:
     inside = looked_at(*seen([])).inside
     near = 0.25 - EDGE
     for place, clear in (
@@ -129,13 +129,13 @@ def test_nothing_lies_inside_the_edges_of_a_garment_beyond_the_view(width: float
         assert inside(np.array(beyond)) is False
 
 
-def test_one_place_that_stands_high_does_not_move_the_edges_of_the_rest() -> None:
+def test_a_high_place_does_not_move_the_edges_of_the_rest() -> None:
     inside = looked_at(*seen([(0.55, 0.0, 0.15)])).inside
     assert inside(np.array([HIGH[0] - EDGE - 0.006, 0.1]))
     assert not inside(np.array([HIGH[0] - EDGE + 0.006, 0.1]))
 
 
-def test_where_cloth_stands_higher_than_usual_its_edge_is_where_it_is_and_not_where_it_appears() -> None:
+def test_the_edge_of_a_high_bulge_is_corrected_for_parallax() -> None:
     """The far tenth of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
     height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
     rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
@@ -162,7 +162,7 @@ def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
 
 @pytest.mark.parametrize("x", [0.55, 0.9])
 @pytest.mark.parametrize("thickness", [0.010, 0.020, 0.030])
-def test_room_is_measured_where_the_cloth_is_and_not_where_it_appears(x: float, thickness: float) -> None:
+def test_room_for_fingers_is_corrected_for_parallax(x: float, thickness: float) -> None:
     """A thick layer whose far edge lies at x appears up to 23 mm further away than it is."""
     low, high = np.array([x - 0.3, -0.25]), np.array([x, 0.25])
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])

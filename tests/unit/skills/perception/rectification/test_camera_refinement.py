@@ -27,7 +27,7 @@ PIXELS = np.stack(np.meshgrid([120.0, 320.0, 520.0], [120.0, 240.0, 360.0]), axi
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_tilted_bracket_is_found_out(seed):
+def test_a_tilted_bracket_is_measured(seed):
     """Bracket off by a few millimetres and milliradians, but for the shift along y, which no picture of the
     table shows: points seen on the table come back to within 2.5 mm."""
     rng = np.random.default_rng(seed)
@@ -42,7 +42,7 @@ def test_a_tilted_bracket_is_found_out(seed):
     assert after < 0.0025 and after < 0.5 * before
 
 
-def test_without_edges_in_view_the_depth_still_levels_it():
+def test_depth_alone_levels_the_camera_if_no_edge_is_in_view():
     true = hung((0.0, 0.0, 0.0), (0.006, 0.0, 0.0))
     outcome = refine_calibration(render(Scene(seed=1), true), camera(), TABLE)
     assert outcome.notes["edges"] == 0
@@ -51,7 +51,7 @@ def test_without_edges_in_view_the_depth_still_levels_it():
     assert error < 0.001
 
 
-def test_a_right_calibration_stays():
+def test_a_correct_calibration_is_unchanged():
     outcome = refine_calibration(render(Scene(seed=2, floor=(0.1, 0.1, 0.1))), camera(), TABLE)
     assert np.abs(on_table(outcome.unwrap(), PIXELS) - on_table(camera(), PIXELS)).max() < 0.001
 

@@ -39,13 +39,13 @@ def test_single_pixels_without_depth_and_a_strip_beyond_the_picture_change_nothi
     assert np.abs(height[:, 70:]).max() < 0.00002 and np.abs(height).max() < 0.0001
 
 
-def test_without_holes_the_table_is_its_blurred_measure_bit_for_bit() -> None:
+def test_a_table_without_holes_is_its_blurred_depth_bit_for_bit() -> None:
     empty = biased() + np.random.default_rng(1).normal(0.0, 0.0015, SHAPE).astype(np.float32)
     coarse = cv2.GaussianBlur(cv2.resize(empty, (150, 106), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
     assert np.array_equal(table_height(empty), cv2.resize(coarse, SHAPE[::-1], interpolation=cv2.INTER_LINEAR))
 
 
-def test_of_a_table_without_any_depth_nothing_is_known() -> None:
+def test_a_table_without_depth_has_zero_height() -> None:
     nothing = np.full(SHAPE, np.nan, np.float32)
     assert not table_height(nothing).any()
     nothing[7, 9] = BIAS

@@ -28,7 +28,7 @@ def test_homography_is_the_pinhole_projection_of_the_table(xy):
 
 
 @given(coordinate, st.floats(0.0, 0.2))
-def test_what_stands_up_appears_where_its_line_of_sight_meets_the_table(xy, z):
+def test_a_raised_point_appears_where_its_line_of_sight_meets_the_table(xy, z):
     seen = VIEW.shadow_on_table(np.array([*xy, z]))
     assert np.allclose(VIEW.to_image(seen), VIEW.to_image([*xy, z]), atol=1e-6)
     assert np.allclose(VIEW.to_table(VIEW.to_pixel(seen), z), xy, atol=1e-9)
@@ -56,7 +56,7 @@ def test_depth_of_a_raised_plane_becomes_its_height():
 
 
 @pytest.mark.parametrize(("up", "seen"), [(-0.03, True), (0.3, True), (-0.11, False), (-9.0, False)])
-def test_what_cannot_be_is_not_measured(up, seen):
+def test_depth_far_below_the_table_is_invalid(up, seen):
     """A mirror image in a shiny table, a driver's farthest range: nothing lies far below the table's top."""
     c = camera()
     k, T = c.intrinsics, c.T_table_camera

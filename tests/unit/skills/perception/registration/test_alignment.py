@@ -77,9 +77,7 @@ def with_step(low: float, high: float, out: float) -> Array:
 @pytest.mark.parametrize("out", [-0.03, -0.012, 0.012, 0.03])
 @pytest.mark.parametrize("first", [0, 3, 5])
 @pytest.mark.parametrize(("ours", "theirs"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-def test_the_largest_deviation_is_told_with_its_sign_and_place(
-    out: float, first: int, ours: int, theirs: int
-) -> None:
+def test_the_largest_deviation_has_a_sign_and_a_place(out: float, first: int, ours: int, theirs: int) -> None:
     """Wherever the outline begins, also in the midst of it, and whichever way round both run."""
     seen = np.roll(with_step(0.55, 0.65, out), first, axis=0)
     deviation, place = edge_deviation(SQUARE[::ours], seen[::theirs])
@@ -97,7 +95,7 @@ def test_a_deviation_across_the_outlines_beginning_is_found(first: int) -> None:
     assert deviation < -0.015 and np.linalg.norm(place - SQUARE[first]) < 0.07
 
 
-def test_of_two_deviations_the_larger_is_told() -> None:
+def test_the_larger_of_two_deviations_is_returned() -> None:
     for large, small in ((0.03, -0.015), (-0.03, 0.015)):
         seen = with_step(0.55, 0.65, large)
         seen = np.vstack([seen, [[0.4, 0.05], [0.4 - small, 0.05], [0.4 - small, -0.05], [0.4, -0.05]]])

@@ -20,7 +20,7 @@ def test_turned_sleeves_do_not_move_the_body(swing):
     assert np.linalg.norm(found - truth, axis=1)[BODY].max() < 0.003
 
 
-def test_where_a_blunt_corner_was_registered_does_not_matter():
+def test_the_body_pose_does_not_depend_on_blunt_corners():
     truth = place(shirt(0.1, -0.1), 0.6, 0.0, -0.1)
     placed = np.where(CLEAR[:, None], truth, truth + np.array([0.02, -0.03]))
     found = lay_body(TEMPLATE, placed, CLEAR, Boundary(resample_closed(truth, 0.002)))

@@ -115,7 +115,7 @@ def test_snapping_finds_the_tip_of_a_well_rounded_corner():
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.03, -0.02])
-def test_a_crotch_is_found_though_the_table_near_it_is_too_narrow_to_see(spread):
+def test_a_crotch_is_found_between_close_legs(spread):
     """The boundary ends 25 mm short of the crotch, where the legs are 3 mm apart."""
     truth = trousers(spread, spread)
     crotch = TROUSERS_NAMES.index("crotch")
@@ -132,7 +132,7 @@ def test_a_crotch_is_found_though_the_table_near_it_is_too_narrow_to_see(spread)
     [(shirt, SHIRT_NAMES, (-0.3, 0.3)), (trousers, TROUSERS_NAMES, (0.03, 0.10))],
     ids=["shirt", "trousers"],
 )
-def test_limbs_may_swing(make, names, swings):
+def test_limbs_may_be_turned(make, names, swings):
     """Sleeves and legs turned by up to 17 degrees: nearly every key point within 1 cm of where it is."""
     template = Silhouette(make.__name__, make.__name__, names, make())
     errors = []
@@ -186,7 +186,7 @@ def test_a_silhouettes_symmetries_do_not_depend_on_how_it_is_turned(polygon, nam
         assert symmetries(place(polygon, 0.3, 0.1, angle)) == names
 
 
-def test_a_corner_set_along_an_edge_is_told():
+def test_a_misplaced_corner_along_an_edge_is_reported():
     """The outline of a towel that has lost a corner, under a template that has all four."""
     whole = register(resample_closed(TOWEL, 0.002), TOWEL_TEMPLATE)
     assert whole.least_turn > 0.8

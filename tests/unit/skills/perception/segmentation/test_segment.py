@@ -35,7 +35,7 @@ def pair(picture, bare):
 
 
 @pytest.mark.parametrize("seed", [0, 5, 26])
-def test_reference_finds_the_towel_whatever_its_fabric(towel_picture, seed):
+def test_the_reference_finds_a_towel_of_any_fabric(towel_picture, seed):
     scene, truth, picture, bare = towel_picture(seed)
     seen, table, height = pair(picture, bare)
     found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
@@ -54,7 +54,7 @@ def test_deep_wide_shadow_does_not_move_the_boundary():
     assert np.quantile(outside, 0.95) < 0.003
 
 
-def test_dark_grey_cloth_on_grey_table_is_told_from_shadow_by_depth():
+def test_depth_separates_dark_grey_cloth_from_a_shadow():
     towel = place(TOWEL * 0.8, 0.6, 0.0, 0.2)
     scene = Scene(seed=6, polygons=[towel], fabric=(0.27, 0.27, 0.27), table_colour=(0.5, 0.5, 0.5))
     seen, table, height = pair(render(scene), empty(scene))
@@ -74,7 +74,7 @@ def test_a_garment_that_covers_most_of_the_view_is_no_change_of_light(size, fabr
     assert found.confidence > 0.9
 
 
-def test_a_smaller_garment_is_told_from_the_light_without_its_height(towel_picture):
+def test_a_small_garment_is_separated_from_a_change_of_light_without_depth(towel_picture):
     _, _, picture, bare = towel_picture(0)
     seen, table, height = pair(picture, bare)
     image, reference = log_colour(seen.rgb), log_colour(table.rgb)
@@ -100,7 +100,7 @@ def test_nothing_is_found_on_an_empty_table(bare_table):
     assert not segment_reference(seen.rgb, table.rgb, seen.valid, height).found
 
 
-def test_without_reference_the_rim_of_the_view_stands_in(towel_picture):
+def test_the_rim_of_the_view_replaces_a_missing_reference(towel_picture):
     scene, truth, picture, _ = towel_picture(0)
     seen = VIEW.rectify(picture)
     assert iou(segment_plain(seen.rgb, seen.valid).mask, true_mask(scene, truth)) > 0.93

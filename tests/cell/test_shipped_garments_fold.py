@@ -1,0 +1,24 @@
+"""Whole runs with the shipped settings and trajectories: the garments of benchmarks/regression_runs end folded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.campaigns.hil.script import read_script
+from cell.runs.fold_run import fold_once
+from tests.runs import fold_request
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
+
+
+@pytest.mark.parametrize("name", ["medium_towel", "t_shirt", "long_sleeve_shirt_small", "pants"])
+def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
+    script = read_script(RUNS / f"{name}.yaml")
+    result = fold_once(fold_request(tmp_path, {}, garment=script.garment_named, seed=script.seed))
+    assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
+    assert result.failure is None
+    assert all(step["done"] for step in result.steps)

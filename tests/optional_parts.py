@@ -1,0 +1,79 @@
+"""Parts that some tests need and not every machine has, and the rule by which their tests may be skipped."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from robots.baxter.ros.installation import PACKAGES, find_ros
+
+__all__ = ["ALLOWED_SKIPS", "BROWSER", "GIT", "MUJOCO", "ROS", "OptionalPart", "may_be_skipped", "skip_summary"]
+
+ALLOWED_SKIPS = "FOLDCELL_ALLOWED_SKIPS"
+"""Environment variable: names of the parts whose tests may be skipped, separated by commas. If it is set, even to
+nothing, every other skip is a failure. If it is not set, every skip is allowed."""
+
+
+@dataclass(frozen=True)
+class OptionalPart:
+    """name: the word in reasons and in ALLOWED_SKIPS; install: the command by which a user has it."""
+
+    name: str
+    present: bool
+    install: str
+
+    @property
+    def reason(self) -> str:
+        return f"needs {self.name}"
+
+    @property
+    def required(self) -> pytest.MarkDecorator:
+        """The mark of tests that need the part."""
+        return pytest.mark.skipif(not self.present, reason=self.reason)
+
+    def require(self) -> None:
+        """Skip the test that calls this, or that uses the fixture that calls this, where the part is missing."""
+        if not self.present:
+            pytest.skip(self.reason)
+
+
+def program(*names: str, path: str | None = None) -> bool:
+    return any(shutil.which(name, path=path) for name in names)
+
+
+ROS_PATH = os.pathsep.join((os.environ.get("PATH", os.defpath), "/opt/ros/noetic/bin"))
+ROS = OptionalPart(
+    "ROS", find_ros() is not None and program("rosmaster", path=ROS_PATH), f"apt-get install {PACKAGES}"
+)
+BROWSER = OptionalPart(
+    "browser", program("chromium", "chromium-browser", "google-chrome"), "apt-get install chromium"
+)
+MUJOCO = OptionalPart(
+    "mujoco", importlib.util.find_spec("mujoco") is not None, 'pip install -c constraints.txt -e ".[peers]"'
+)
+GIT = OptionalPart("git", (Path(__file__).parents[1] / ".git").exists() and program("git"), "git clone")
+PARTS = (ROS, BROWSER, MUJOCO, GIT)
+
+
+def may_be_skipped(reason: str, environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether a test may be skipped for this reason."""
+    allowed = environment.get(ALLOWED_SKIPS)
+    if allowed is None:
+        return True
+    names = {name.strip() for name in allowed.split(",")}
+    return any(part.reason == reason and part.name in names for part in PARTS)
+
+
+def skip_summary(reasons: Iterable[str]) -> str:
+    """One line: how many tests were left out for each reason, and the command that brings the part."""
+    install = {part.reason: f": {part.install}" for part in PARTS}
+    counts = Counter(reasons).most_common()
+    told = [f"{n} {'test' if n == 1 else 'tests'} ({why}{install.get(why, '')})" for why, n in counts]
+    return f"left out: {', '.join(told)}" if told else ""
