@@ -9,7 +9,7 @@ import numpy as np
 from cell.control.motions.hands import Hands
 from robots.errors import Failure
 from robots.ports import JointState, Side
-from skills.grasping.hand_reading import fault
+from skills.grasping.hand_reading import validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 
@@ -29,7 +29,7 @@ class FingertipForceMonitor:
         """Read the tips; why nobody can say how hard they are pushed, or None."""
         for side, zeroed in self._zeros.items():
             reading = self._hands.read(side, state)
-            bad = fault(reading, self._settings)
+            bad = validate_reading(reading, self._settings)
             if bad:
                 return bad
             self.now[side] = float(np.max(reading.tactile.tip - zeroed.tip))
