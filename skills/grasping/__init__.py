@@ -1,7 +1,7 @@
 """Grasping as pure controllers: (reading, state) -> (command, state or outcome).
 
-In the order of a grasp: zero (pads unloaded) - descend (guarded) - close - confirm - lift - slip (through the
-fold) - release - stuck (after it). None of them holds a clock: time is the readings' stamps, so that they are
-the same in simulation, on hardware and in a test. A reading that is stale or no number ends each of them with
-a typed failure; one that brings nothing new changes nothing.
+In the order of a grasp: tare (pads unloaded) - descend (guarded) - close - confirm - lift - slip (through the
+fold) - release - stuck_on_finger. The controllers have no clock: time comes from the stamps of the readings.
+They therefore behave the same in simulation, on hardware and in tests. A stale or non-finite reading ends any of
+them with a typed failure. A reading without new data changes nothing.
 """

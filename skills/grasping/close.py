@@ -1,4 +1,4 @@
-"""Closing the pads: until both feel force, or until the opening stands still."""
+"""Closing the pads until both feel force or the opening stops changing."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import GripCommand, HandReading, fault
+from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["CloseState", "Closed", "close", "speed_of", "start_close"]
 
-FEWEST_SAMPLES = 4
-"""Readings that a speed is taken from, at least."""
+MIN_SAMPLES = 4
+"""Minimum number of readings for a speed estimate."""
 
 
 @dataclass(frozen=True)
 class Closed:
-    """opening [m] and the smaller pad's force [N] when the pads had closed, `seconds` after the start."""
+    """State of the closed pads. opening: [m]. force: of the less loaded pad [N]. seconds: since the start [s]."""
 
     opening: float
     force: float
@@ -29,64 +29,66 @@ class Closed:
 @dataclass(frozen=True, eq=False)
 class CloseState:
     settings: GraspSettings
-    tare: TactileBias
+    bias: TactileBias
     started: float
     start_opening: float
     tactile_stamp: float = -np.inf
-    count: int = 0
+    pressed_count: int = 0
     openings: tuple[tuple[float, float], ...] = ()
 
 
-def start_close(settings: GraspSettings, tare: TactileBias, reading: HandReading) -> CloseState:
-    return CloseState(settings, tare, reading.stamp, reading.gripper.opening)
+def start_close(settings: GraspSettings, bias: TactileBias, reading: HandReading) -> CloseState:
+    return CloseState(settings, bias, reading.stamp, reading.gripper.opening)
 
 
 def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseState | Outcome[Closed]]:
-    """One tick: squeeze until closed. Whether anything is held is for `confirm` to say.
+    """One tick: squeeze until closed. `confirm` then decides whether anything is held.
 
-    Fails with GRIPPER_FAULT when the pads neither press nor come to rest in time, or never moved; and as
-    `fault` says.
+    Failures: GRIPPER_FAULT when the pads neither feel force nor come to rest in time, or never moved; those of
+    `validate_reading`.
     """
     s = state.settings
     command = GripCommand(0.0, s.grip_force)
-    bad = fault(reading, s)
-    if bad:
-        return command, Outcome(failure=bad)
-    state = _watch(reading, state)
+    invalid = validate_reading(reading, s)
+    if invalid:
+        return command, Outcome(failure=invalid)
+    state = _update(reading, state)
     seconds = reading.stamp - state.started
-    if state.count >= s.close_readings or _at_rest(state):
-        force = float(state.tare.pads(reading).min())
+    if state.pressed_count >= s.close_readings or _at_rest(state):
+        force = float(state.bias.pads(reading).min())
         return command, Outcome(Closed(reading.gripper.opening, force, seconds))
     if seconds > s.close_timeout:
-        return command, Outcome(failure=_too_long(reading, state, seconds))
+        return command, Outcome(failure=_timeout_failure(reading, state, seconds))
     return command, state
 
 
 def speed_of(openings: tuple[tuple[float, float], ...]) -> float | None:
-    """Slope of (stamp, opening) pairs [m/s], least squares; None from too few."""
-    if len(openings) < FEWEST_SAMPLES:
+    """Least-squares slope of (stamp [s], opening [m]) pairs [m/s]; None if there are too few."""
+    if len(openings) < MIN_SAMPLES:
         return None
     t, x = (np.array(column) for column in zip(*openings, strict=True))
     t = t - t.mean()
     return float(t @ x / (t @ t))
 
 
-def _watch(reading: HandReading, state: CloseState) -> CloseState:
+def _update(reading: HandReading, state: CloseState) -> CloseState:
     s = state.settings
     if reading.tactile.stamp > state.tactile_stamp:
         pressed = bool((_pads(reading, state) >= s.close_force).all())
-        state = replace(state, tactile_stamp=reading.tactile.stamp, count=state.count + 1 if pressed else 0)
+        state = replace(
+            state, tactile_stamp=reading.tactile.stamp, pressed_count=state.pressed_count + 1 if pressed else 0
+        )
     stamp = reading.gripper.stamp
     if not state.openings or stamp > state.openings[-1][0]:
-        seen = (*state.openings, (stamp, reading.gripper.opening))
-        kept = tuple(p for p in seen if p[0] > stamp - s.still_window)
-        # a slow gripper says less in the window than it takes to tell a speed: then its last words count
-        state = replace(state, openings=kept if len(kept) >= FEWEST_SAMPLES else seen[-FEWEST_SAMPLES:])
+        openings = (*state.openings, (stamp, reading.gripper.opening))
+        kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
+        # A slow gripper reports too rarely for the window: then the last few openings count.
+        state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
     return state
 
 
 def _pads(reading: HandReading, state: CloseState) -> Array:
-    return state.tare.pads(reading)
+    return state.bias.pads(reading)
 
 
 def _at_rest(state: CloseState) -> bool:
@@ -98,7 +100,7 @@ def _at_rest(state: CloseState) -> bool:
     return abs(speed) < s.still_speed and moved >= min(s.close_travel, 0.5 * state.start_opening)
 
 
-def _too_long(reading: HandReading, state: CloseState, seconds: float) -> Failure:
+def _timeout_failure(reading: HandReading, state: CloseState, seconds: float) -> Failure:
     moved = state.start_opening - reading.gripper.opening
     return Failure(
         FailureKind.GRIPPER_FAULT,

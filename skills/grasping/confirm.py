@@ -1,8 +1,8 @@
-"""Is there cloth between the closed pads, and how many layers of it?
+"""Confirmation of a grasp: whether cloth is between the closed pads, and how many layers.
 
-Both pads must feel force and the opening must be above that of empty pads: pads that closed on one another
-feel force too. Layers are counted from the opening by Bayes' rule with equal priors: n layers stand
-n x thickness high, uncertain by the thickness and by the reading.
+Both pads must feel force, and the opening must be larger than that of empty pads, because empty pads that press
+on each other feel force too. The number of layers follows from the opening by Bayes' rule with equal priors: n
+layers are n x thickness high, with the uncertainty of the thickness and of the reading.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Confirmation", "Expectation", "Held", "LayerCount", "confirm", "count_layers", "start_confirm"]
 
-MOST_LAYERS = 12
+MAX_LAYERS = 12
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the pinch shall hold. layers: as planned; None: any number will do. thickness: of one layer [m].
+    """The expected grasp. thickness: of one layer [m]. layers: as planned; None accepts any number.
 
-    or_more: a hand set down on the table takes all that lies there: more layers than believed are then no fault.
+    or_more: more layers than planned are accepted too, as for a hand on the table, which takes all layers there.
     """
 
     thickness: float
@@ -35,8 +35,11 @@ class Expectation:
 
 @dataclass(frozen=True)
 class LayerCount:
-    """probabilities: of 0 (nothing), 1, 2... layers; estimate, sigma: opening over thickness and its standard
-    deviation for the likeliest number."""
+    """The layers between the pads.
+
+    probabilities: of 0, 1, 2... layers. estimate: opening over thickness. sigma: standard deviation of the
+    estimate for the most likely number of layers.
+    """
 
     probabilities: tuple[float, ...]
     estimate: float
@@ -44,22 +47,22 @@ class LayerCount:
 
     @property
     def layers(self) -> int:
-        """The likeliest number."""
+        """The most likely number of layers."""
         return max(range(len(self.probabilities)), key=self.probabilities.__getitem__)
 
     @property
     def probability(self) -> float:
-        """Of the likeliest number."""
+        """Probability of the most likely number of layers."""
         return max(self.probabilities)
 
     def of(self, layers: int) -> float:
-        """Probability of a number of layers; beyond the last that is reckoned with, that of the last."""
+        """Probability of a number of layers; numbers above the largest considered count as the largest."""
         return self.probabilities[min(layers, len(self.probabilities) - 1)]
 
 
 @dataclass(frozen=True)
 class Held:
-    """A confirmed grasp: mean force of the weaker pad [N], mean opening [m], and the layers counted."""
+    """A confirmed grasp. stamp: [s]. grip: mean force of the less loaded pad [N]. opening: mean [m]."""
 
     stamp: float
     grip: float
@@ -69,52 +72,55 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Confirmation:
-    """State of a confirmation: what has been gathered so far."""
+    """State of a confirmation: the readings so far."""
 
     settings: GraspSettings
-    tare: TactileBias
+    bias: TactileBias
     expected: Expectation
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
     openings: tuple[float, ...] = ()
 
 
-def start_confirm(settings: GraspSettings, tare: TactileBias, expected: Expectation) -> Confirmation:
-    return Confirmation(settings, tare, expected)
+def start_confirm(settings: GraspSettings, bias: TactileBias, expected: Expectation) -> Confirmation:
+    return Confirmation(settings, bias, expected)
 
 
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
-    """One tick. Failures: MISSED_GRASP (nothing held, or surely fewer layers than planned), MISSED_LAYER (surely
-    more than planned), and as `fault` says."""
-    bad = fault(reading, state.settings)
-    if bad:
-        return Outcome(failure=bad)
+    """One tick.
+
+    Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
+    than planned), those of `validate_reading`.
+    """
+    invalid = validate_reading(reading, state.settings)
+    if invalid:
+        return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
     state = replace(
         state,
         stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.tare.pads(reading)),
+        pads=(*state.pads, state.bias.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
     if len(state.pads) < state.settings.confirm_readings:
         return state
-    return _judge(reading, state)
+    return _evaluate(reading, state)
 
 
 def count_layers(opening: float, sigma: float, thickness: float, settings: GraspSettings) -> LayerCount:
-    """From a mean opening [m] with standard deviation sigma [m]."""
-    n = np.arange(MOST_LAYERS + 1)
-    spread = np.hypot(sigma, settings.thickness_error * thickness * n)
-    off = (opening - settings.empty_opening - thickness * n) / spread
-    log_p = -0.5 * off**2 - np.log(spread)
+    """Count layers of `thickness` [m] from a mean opening [m] with standard deviation sigma [m]."""
+    n = np.arange(MAX_LAYERS + 1)
+    deviation_sigma = np.hypot(sigma, settings.thickness_error * thickness * n)
+    deviation = (opening - settings.empty_opening - thickness * n) / deviation_sigma
+    log_p = -0.5 * deviation**2 - np.log(deviation_sigma)
     p = np.exp(log_p - log_p.max())
-    best = int(p.argmax())
+    most_likely = int(p.argmax())
     estimate = (opening - settings.empty_opening) / thickness
-    return LayerCount(tuple((p / p.sum()).tolist()), estimate, float(spread[best] / thickness))
+    return LayerCount(tuple((p / p.sum()).tolist()), estimate, float(deviation_sigma[most_likely] / thickness))
 
 
-def _judge(reading: HandReading, state: Confirmation) -> Outcome[Held]:
+def _evaluate(reading: HandReading, state: Confirmation) -> Outcome[Held]:
     s = state.settings
     force = float(np.mean(state.pads, axis=0).min())
     opening = float(np.mean(state.openings))
@@ -129,15 +135,17 @@ def _judge(reading: HandReading, state: Confirmation) -> Outcome[Held]:
     }
     side = reading.tactile.side
     if force < s.held_force or count.layers == 0:
-        what = f"the {side} pads closed on nothing" if force >= s.held_force else f"the {side} pads feel no cloth"
-        return Outcome(failure=Failure(FailureKind.MISSED_GRASP, what, "grasp lower or further in", values))
-    wanted = state.expected.layers
-    fewer = wanted is not None and count.layers < wanted
-    if wanted is not None and count.of(wanted) < s.layer_doubt and (fewer or not state.expected.or_more):
+        message = (
+            f"the {side} pads closed on nothing" if force >= s.held_force else f"the {side} pads feel no cloth"
+        )
+        return Outcome(failure=Failure(FailureKind.MISSED_GRASP, message, "grasp lower or further in", values))
+    planned = state.expected.layers
+    fewer = planned is not None and count.layers < planned
+    if planned is not None and count.of(planned) < s.layer_doubt and (fewer or not state.expected.or_more):
         return Outcome(
             failure=Failure(
                 FailureKind.MISSED_GRASP if fewer else FailureKind.MISSED_LAYER,
-                f"the {side} hand holds {count.layers} layers, not {wanted}",
+                f"the {side} hand holds {count.layers} layers, not {planned}",
                 "grasp lower" if fewer else "let go and grasp less deep",
                 values,
             )

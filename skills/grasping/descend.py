@@ -1,8 +1,8 @@
-"""Guarded descent: down until the fingertips touch, and no further than the table allows.
+"""Guarded descent: lower the hand until the fingertips touch, but not below a given height.
 
-The tips' tactile cells decide first (they feel 0.1 N), the joints second (they feel what the cells cannot: a
-hand beside its cells, a wrist on a hanger): by their efforts, or by an arm that stays behind its command. The
-expected height alone ends a descent only where the caller says so.
+The tactile cells at the tips are the first contact sensor; they feel 0.1 N. Contacts beside the cells, such as a
+wrist on a hanger, show in the joints: by their efforts, or by an arm that lags behind its command. The height
+alone ends a descent only if the caller asks for it.
 """
 
 from __future__ import annotations
@@ -11,28 +11,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent"]
 
-Way = tuple[tuple[float, float], ...]
-LONGEST_TICK = 0.05
-"""A gap between readings never makes a step longer than this one [s]."""
-AT_BOTTOM = 0.0005
-"""The arm has followed to the lower bound when it is this near [m]."""
+Track = tuple[tuple[float, float], ...]
+MAX_TIME_STEP = 0.05
+"""Longest time step; a longer gap between readings counts as this [s]."""
+BOTTOM_TOLERANCE = 0.0005
+"""Distance to the lower bound at which the arm counts as having reached it [m]."""
 
 
 @dataclass(frozen=True)
 class DescentGoal:
     """Heights of the tool centre point over the table [m].
 
-    contact: where the tips should meet cloth or table. bottom: lower bound; touching nothing down to there is
-    NO_CONTACT. stop: where the descent ends well without a touch (to pinch the upper layers only), or None.
-    through: height of the cloth that the tips shall press flat before it counts as a contact, so that the pads
-    reach under all of its layers; 0 stops at the first touch.
+    contact: where the tips are expected to touch cloth or table. bottom: lower bound; no touch down to there is
+    NO_CONTACT. stop: where the descent succeeds without a touch (to grasp only the upper layers), or None.
+    through: height of cloth that the tips press flat before it counts as a contact, so that the pads reach under
+    all of its layers; 0 stops at the first touch. Raises ValueError when through is negative or bottom too high.
     """
 
     contact: float
@@ -42,15 +42,17 @@ class DescentGoal:
 
     def __post_init__(self) -> None:
         if self.through < 0.0:
-            raise ValueError(f"cloth cannot be {self.through} m high")
-        low = self.contact if self.stop is None else min(self.contact, self.stop)
-        if not self.bottom <= low:
-            raise ValueError(f"a descent's bottom {self.bottom} m must not be above its contact or stop {low} m")
+            raise ValueError(f"through must not be negative, but is {self.through} m")
+        lowest_end = self.contact if self.stop is None else min(self.contact, self.stop)
+        if not self.bottom <= lowest_end:
+            raise ValueError(
+                f"a descent's bottom {self.bottom} m must not be above its contact or stop {lowest_end} m"
+            )
 
 
 @dataclass(frozen=True)
 class DescentCommand:
-    """The height to be at in the next tick [m]; `hold`: stay there, nothing new was learnt or it is over."""
+    """height: of the tool centre point in the next tick [m]. hold: no new data, or the descent has ended."""
 
     height: float
     hold: bool = False
@@ -58,7 +60,7 @@ class DescentCommand:
 
 @dataclass(frozen=True)
 class Contact:
-    """height where it ended [m]; by: 'tip', 'effort', 'stall' or 'height'; force on the tips [N]."""
+    """End of a descent. height: [m]. by: 'tip', 'effort', 'stall' or 'height'. force: on the tips [N]."""
 
     height: float
     by: str
@@ -69,7 +71,7 @@ class Contact:
 class DescentState:
     settings: GraspSettings
     goal: DescentGoal
-    tare: TactileBias
+    bias: TactileBias
     target: float
     stamp: float
     tactile_stamp: float = -np.inf
@@ -78,93 +80,93 @@ class DescentState:
     effort_count: int = 0
     stall_count: int = 0
     lowered: float = np.inf
-    """When the command last went down [s]."""
+    """Stamp at which the command was last lowered [s]."""
     speed: float = 0.0
-    """Downwards, as commanded now [m/s]: an arm that starts with a jerk feels a contact that is none."""
-    way: Way = ()
-    """When and where the hand was of late [s], [m]."""
+    """Commanded downward speed [m/s]. It is ramped, because an abrupt start would look like a contact."""
+    track: Track = ()
+    """Recent (stamp [s], height [m]) of the hand."""
 
 
 def start_descent(
     settings: GraspSettings, goal: DescentGoal, bias: TactileBias, reading: HandReading
 ) -> DescentState:
-    """From where the hand is. The zero was taken above the garment, just before."""
+    """Start a descent from the hand's present height. The bias must just have been measured above the garment."""
     return DescentState(settings, goal, bias, reading.height, reading.stamp, effort=reading.effort)
 
 
 def descend(reading: HandReading, state: DescentState) -> tuple[DescentCommand, DescentState | Outcome[Contact]]:
-    """One tick. On any end the command holds the height at which the hand is.
+    """One tick. At the end of the descent the command holds the hand's present height.
 
     Failures: NO_CONTACT at the lower bound, IN_COLLISION on a touch far above the garment, TRACKING_ERROR when
-    the arm does not follow, and what `fault` says.
+    the arm does not follow, those of `validate_reading`.
     """
-    bad = fault(reading, state.settings)
-    if bad:
-        return _stay(reading), Outcome(failure=bad)
-    dt = float(np.clip(reading.stamp - state.stamp, 0.0, LONGEST_TICK))
+    invalid = validate_reading(reading, state.settings)
+    if invalid:
+        return _hold(reading), Outcome(failure=invalid)
+    dt = float(np.clip(reading.stamp - state.stamp, 0.0, MAX_TIME_STEP))
     state = replace(state, stamp=max(reading.stamp, state.stamp))
     if reading.tactile.stamp <= state.tactile_stamp:
         return DescentCommand(state.target, hold=True), state
-    state = _feel(reading, state, dt)
-    end = _touched(reading, state) or _arrived(reading, state)
-    if end:
-        return _stay(reading), end
-    state = _lower(reading, state, dt)
+    state = _update_contacts(reading, state, dt)
+    outcome = _check_contact(reading, state) or _check_end(reading, state)
+    if outcome:
+        return _hold(reading), outcome
+    state = _lower_target(reading, state, dt)
     return DescentCommand(state.target), state
 
 
-def _stay(reading: HandReading) -> DescentCommand:
+def _hold(reading: HandReading) -> DescentCommand:
     return DescentCommand(reading.height, hold=True)
 
 
 def _tip_force(reading: HandReading, state: DescentState) -> float:
-    return float((reading.tactile.tip - state.tare.tip).max())
+    return float((reading.tactile.tip - state.bias.tip).max())
 
 
-def _feel(reading: HandReading, state: DescentState, dt: float) -> DescentState:
-    """Count touching readings; let the efforts' running mean follow while nothing touches."""
+def _update_contacts(reading: HandReading, state: DescentState, dt: float) -> DescentState:
+    """Count the readings with a contact, and update the running mean of the efforts while there is none."""
     s = state.settings
-    touching = _tip_force(reading, state) >= s.contact_force + s.press_stiffness * state.goal.through
-    mean = reading.effort if state.effort is None else state.effort
-    pushed = bool(np.abs(reading.effort - mean).max() >= s.contact_effort)
-    slow = state.speed <= 1.01 * s.guarded_speed
-    way = _of_late(state.way, reading, s.stall_window)
-    stalled = slow and _stands(way, s) and reading.height - state.target >= s.stall_lag
-    follow = 0.0 if pushed else 1.0 - np.exp(-dt / s.effort_time)
+    tip_contact = _tip_force(reading, state) >= s.contact_force + s.press_stiffness * state.goal.through
+    mean_effort = reading.effort if state.effort is None else state.effort
+    effort_contact = bool(np.abs(reading.effort - mean_effort).max() >= s.contact_effort)
+    guarded = state.speed <= 1.01 * s.guarded_speed
+    track = _extend_track(state.track, reading, s.stall_window)
+    stalled = guarded and _is_still(track, s) and reading.height - state.target >= s.stall_lag
+    gain = 0.0 if effort_contact else 1.0 - np.exp(-dt / s.effort_time)
     return replace(
         state,
         tactile_stamp=reading.tactile.stamp,
-        tip_count=state.tip_count + 1 if touching else 0,
-        effort_count=state.effort_count + 1 if pushed else 0,
+        tip_count=state.tip_count + 1 if tip_contact else 0,
+        effort_count=state.effort_count + 1 if effort_contact else 0,
         stall_count=state.stall_count + 1 if stalled else 0,
-        effort=mean + follow * (reading.effort - mean),
-        way=way,
+        effort=mean_effort + gain * (reading.effort - mean_effort),
+        track=track,
     )
 
 
-def _of_late(way: Way, reading: HandReading, window: float) -> Way:
-    """The places up to now, the first of them `window` [s] ago, or as long as there are any."""
-    way = (*way, (reading.stamp, reading.height))
-    first = next(k for k in range(len(way)) if k + 1 == len(way) or reading.stamp - way[k + 1][0] < window)
-    return way[first:]
+def _extend_track(track: Track, reading: HandReading, window: float) -> Track:
+    """The track with the new reading, cut to the last `window` [s]."""
+    track = (*track, (reading.stamp, reading.height))
+    first = next(k for k in range(len(track)) if k + 1 == len(track) or reading.stamp - track[k + 1][0] < window)
+    return track[first:]
 
 
-def _stands(way: Way, settings: GraspSettings) -> bool:
-    """Whether the hand has hardly come down over the whole window."""
-    (begun, top), (now, height) = way[0], way[-1]
+def _is_still(track: Track, settings: GraspSettings) -> bool:
+    """Whether the hand has hardly moved down over the whole window."""
+    (begun, top), (now, height) = track[0], track[-1]
     if now - begun < settings.stall_window:
         return False
     return top - height < settings.stall_speed * (now - begun)
 
 
-def _touched(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
+def _check_contact(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
     s = state.settings
     counts = {
         "tip": state.tip_count >= s.contact_readings,
         "effort": state.effort_count >= s.effort_readings,
         "stall": state.stall_count >= s.effort_readings,
     }
-    by = next((name for name, enough in counts.items() if enough), None)
+    by = next((name for name, reached in counts.items() if reached), None)
     if by is None:
         return None
     contact = Contact(reading.height, by, _tip_force(reading, state))
@@ -174,19 +176,19 @@ def _touched(reading: HandReading, state: DescentState) -> Outcome[Contact] | No
             failure=Failure(
                 FailureKind.IN_COLLISION,
                 f"the {reading.tactile.side} hand touched something {above * 1e3:.0f} mm above the garment",
-                "look what stands or lies there",
+                "check what is there",
                 {"height_m": contact.height, "expected_m": state.goal.contact, "by": contact.by},
             )
         )
     return Outcome(contact)
 
 
-def _arrived(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
+def _check_end(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
     goal = state.goal
     if goal.stop is not None and reading.height <= goal.stop:
         return Outcome(Contact(reading.height, "height", _tip_force(reading, state)))
     waited = reading.stamp - state.lowered
-    if reading.height > goal.bottom + AT_BOTTOM and waited < state.settings.bottom_wait:
+    if reading.height > goal.bottom + BOTTOM_TOLERANCE and waited < state.settings.bottom_wait:
         return None
     if reading.height > goal.bottom + state.settings.lead:
         return Outcome(
@@ -207,13 +209,13 @@ def _arrived(reading: HandReading, state: DescentState) -> Outcome[Contact] | No
     )
 
 
-def _lower(reading: HandReading, state: DescentState, dt: float) -> DescentState:
-    """The next height: fast while far, slow near; never far ahead of the arm, never below the bound."""
+def _lower_target(reading: HandReading, state: DescentState, dt: float) -> DescentState:
+    """The next height: fast far above the contact, slow near it, close to the arm, and not below the bound."""
     s, goal = state.settings, state.goal
-    ends = goal.contact if goal.stop is None else max(goal.contact, goal.stop)
-    fast = min(state.target, reading.height) > ends + s.slow_above
-    wanted = s.approach_speed if fast else s.guarded_speed
-    speed = state.speed + float(np.clip(wanted - state.speed, -s.acceleration * dt, s.acceleration * dt))
+    end_height = goal.contact if goal.stop is None else max(goal.contact, goal.stop)
+    far_above = min(state.target, reading.height) > end_height + s.slow_above
+    goal_speed = s.approach_speed if far_above else s.guarded_speed
+    speed = state.speed + float(np.clip(goal_speed - state.speed, -s.acceleration * dt, s.acceleration * dt))
     target = max(min(state.target, max(state.target - speed * dt, reading.height - s.lead)), goal.bottom)
     lowered = reading.stamp if target < state.target or state.lowered == np.inf else state.lowered
     return replace(state, target=target, lowered=lowered, speed=speed)

@@ -1,4 +1,4 @@
-"""What a grasping controller sees in one tick: one hand's sensors, with the moment of looking."""
+"""The input of a grasping controller in one tick: the sensor readings of one hand, with a stamp."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from robots.ports import GripperState, TactileReading
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["GripCommand", "HandReading", "fault"]
+__all__ = ["GripCommand", "HandReading", "validate_reading"]
 
 
 @dataclass(frozen=True, eq=False)
 class HandReading:
-    """One hand at one moment.
+    """Sensor readings of one hand at one time.
 
-    stamp: cell time of the look [s]; the sensors' own stamps are at most that. height: of the tool centre point
-    over the table, from the measured joints [m]. effort: (7,) of that arm's joints [Nm].
+    stamp: cell time of the reading [s]; the sensors' own stamps are not later. height: of the tool centre point
+    above the table, from the measured joints [m]. effort: (7,) of that arm's joints [Nm].
     """
 
     stamp: float
@@ -29,14 +29,14 @@ class HandReading:
 
 @dataclass(frozen=True)
 class GripCommand:
-    """What the gripper shall do: pads `opening` apart [m], squeezing with at most `force` [N]."""
+    """A command to the gripper. opening: distance of the pads [m]. force: maximum grip force [N]."""
 
     opening: float
     force: float
 
 
-def fault(reading: HandReading, settings: GraspSettings) -> Failure | None:
-    """Why this reading cannot be acted on, or None."""
+def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure | None:
+    """STALE_STATE when a sensor's reading is too old, HARDWARE_FAULT when a value is not finite, else None."""
     for name, stamp, limit in (
         ("tactile cells", reading.tactile.stamp, settings.tactile_stale),
         ("gripper", reading.gripper.stamp, settings.gripper_stale),
@@ -52,13 +52,13 @@ def fault(reading: HandReading, settings: GraspSettings) -> Failure | None:
     if not _finite(reading):
         return Failure(
             FailureKind.HARDWARE_FAULT,
-            f"the {reading.tactile.side} hand's sensors give no numbers",
+            f"the {reading.tactile.side} hand's sensors give values that are not finite",
             "check the tactile cells and the gripper",
         )
     return None
 
 
 def _finite(reading: HandReading) -> bool:
-    # A sum is finite only if all of its terms are; it costs a fifth of testing each.
+    # A sum is finite only if all of its terms are. This takes a fifth of the time of testing each.
     numbers = reading.stamp + reading.height + reading.gripper.opening + reading.gripper.force
     return math.isfinite(numbers + reading.tactile.cells.sum() + reading.tactile.tip.sum() + reading.effort.sum())

@@ -1,4 +1,4 @@
-"""After a small lift: does the grip still hold what it held on the table?"""
+"""The check after a small lift: whether the hand still holds the cloth that it held on the table."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skills.grasping.confirm import Held
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
@@ -18,44 +18,47 @@ __all__ = ["LiftCheck", "check_lift", "start_lift_check"]
 @dataclass(frozen=True, eq=False)
 class LiftCheck:
     settings: GraspSettings
-    tare: TactileBias
+    bias: TactileBias
     held: Held
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
     openings: tuple[float, ...] = ()
 
 
-def start_lift_check(settings: GraspSettings, tare: TactileBias, held: Held) -> LiftCheck:
-    """`held`: what `confirm` found before the lift."""
-    return LiftCheck(settings, tare, held)
+def start_lift_check(settings: GraspSettings, bias: TactileBias, held: Held) -> LiftCheck:
+    """Start the check. held: the result of `confirm` before the lift."""
+    return LiftCheck(settings, bias, held)
 
 
 def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[Held]:
-    """One tick, with the hand at rest above the table. MISSED_GRASP when force or opening was not kept."""
+    """One tick, with the hand at rest above the table.
+
+    Failures: MISSED_GRASP when force or opening has dropped, those of `validate_reading`.
+    """
     s = state.settings
-    bad = fault(reading, s)
-    if bad:
-        return Outcome(failure=bad)
+    invalid = validate_reading(reading, s)
+    if invalid:
+        return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
     state = replace(
         state,
         stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.tare.pads(reading)),
+        pads=(*state.pads, state.bias.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
     if len(state.pads) < s.confirm_readings:
         return state
     force, opening = float(np.mean(state.pads, axis=0).min()), float(np.mean(state.openings))
-    kept_force = force / state.held.grip
-    kept_opening = (opening - s.empty_opening) / (state.held.opening - s.empty_opening)
-    if min(kept_force, kept_opening) >= s.kept_fraction:
+    force_ratio = force / state.held.grip
+    opening_ratio = (opening - s.empty_opening) / (state.held.opening - s.empty_opening)
+    if min(force_ratio, opening_ratio) >= s.kept_fraction:
         return Outcome(replace(state.held, stamp=reading.stamp, grip=force, opening=opening))
     return Outcome(
         failure=Failure(
             FailureKind.MISSED_GRASP,
             f"the {reading.tactile.side} hand lost the cloth while lifting it",
             "grasp lower or further in",
-            {"force_n": force, "opening_m": opening, "kept_force": kept_force, "kept_opening": kept_opening},
+            {"force_n": force, "opening_m": opening, "kept_force": force_ratio, "kept_opening": opening_ratio},
         )
     )

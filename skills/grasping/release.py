@@ -1,10 +1,10 @@
-"""Letting go: open the pads just wide enough above the stack, and see that they did open."""
+"""Release: open the pads just wide enough above the stack, and check that they opened."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skills.grasping.hand_reading import GripCommand, HandReading, fault
+from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Failure, FailureKind, Outcome
 
@@ -13,7 +13,7 @@ __all__ = ["ReleaseState", "Released", "release", "start_release"]
 
 @dataclass(frozen=True)
 class Released:
-    """opening of the pads [m], `seconds` after the start."""
+    """opening: of the pads [m]. seconds: since the start [s]."""
 
     opening: float
     seconds: float
@@ -27,17 +27,17 @@ class ReleaseState:
 
 
 def start_release(settings: GraspSettings, opening: float, reading: HandReading) -> ReleaseState:
-    """opening: to open to [m]; narrow, so that the pads do not sweep the neighbouring cloth away."""
+    """Start a release. opening: target [m]; narrow, so that the pads do not push the neighbouring cloth away."""
     return ReleaseState(settings, opening, reading.stamp)
 
 
 def release(reading: HandReading, state: ReleaseState) -> tuple[GripCommand, ReleaseState | Outcome[Released]]:
-    """One tick. GRIPPER_FAULT when the pads do not open in time; and as `fault` says."""
+    """One tick. Failures: GRIPPER_FAULT when the pads do not open in time, those of `validate_reading`."""
     s = state.settings
     command = GripCommand(state.opening, s.release_force)
-    bad = fault(reading, s)
-    if bad:
-        return command, Outcome(failure=bad)
+    invalid = validate_reading(reading, s)
+    if invalid:
+        return command, Outcome(failure=invalid)
     seconds = reading.stamp - state.started
     opening = reading.gripper.opening
     if opening >= state.opening - s.release_tolerance and reading.gripper.stamp > state.started:

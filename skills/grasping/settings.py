@@ -1,4 +1,4 @@
-"""Thresholds of the grasping controllers, with units. Where the sensors' noise matters, it is said how."""
+"""Thresholds of the grasping controllers, with units and, where it matters, their relation to sensor noise."""
 
 from __future__ import annotations
 
@@ -9,96 +9,96 @@ __all__ = ["GraspSettings"]
 
 @dataclass(frozen=True)
 class GraspSettings:
-    """All lengths in metres, forces in newtons, times in seconds of the readings' stamps."""
+    """Lengths [m], forces [N], times [s] in terms of the readings' stamps."""
 
     # readings
     tactile_stale: float = 0.10
-    """Oldest tactile reading to act on [s]."""
+    """Maximum age of a tactile reading [s]."""
     gripper_stale: float = 0.50
-    """Oldest gripper state to act on [s]: electric grippers report at 20 Hz."""
+    """Maximum age of a gripper state [s]. Electric grippers report at 20 Hz."""
     zero_readings: int = 12
-    """Tactile readings that make a zero."""
+    """Number of tactile readings averaged into the bias."""
 
     # descend
     approach_speed: float = 0.06
-    """Down to `slow_above` over the expected contact [m/s]."""
+    """Speed down to `slow_above` over the expected contact [m/s]."""
     guarded_speed: float = 0.02
-    """From there on [m/s]: 0.2 mm a reading, 0.5 N a reading on a rubber tip."""
+    """Speed below that [m/s]: 0.2 mm per reading, or 0.5 N per reading on a rubber tip."""
     acceleration: float = 0.15
-    """Of the commanded height [m/s2]."""
+    """Acceleration of the commanded height [m/s2]."""
     slow_above: float = 0.015
     early_margin: float = 0.030
-    """Touching something this far above the expected contact is not the garment."""
+    """A touch this far above the expected contact is not the garment [m]."""
     contact_force: float = 0.35
-    """Rise of a tip's force over its zero: over 5 sigma at twice a tip's noise of 0.03 N."""
+    """Increase of a tip's force over its bias that is a contact [N]: over 5 sigma at twice 0.03 N of noise."""
     press_stiffness: float = 400.0
-    """Cloth that is pressed flat under a tip bears less than this [N/m]; terry was taken to bear 250."""
+    """Force per height of cloth pressed flat under a tip [N/m]. The assumed value for terry is 250."""
     contact_readings: int = 3
     contact_effort: float = 9.0
-    """Rise of a joint's effort over its running mean [Nm]: about 12 N at the hand, well over what an arm in
-    motion shows by its own jitter (4 Nm in the simulated cell)."""
+    """Increase of a joint's effort over its running mean that is a contact [Nm]: about 12 N at the hand, well over
+    the jitter of a moving arm (4 Nm in the simulated cell)."""
     effort_readings: int = 4
     effort_time: float = 1.0
-    """Time constant of that running mean [s]: gravity's share changes slowly in a descent, a push does not."""
+    """Time constant of that running mean [s]. It follows slow changes of gravity, but not a contact."""
     stall_lag: float = 0.006
-    """An arm that stays this far behind its guarded descent is held up by something [m]: 9 N on Baxter's,"""
+    """Lag behind the guarded descent from which an arm may be blocked [m]: 9 N on Baxter's arm."""
     stall_window: float = 0.10
-    """if over this time [s]"""
+    """Time over which the speed of a lagging arm is judged [s]."""
     stall_speed: float = 0.006
-    """it comes down more slowly than this [m/s]: one that is late catches up."""
+    """A lagging arm that moves down more slowly than this is blocked; a late one catches up [m/s]."""
     lead: float = 0.010
-    """How far the commanded height may run ahead of the measured one."""
+    """Maximum distance of the commanded height below the measured one [m]."""
     bottom_wait: float = 1.0
-    """How long the arm may take to follow a command that waits for it [s]."""
+    """Maximum time for the arm to follow a command that is no longer lowered [s]."""
 
     # press
     press_force: float = 25.0
-    """Rise of a tip's force at which a hand that presses, for its pads to close under the cloth, stops."""
+    """Increase of a tip's force at which a hand stops pressing the cloth flat [N]."""
 
     # close
     grip_force: float = 15.0
-    """Squeeze asked of the gripper."""
+    """Commanded grip force [N]."""
     close_force: float = 4.0
-    """Force on both pads at which they count as closed."""
+    """Force on both pads at which they count as closed [N]."""
     close_readings: int = 3
     still_window: float = 0.12
     still_speed: float = 0.008
-    """An opening that changes slower than this over the window stands still [m/s]."""
+    """An opening that changes more slowly than this over the window is at rest [m/s]."""
     close_travel: float = 0.003
-    """Pads that stand still before they moved this far have not started."""
+    """Pads at rest that have moved less than this have not started to close [m]."""
     close_timeout: float = 2.0
 
     # confirm, lift
     confirm_readings: int = 15
     held_force: float = 0.8
-    """Least mean force on each pad."""
+    """Minimum mean force on each pad [N]."""
     empty_opening: float = 0.0
-    """Opening of closed pads with nothing between [m]."""
+    """Opening of closed, empty pads [m]."""
     thickness_error: float = 0.12
-    """Standard deviation of a layer's thickness between the pads, as a share of the nominal one."""
+    """Standard deviation of a layer's thickness between the pads, relative to the nominal thickness."""
     opening_noise: float = 0.0003
-    """Standard deviation of one opening reading that is always reckoned with: twice the usual."""
+    """Minimum assumed standard deviation of one opening reading [m]: twice the usual."""
     layer_doubt: float = 0.05
-    """The planned number of layers is given up below this probability."""
+    """The planned number of layers is rejected below this probability."""
     kept_fraction: float = 0.6
-    """Share of the confirmed force and opening that a lifted grasp must keep."""
+    """Fraction of the confirmed force and opening that a lifted grasp must keep."""
 
     # slip
     slip_baseline_readings: int = 12
     slip_fraction: float = 0.5
-    """A grip under this share of its baseline is lost."""
+    """A grip force below this fraction of its baseline is a loss."""
     slip_opening_fraction: float = 0.4
-    """The same for the opening: pads that lost the cloth close on one another and still feel force."""
+    """The same for the opening. Pads that lost the cloth press on each other and still feel force."""
     slip_sigmas: float = 5.5
-    """Distance between holding and losing that a mean of readings must resolve."""
+    """Distance between holding and losing that the mean must resolve, in standard deviations."""
     slip_least_readings: int = 3
-    """Shortest mean: one wrong reading is no slip."""
+    """Minimum number of readings in the mean: one wrong reading is not a slip."""
     slip_most_readings: int = 10
-    """Longest mean: a loss shows when about half of it lies behind, 60 ms at 100 Hz; 100 ms are allowed."""
+    """Maximum number of readings in the mean. At 100 Hz a loss shows after 60 ms; 100 ms are allowed."""
     slip_drift_time: float = 3.0
-    """Time constant with which the baseline follows slow changes [s]."""
+    """Time constant of the baseline's adaptation to slow changes [s]."""
     slip_anchor: float = 0.75
-    """The baseline never falls below this share of its first value: a slow slip is a slip."""
+    """Lower bound of the baseline, relative to its first value, so that a slow slip is detected too."""
 
     # release, stuck
     release_force: float = 10.0
@@ -106,9 +106,9 @@ class GraspSettings:
     release_timeout: float = 2.0
     stuck_readings: int = 20
     stuck_force: float = 0.10
-    """Least residual force on one pad after release and retreat that counts as cloth on the finger."""
+    """Minimum residual force on one pad after release and retreat that counts as cloth on the finger [N]."""
     stuck_sigmas: float = 4.5
     drift_ratio: float = 2.0
-    """Standard deviation of a cell's slow drift over that of its noise: noisier cells drift more."""
+    """Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
     drift_time: float = 120.0
-    """Shortest period of that drift [s]."""
+    """Shortest period of the drift [s]."""

@@ -1,7 +1,7 @@
-"""After release and retreat: does cloth still cling to a finger?
+"""The check after release and retreat: whether cloth clings to a finger.
 
-Open pads in the air should read their zero. What is left over on one pad is cloth when it exceeds what noise
-and drift since the zero can explain.
+Open, unloaded pads should read their bias. A residual force on one pad is cloth if it is larger than noise, and
+drift since the tare, can explain.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
@@ -20,7 +20,7 @@ __all__ = ["Clear", "StuckCheck", "check_stuck", "start_stuck_check"]
 
 @dataclass(frozen=True)
 class Clear:
-    """The larger residual of the two pads and the bound that it was held against [N]."""
+    """residual: the larger one of the two pads [N]. bound: the limit it was compared with [N]."""
 
     residual: float
     bound: float
@@ -29,51 +29,54 @@ class Clear:
 @dataclass(frozen=True, eq=False)
 class StuckCheck:
     settings: GraspSettings
-    tare: TactileBias
+    bias: TactileBias
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
 
 
-def start_stuck_check(settings: GraspSettings, tare: TactileBias) -> StuckCheck:
-    """`zero`: the one from before the grasp."""
-    return StuckCheck(settings, tare)
+def start_stuck_check(settings: GraspSettings, bias: TactileBias) -> StuckCheck:
+    """Start the check. bias: the one measured before the grasp."""
+    return StuckCheck(settings, bias)
 
 
 def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome[Clear]:
-    """One tick, hand open and clear of the stack. Failures: STUCK_ON_FINGER, and as `fault` says."""
+    """One tick, with the hand open and clear of the stack.
+
+    Failures: STUCK_ON_FINGER, those of `validate_reading`.
+    """
     s = state.settings
-    bad = fault(reading, s)
-    if bad:
-        return Outcome(failure=bad)
+    invalid = validate_reading(reading, s)
+    if invalid:
+        return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
-    state = replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.tare.pads(reading)))
+    state = replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.bias.pads(reading)))
     if len(state.pads) < s.stuck_readings:
         return state
     mean = np.mean(state.pads, axis=0)
     pad = int(mean.argmax())
-    residual, bound = float(mean[pad]), residual_bound(state.tare, reading.stamp, s)
+    residual, bound = float(mean[pad]), residual_bound(state.bias, reading.stamp, s)
     if residual < bound:
         return Outcome(Clear(residual, bound))
     return Outcome(
         failure=Failure(
             FailureKind.STUCK_ON_FINGER,
-            f"{residual:.2f} N are left on pad {pad} of the open {reading.tactile.side} hand",
+            f"{residual:.2f} N remain on pad {pad} of the open {reading.tactile.side} hand",
             "pull the cloth off the finger",
             {"pad": pad, "residual_n": residual, "bound_n": bound},
         )
     )
 
 
-def residual_bound(tare: TactileBias, now: float, settings: GraspSettings) -> float:
-    """Largest mean force of an unloaded pad that noise and drift since the zero explain [N].
+def residual_bound(bias: TactileBias, now: float, settings: GraspSettings) -> float:
+    """Largest mean force of an unloaded pad that noise, and drift since the tare, can explain [N].
 
-    A cell that wanders with standard deviation sigma and period T has moved by 2 sigma sin(pi t / T) after a
-    time t, in the mean over its phases; by 2 sigma at most.
+    now: [s]. A cell that drifts with standard deviation sigma and period T has changed by 2 sigma sin(pi t / T)
+    after a time t (root mean square over its phases), and by at most 2 sigma.
     """
     s = settings
-    cells = tare.cells[0].size
-    share = float(np.clip((now - tare.stamp) / s.drift_time, 0.0, 0.5))
-    drift = 2.0 * s.drift_ratio * tare.cell_noise * np.sin(np.pi * share)
-    noise = tare.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
+    cells = bias.cells[0].size
+    phase = float(np.clip((now - bias.stamp) / s.drift_time, 0.0, 0.5))
+    drift = 2.0 * s.drift_ratio * bias.cell_noise * np.sin(np.pi * phase)
+    noise = bias.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
     return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells) * np.hypot(drift, noise)))

@@ -1,8 +1,8 @@
-"""The pads' zero: what the cells and tips read with nothing on them.
+"""Tare of the tactile sensors: measures the bias of cells and tips without load, and the cells' noise.
 
-Pressure cells drift with temperature, so a zero is taken right before each use: in the air before a descent,
-and it says how noisy the cells are today. A reading that leaps out of the others is left out: a single one of 3 N
-in one cell would make all cells pass for so noisy that cloth of 3 N on a finger goes unnoticed.
+Pressure cells drift with temperature. The bias is therefore measured right before each use, in the air before a
+descent. Outliers among the readings are rejected: a single outlier of 3 N in one cell would raise the noise
+estimate of all cells so far that cloth of 3 N on a finger would go unnoticed.
 """
 
 from __future__ import annotations
@@ -12,24 +12,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Outcome, frozen
 
 __all__ = ["TactileBias", "TareState", "start_tare", "tare"]
 
-LEAP = 20.0
-"""Standard deviations from its median at which a cell's reading leaps: cells differ in noise by up to 5."""
+OUTLIER_SIGMAS = 20.0
+"""Distance from a cell's median from which a reading is an outlier, in standard deviations of the common noise.
+The noise of single cells differs by factors of up to 5."""
 NORMAL_DEVIATION = 1.4826
-"""Standard deviation of normal values over the median of their distances from the median."""
-LEAST_NOISE = 0.002
-"""That a cell is taken to have at least [N]."""
+"""Standard deviation of normally distributed values over their median absolute deviation."""
+MIN_NOISE = 0.002
+"""Minimum assumed noise of a cell [N]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TactileBias:
-    """stamp: of the last reading in it [s]. cells: (2, rows, columns), tip: (2,) [N]. cell_noise: standard
-    deviation of one reading of one cell [N]."""
+    """Readings of the unloaded sensors.
+
+    stamp: of the last reading [s]. cells: (2, rows, columns), tip: (2,) [N]. cell_noise: standard deviation of one
+    reading of one cell [N].
+    """
 
     stamp: float
     cells: Array
@@ -37,7 +41,7 @@ class TactileBias:
     cell_noise: float
 
     def pads(self, reading: HandReading) -> Array:
-        """(2,) force on each pad over its zero [N]."""
+        """Force (2,) on each pad, less its bias [N]."""
         return np.asarray((reading.tactile.cells - self.cells).sum(axis=(1, 2)))
 
     @property
@@ -52,8 +56,8 @@ class TareState:
     stamp: float = -np.inf
     cells: tuple[Array, ...] = ()
     tips: tuple[Array, ...] = ()
-    left_out: int = 0
-    """Readings that leapt, so far."""
+    outliers: int = 0
+    """Number of outliers rejected so far."""
 
 
 def start_tare(settings: GraspSettings) -> TareState:
@@ -61,28 +65,30 @@ def start_tare(settings: GraspSettings) -> TareState:
 
 
 def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileBias]:
-    """Gather readings of open, unloaded pads, in place of those that leap further ones, as many again at most.
-    Fails as `fault` says."""
-    bad = fault(reading, state.settings)
-    if bad:
-        return Outcome(failure=bad)
+    """One tick, with the pads open and unloaded. Further readings replace rejected outliers, up to a limit.
+
+    Failures: those of `validate_reading`.
+    """
+    invalid = validate_reading(reading, state.settings)
+    if invalid:
+        return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
     cells, tips = (*state.cells, reading.tactile.cells), (*state.tips, reading.tactile.tip)
-    wanted = state.settings.zero_readings
-    if len(cells) < wanted:
+    required = state.settings.zero_readings
+    if len(cells) < required:
         return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
     stack = np.array(cells)
-    calm = ~(_leaps(stack) | _leaps(np.array(tips)))
-    left_out = state.left_out + int(np.count_nonzero(~calm))
-    if not calm.all() and left_out <= wanted:
-        kept = np.flatnonzero(calm)
+    inliers = ~(_is_outlier(stack) | _is_outlier(np.array(tips)))
+    outliers = state.outliers + int(np.count_nonzero(~inliers))
+    if not inliers.all() and outliers <= required:
+        kept = np.flatnonzero(inliers)
         return TareState(
             state.settings,
             reading.tactile.stamp,
             tuple(cells[i] for i in kept),
             tuple(tips[i] for i in kept),
-            left_out,
+            outliers,
         )
     noise = float(np.sqrt(stack.var(axis=0, ddof=1).mean()))
     return Outcome(
@@ -90,8 +96,8 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
     )
 
 
-def _leaps(readings: Array) -> NDArray[np.bool_]:
-    """(n,) whether any figure of a reading (n, ...) [N] is far from its median, by their common noise."""
-    off = np.abs(readings - np.median(readings, axis=0)).reshape(len(readings), -1)
-    noise = max(NORMAL_DEVIATION * float(np.median(off)), LEAST_NOISE)
-    return np.asarray((off > LEAP * noise).any(axis=1))
+def _is_outlier(readings: Array) -> NDArray[np.bool_]:
+    """(n,) whether any value of a reading (n, ...) [N] is far from its median, relative to the common noise."""
+    deviation = np.abs(readings - np.median(readings, axis=0)).reshape(len(readings), -1)
+    noise = max(NORMAL_DEVIATION * float(np.median(deviation)), MIN_NOISE)
+    return np.asarray((deviation > OUTLIER_SIGMAS * noise).any(axis=1))

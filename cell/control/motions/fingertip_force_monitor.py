@@ -9,7 +9,7 @@ import numpy as np
 from cell.control.motions.hands import Hands
 from robots.errors import Failure
 from robots.ports import JointState, Side
-from skills.grasping.hand_reading import fault
+from skills.grasping.hand_reading import validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 
@@ -32,7 +32,7 @@ class FingertipForceMonitor:
         """Read the tips. Returns a failure if a force cannot be measured."""
         for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
-            failure = fault(reading, self._settings)
+            failure = validate_reading(reading, self._settings)
             if failure:
                 return failure
             self.now[side] = float(np.max(reading.tactile.tip - bias.tip))

@@ -11,7 +11,7 @@ import numpy as np
 from cell.control.ticks import TICK_S
 from robots.ports import Array, Side, arm_slice
 from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import JerkLimiter, follow
+from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 
 __all__ = ["Lowering", "lowered_joints"]
 
@@ -45,7 +45,7 @@ class Lowering:
 
     def follow(self, depth: float, speed: float) -> None:
         """Advance by a tick towards a depth [m] that grows at `speed` [m/s]."""
-        self.hand = follow(
+        self.hand = step_towards(
             self.hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK
         )
 

@@ -1,10 +1,9 @@
-"""Inverse kinematics of one arm: damped least squares, compiled, and following a path of tool poses.
+"""Inverse kinematics of one arm by damped least squares, for single poses and for paths of tool poses (compiled).
 
-The solver is a Levenberg-Marquardt iteration on the pose error with the damping of Sugihara
-(IEEE T-RO 27(5), 2011: proportional to the squared error, plus a bias); joints that push against their
-limit are taken out of the step. The arm's redundancy is used in the null space: for a single pose to stay
-near `q_reference`, on a path to keep off the joint limits. Forward kinematics agrees with Pinocchio to
-1e-12 (tested).
+The solver is a Levenberg-Marquardt iteration on the pose error with the damping of Sugihara (IEEE T-RO 27(5),
+2011): proportional to the squared error, plus a bias. Joints that push against their limit are excluded from the
+step. The null space of the redundant arm keeps a single pose near `q_reference`, and a path away from the joint
+limits. Forward kinematics agrees with Pinocchio to 1e-12 (tested).
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
 """Largest joint step of one iteration [rad]."""
 TOLERANCE = 1e-9
-"""Of position [m] and orientation [rad]."""
+"""Tolerance of position [m] and of orientation [rad]."""
 LIMIT_ZONE = 0.35
-"""Nearer than this to a limit [rad], a joint on a path is drawn away from it by self-motion,"""
+"""Distance to a limit [rad] below which self-motion moves a joint on a path away from it."""
 LIMIT_GAIN = 4.0
-"""by up to this much per metre that the tool travels [rad/m]."""
+"""Largest such self-motion per metre of tool travel [rad/m]."""
 SEEDS = 12
-"""Configurations of the fixed spread from which a pose is solved, beside where the arm is and where it parks."""
+"""Number of fixed random seed configurations, besides the arm's present and its parked one."""
 
 
 @njit(cache=True, nogil=True)
@@ -77,7 +76,7 @@ def _pose_error(R, p, R_target, p_target, e):  # type: ignore[no-untyped-def]
     sine = 0.5 * np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     cosine = 0.5 * (D[0, 0] + D[1, 1] + D[2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
-    # Near a half turn the axis is badly defined; any axis there lets the iteration leave the point.
+    # Near a half turn the axis is ill-conditioned; any axis lets the iteration leave this point.
     factor = 0.5 if sine < 1e-9 else 0.5 * angle / sine
     e[3], e[4], e[5] = factor * w0, factor * w1, factor * w2
     if sine < 1e-9 and cosine < 0.0:
@@ -142,7 +141,7 @@ def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True)
 def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_reference, gain, iterations):  # type: ignore[no-untyped-def]
-    """Iterates q (7,) in place; returns whether it reached the pose within TOLERANCE."""
+    """Iterates q (7,) in place; returns whether it reaches the pose within TOLERANCE."""
     axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
     R, p, e = np.empty((3, 3)), np.empty(3), np.empty(6)
     dq, rest, active = np.empty(7), np.empty(7), np.empty(7, dtype=np.bool_)
@@ -155,7 +154,7 @@ def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_referen
             return False
         _fill_jacobian(axes, origins, p, J)
         error = distance * distance + angle * angle
-        # The null space is used only while there is a pose error to work off, so that the end converges.
+        # The null-space term fades out with the pose error, so that the iteration converges.
         pull = gain * min(1.0, np.sqrt(error) * 10.0)
         for k in range(7):
             active[k] = True
@@ -181,7 +180,7 @@ def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_referen
 
 @njit(cache=True, nogil=True)
 def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, gain, iterations, out):  # type: ignore[no-untyped-def]
-    """Solves from every seed (m, 7) in turn; returns how many distinct solutions went into out (m, 7)."""
+    """Solves from every seed (m, 7) in turn; returns the number of distinct solutions in out (m, 7)."""
     found = 0
     q = np.empty(7)
     for s in range(seeds.shape[0]):
@@ -204,7 +203,7 @@ def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, 
 
 @njit(cache=True, nogil=True)
 def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-untyped-def]
-    """Fills out (7,): self-motion that draws joints away from near limits while the tool travels `distance`."""
+    """Fills out (7,): self-motion that moves joints away from near limits while the tool travels `distance`."""
     push, active = np.empty(7), np.ones(7, dtype=np.bool_)
     none = True
     for k in range(7):
@@ -224,7 +223,7 @@ def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, out):  # type: ignore[no-untyped-def]
-    """Fills out (n, 7); returns how many samples were reached without a joint step above max_step."""
+    """Fills out (n, 7); returns the number of samples reached without a joint step above max_step."""
     n = p_path.shape[0]
     axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
     R, p, drift, q = np.empty((3, 3)), np.empty(3), np.empty(7), q0.copy()
@@ -248,7 +247,7 @@ def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, o
 
 @dataclass(frozen=True, eq=False)
 class PathSolution:
-    """q: (m, 7) joints of the first m poses of a path of n; complete when m = n."""
+    """q: (m, 7) joints of the first m of n poses. complete: whether m = n."""
 
     q: Array
     complete: bool
@@ -264,7 +263,7 @@ def tool_pose(chain: ArmChain, q: Array) -> Array:
 
 
 def jacobian(chain: ArmChain, q: Array) -> Array:
-    """(6, 7) of the tool's origin, linear over angular, in the base frame's axes."""
+    """Jacobian (6, 7) of the tool's origin at q (7,): linear above angular, in the base frame's axes."""
     axes, origins, p, J = np.empty((7, 3)), np.empty((7, 3)), np.empty(3), np.empty((6, 7))
     _forward(chain.rotation, chain.translation, np.asarray(q, float), axes, origins, np.empty((3, 3)), p)
     _fill_jacobian(axes, origins, p, J)
@@ -272,36 +271,36 @@ def jacobian(chain: ArmChain, q: Array) -> Array:
 
 
 def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, gain: float = 0.1) -> Array | None:
-    """Joints (7,) that bring one tool to T_base_tool (4, 4), near q0 (7,); None when not found from there.
+    """Joints (7,) that bring one tool to T_base_tool (4, 4), near q0 (7,); None when the iteration fails.
 
-    Keeps to the planning position limits. gain: pull towards q0 in the null space, 0..1.
+    The solution keeps the planning position limits. gain: null-space gain towards q0, 0..1.
     """
-    chain, cut = model.chains[side], arm_slice(side)
+    chain, joints = model.chains[side], arm_slice(side)
     q = np.array(q0, dtype=float)
     ok = _solve(
         chain.rotation, chain.translation, np.ascontiguousarray(T_base_tool[:3, :3]),
-        np.ascontiguousarray(T_base_tool[:3, 3]), q, model.planning.lower[cut], model.planning.upper[cut],
+        np.ascontiguousarray(T_base_tool[:3, 3]), q, model.planning.lower[joints], model.planning.upper[joints],
         np.array(q0, dtype=float), gain, MAX_ITERATIONS,
     )  # fmt: skip
     return q if ok else None
 
 
 def arm_seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
-    """(k, 7) where `solve_seeds` may start: where the arm is in q_now (14,), where it parks, a fixed spread."""
-    cut = arm_slice(side)
-    lower, upper = model.planning.lower[cut], model.planning.upper[cut]
+    """Seeds (k, 7) for `solve_seeds`: q_now (14,), the parked pose, and fixed random configurations."""
+    joints = arm_slice(side)
+    lower, upper = model.planning.lower[joints], model.planning.upper[joints]
     spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
-    return np.vstack([np.clip(q_now[cut], lower, upper), model.q_park[cut], spread])
+    return np.vstack([np.clip(q_now[joints], lower, upper), model.q_park[joints], spread])
 
 
 def solve_seeds(model: RobotModel, side: Side, T_base_tool: Array, seeds: Array) -> Array:
     """All distinct solutions (m, 7) reached from seeds (k, 7), in the seeds' order."""
-    chain, cut = model.chains[side], arm_slice(side)
+    chain, joints = model.chains[side], arm_slice(side)
     out = np.empty_like(seeds)
     m = _solve_many(
         chain.rotation, chain.translation, np.ascontiguousarray(T_base_tool[:3, :3]),
-        np.ascontiguousarray(T_base_tool[:3, 3]), seeds, model.planning.lower[cut], model.planning.upper[cut],
-        0.02, MAX_ITERATIONS, out,
+        np.ascontiguousarray(T_base_tool[:3, 3]), seeds, model.planning.lower[joints],
+        model.planning.upper[joints], 0.02, MAX_ITERATIONS, out,
     )  # fmt: skip
     return out[:m]
 
@@ -318,15 +317,15 @@ def follow_path(
 ) -> PathSolution:
     """Joints along tool poses rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0 (7,).
 
-    Stops at the first pose that is not reached within the planning position limits, less `margin` [rad] for the
-    spline that will join the samples, or that needs a joint step above max_step [rad] (a jump to another
-    branch). A start beyond the margin is followed from where it is.
+    Stops at the first pose that is out of reach, or that needs a joint step above max_step [rad] (a jump to
+    another branch). Joints keep `margin` [rad] from the planning position limits, because the spline through the
+    samples overshoots. If the start is beyond the margin, its own position is the limit.
     """
-    chain, cut = model.chains[side], arm_slice(side)
+    chain, joints = model.chains[side], arm_slice(side)
     out = np.empty((position.shape[0], 7))
     start = np.array(q0, dtype=float)
-    lower = np.minimum(model.planning.lower[cut] + margin, start)
-    upper = np.maximum(model.planning.upper[cut] - margin, start)
+    lower = np.minimum(model.planning.lower[joints] + margin, start)
+    upper = np.maximum(model.planning.upper[joints] - margin, start)
     m = _follow(
         chain.rotation, chain.translation, np.ascontiguousarray(rotation), np.ascontiguousarray(position),
         start, lower, upper, max_step, out,

@@ -1,7 +1,7 @@
-"""How a hand holds: the freedoms that a fold leaves to the arm, and the tool poses that follow from them.
+"""The posture of a hand: the degrees of freedom that a fold leaves to the arm, and the resulting tool poses.
 
-The cloth hangs about the held line, so the hand may lean about it (pitch) and a little along it (roll), and
-it may be turned by pi about its own axis: the line is the same.
+The cloth hangs about the held line. The hand may therefore lean about the line (pitch) and a little along it
+(roll). It may also turn by pi about its own axis, which leaves the line as it is.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Posture:
-    """The choice for one arm.
+    """The posture of one arm.
 
-    path: whose grasp and tool path of the fold step this arm takes (the other one's when arms are swapped).
+    path: the grasp of the fold step whose tool path this arm takes (the other arm's when the arms are swapped).
     turned: whether the hand is turned by pi about its axis. pitch, roll: lean added to the path's [rad], stated
-    for the hand that is not turned. pitch_change: by how much the pitch grows, softly, from the grasp to the
-    release [rad]: a long fold ends with the hand leaning the other way than where it began.
+    for the hand that is not turned. pitch_change: smooth increase of the pitch from grasp to release [rad]. In a
+    long fold the hand ends leaning the opposite way.
     """
 
     path: GraspId
@@ -35,7 +35,7 @@ class Posture:
     pitch_change: float = 0.0
 
     def rotation(self, path: ToolPath) -> Array:
-        """(n, 3, 3) R_table_tool along a tool path."""
+        """R_table_tool (n, 3, 3) along a tool path."""
         lean = path.pitch + self.pitch
         if self.pitch_change:
             u = (path.t - path.t[0]) / max(path.t[-1] - path.t[0], 1e-9)
@@ -58,15 +58,15 @@ def resampled(path: ToolPath, t: Array) -> ToolPath:
     if len(t) == len(path.t) and np.array_equal(t, path.t):
         return path
 
-    def at(x: Array) -> Array:
+    def interp(x: Array) -> Array:
         return np.interp(t, path.t, x)
 
-    position = np.stack([at(path.position[:, k]) for k in range(3)], axis=1)
-    return ToolPath(t, position, at(path.heading), at(path.pitch), at(path.roll))
+    position = np.stack([interp(path.position[:, k]) for k in range(3)], axis=1)
+    return ToolPath(t, position, interp(path.heading), interp(path.pitch), interp(path.roll))
 
 
 def blended(path: ToolPath, start: Array) -> ToolPath:
-    """The path begun at `start` (3,) instead of its own first point: the offset fades out along the arc."""
+    """The path shifted to begin at `start` (3,) [m]; the offset fades out along the path."""
     step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(step)])
     u = travelled / max(travelled[-1], 1e-9)
@@ -76,7 +76,8 @@ def blended(path: ToolPath, start: Array) -> ToolPath:
 
 
 def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolPath:
-    """`samples` points of the arc, evenly along it, with a straight way down before it and up after it [m]."""
+    """`samples` points evenly along the arc, with a straight descent by `above` before and a rise by `below`
+    after it [m]."""
     step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(step)])
     arc = resampled(path, np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
@@ -84,12 +85,12 @@ def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolP
     z = np.array([0.0, 0.0, 1.0])
     position = np.vstack([arc.position[0] + down[:, None] * z, arc.position, arc.position[-1] + up[:, None] * z])
 
-    def held(x: Array) -> Array:
+    def pad(x: Array) -> Array:
         return np.concatenate([np.full(3, x[0]), x, np.full(3, x[-1])])
 
-    return ToolPath(held(arc.t), position, held(arc.heading), held(arc.pitch), held(arc.roll))
+    return ToolPath(pad(arc.t), position, pad(arc.heading), pad(arc.pitch), pad(arc.roll))
 
 
 def in_base(table: Table, position: Array) -> Array:
-    """(n, 3) table frame -> base frame."""
+    """Positions (n, 3) in the base frame, from those in the table frame [m]."""
     return position + np.array([0.0, 0.0, table.height])

@@ -1,4 +1,4 @@
-"""The fold itself: hands along their tool paths, from where they really hold to the release, then up and home."""
+"""The fold: the tools follow their paths from the actual grasps to the release, then retreat and park."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["ArcMotion", "intended_duration", "plan_arc"]
 
-TICK = 0.04
-"""Between joint samples of an arc [s]; a cubic spline joins them."""
+SAMPLE_TIME = 0.04
+"""Time between the joint samples of an arc [s]; a cubic spline joins them."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArcMotion:
-    """fold: from the (lifted) grasps to the release. tool_paths: what the tools then do, by arm, table frame."""
+    """fold: from the (lifted) grasps to the release. tool_paths: the tools' motion by arm, table frame."""
 
     fold: ArmTrajectory
     retreat: ArmTrajectory
@@ -48,75 +48,76 @@ def plan_arc(
     tool_speed: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[ArcMotion]:
-    """The fold, from the configuration q_grasp (14,) that was really reached, then up and to the parked pose.
+    """Plan the fold from the configuration actually reached, q_grasp (14,), then up and to the parked pose.
 
-    The paths begin at the tools' real positions; the offset fades out along the arc, the orientation error of
-    the start likewise. Timing is the paths' own unless the arms' limits or tool_speed [m/s] are slower.
-    Failures: STALE_STATE (q_grasp is no state), UNREACHABLE, those of `check_trajectory` and `plan_retreat`.
+    The paths are shifted to begin at the tools' actual poses. The offsets of position and orientation fade out
+    along the arc. Timing is the paths' own unless the arms' limits or tool_speed [m/s] require a slower one.
+    Failures: STALE_STATE (q_grasp is not a valid state), UNREACHABLE, those of `check_trajectory` and
+    `plan_retreat`.
     """
     limits = limits or model.planning
-    senseless = validate_state(model, q_grasp) or validate_paths(paths)
-    if senseless:
-        return Outcome(failure=senseless)
-    clock = _clock(paths)
-    q = np.tile(q_grasp, (len(clock), 1))
+    invalid = validate_state(model, q_grasp) or validate_paths(paths)
+    if invalid:
+        return Outcome(failure=invalid)
+    times = _sample_times(paths)
+    q = np.tile(q_grasp, (len(times), 1))
     for side, posture in postures.items():
-        path = resampled(paths[posture.path], clock)
-        rotation, position = _from_here(model, table, side, posture, path, q_grasp)
+        path = resampled(paths[posture.path], times)
+        rotation, position = _tool_poses_from_actual(model, table, side, posture, path, q_grasp)
         solution = ik.follow_path(model, side, rotation, position, q_grasp[arm_slice(side)])
         if not solution.complete:
             return Outcome(failure=out_of_reach(table, side, "the arc", position[len(solution.q)]))
         q[:, arm_slice(side)] = solution.q
-    fold = time_law(q, clock * _slowing(paths, clock, tool_speed), limits)
+    fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
     checked = check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True)
     if checked.failure:
         return Outcome(failure=checked.failure)
-    away = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
-    if away.failure:
-        return Outcome(failure=away.failure)
-    executed = {side: _executed(model, table, side, fold) for side in postures}
-    return Outcome(ArcMotion(fold, away.unwrap().retreat, away.unwrap().park, executed))
+    retreat_plan = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
+    if retreat_plan.failure:
+        return Outcome(failure=retreat_plan.failure)
+    executed = {side: _resulting_path(model, table, side, fold) for side in postures}
+    return Outcome(ArcMotion(fold, retreat_plan.unwrap().retreat, retreat_plan.unwrap().park, executed))
 
 
 def intended_duration(paths: Mapping[GraspId, ToolPath], tool_speed: float | None) -> float:
-    """How long the fold takes where the arms are not what slows it [s]; tool_speed: the cap [m/s], or none."""
-    clock = _clock(paths)
-    return float(clock[-1]) * _slowing(paths, clock, tool_speed)
+    """Duration of the fold if the arms' limits do not slow it [s]. tool_speed: the speed cap [m/s], or None."""
+    times = _sample_times(paths)
+    return float(times[-1]) * _speed_stretch(paths, times, tool_speed)
 
 
-def _clock(paths: Mapping[GraspId, ToolPath]) -> Array:
-    """(n,) evenly spaced times of both tools' samples, over the first path's own duration."""
+def _sample_times(paths: Mapping[GraspId, ToolPath]) -> Array:
+    """(n,) evenly spaced sample times of both tools, over the first path's duration [s]."""
     t = next(iter(paths.values())).t
-    return np.linspace(t[0], t[-1], max(8, int(np.ceil((t[-1] - t[0]) / TICK)) + 1))
+    return np.linspace(t[0], t[-1], max(8, int(np.ceil((t[-1] - t[0]) / SAMPLE_TIME)) + 1))
 
 
-def _slowing(paths: Mapping[GraspId, ToolPath], clock: Array, tool_speed: float | None) -> float:
-    """By how much the paths' time has to be stretched to keep both tools to the speed cap [m/s]."""
+def _speed_stretch(paths: Mapping[GraspId, ToolPath], times: Array, tool_speed: float | None) -> float:
+    """Factor (1 or more) by which time is stretched so that both tools keep to the speed cap [m/s]."""
     if tool_speed is None:
         return 1.0
-    fastest = max(
-        float(np.linalg.norm(np.diff(resampled(p, clock).position, axis=0), axis=1).max()) for p in paths.values()
+    longest_step = max(
+        float(np.linalg.norm(np.diff(resampled(p, times).position, axis=0), axis=1).max()) for p in paths.values()
     )
-    return max(1.0, fastest / (float(clock[1] - clock[0]) * tool_speed))
+    return max(1.0, longest_step / (float(times[1] - times[0]) * tool_speed))
 
 
-def _from_here(
+def _tool_poses_from_actual(
     model: RobotModel, table: Table, side: Side, posture: Posture, path: ToolPath, q_grasp: Array
 ) -> tuple[Array, Array]:
-    """Tool poses in the base frame that begin at the real one and end as planned."""
+    """Rotations (n, 3, 3), positions (n, 3) of the tool, base frame: from its actual pose to the planned end."""
     T = ik.tool_pose(model.chains[side], q_grasp[arm_slice(side)])
-    here = T[:3, 3] - np.array([0.0, 0.0, table.height])
-    begun = blended(path, here)
-    rotation = posture.rotation(begun)
-    fade = 1.0 - np.linspace(0.0, 1.0, len(begun.t))
+    actual_position = T[:3, 3] - np.array([0.0, 0.0, table.height])
+    shifted = blended(path, actual_position)
+    rotation = posture.rotation(shifted)
+    fade = 1.0 - np.linspace(0.0, 1.0, len(shifted.t))
     fade = fade**2 * (3.0 - 2.0 * fade)
     error = pin.log3(rotation[0].T @ T[:3, :3])
-    turned = np.array([R @ pin.exp3(f * error) for R, f in zip(rotation, fade, strict=True)])
-    return turned, in_base(table, begun.position)
+    corrected = np.array([R @ pin.exp3(f * error) for R, f in zip(rotation, fade, strict=True)])
+    return corrected, in_base(table, shifted.position)
 
 
-def _executed(model: RobotModel, table: Table, side: Side, fold: ArmTrajectory) -> ToolPath:
-    """What the tool really does, table frame."""
+def _resulting_path(model: RobotModel, table: Table, side: Side, fold: ArmTrajectory) -> ToolPath:
+    """Path of one tool along the planned trajectory, table frame."""
     T = np.array([ik.tool_pose(model.chains[side], q) for q in fold.q[:, arm_slice(side)]])
     heading, pitch, roll = angles_of(T[:, :3, :3])
     position = T[:, :3, 3] - np.array([0.0, 0.0, table.height])

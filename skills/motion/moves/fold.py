@@ -1,7 +1,7 @@
-"""One whole fold as arm motion: to above the grasps, down, along the arc, up, and to the parked pose.
+"""The arm motion of one fold: approach, descent, arc, retreat and return to the parked pose.
 
-`plan_fold_motion` plans all of it before anything moves. The guarded descent then ends where it meets
-something, so `arc.plan_arc` is called again from the configuration that was really reached, and
+`plan_fold_motion` plans the whole motion before anything moves. The guarded descent ends where the hand meets
+something. `arc.plan_arc` is therefore called again from the configuration actually reached, and
 `grasp.plan_grasp` when a grasp is tried again elsewhere.
 """
 
@@ -20,7 +20,7 @@ from skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
 from skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
 from skills.motion.moves.helpful_shift import with_shift_suggestion
 from skills.motion.moves.lift import plan_lift
-from skills.motion.moves.posture_search import Choice, rank_postures
+from skills.motion.moves.posture_search import PostureChoice, rank_postures
 from skills.motion.moves.retreat import RETREAT_HEIGHT
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.inputs import validate_paths, validate_state
@@ -28,15 +28,15 @@ from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
 
-SLOWED = 1.3
-"""A fold that the arms stretch by more than this is planned with another choice of postures too."""
+MAX_STRETCH = 1.3
+"""If the arms' limits stretch the fold by more than this factor, the next choice of postures is tried too."""
 SEARCHES = 2
-"""Searches for postures: the finer plan may refuse all that the first one, coarse, has found."""
+"""Number of posture searches. A search is coarse: the detailed plan can reject all the choices it found."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoldMotion:
-    """A whole fold. postures: by arm; each says whose grasp of the step it takes."""
+    """The motion of a whole fold. postures: by arm; each names the grasp of the step that the arm takes."""
 
     postures: Mapping[Side, Posture]
     grasp: GraspMotion
@@ -68,13 +68,13 @@ class FoldMotion:
 
     @property
     def duration(self) -> float:
-        """Of the parts with a fixed clock: all but the guarded descent [s]."""
+        """Total time of all parts except the guarded descent, whose duration is not known beforehand [s]."""
         return sum(part.duration for part in (self.approach, self.fold, self.retreat, self.park))
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is to be planned, as `plan_hands_motion` is asked for it; the same for every choice of postures."""
+    """The arguments of `plan_hands_motion` that are the same for every choice of postures."""
 
     model: RobotModel
     checker: CollisionChecker
@@ -103,7 +103,10 @@ def plan_fold_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Plan one fold from q_now (14,), at rest: paths are keyed as step.grasps, the rest as `plan_hands_motion`."""
+    """Plan one fold from q_now (14,), at rest.
+
+    paths: keyed as step.grasps, else ValueError is raised. Everything else as for `plan_hands_motion`.
+    """
     if set(paths) != set(step.grasps):
         raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
     return plan_hands_motion(
@@ -126,18 +129,18 @@ def plan_hands_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Hands to above the start of their paths, down, along them, up and home, from q_now (14,), at rest.
+    """Plan the hands' motion from q_now (14,), at rest: above their paths, down, along them, up and home.
 
-    Where the hands lean and which arm takes which path is chosen here. limits: the model's planning set when
-    None. tool_speed: cap while the cloth is held [m/s].
-    lift: by which the hands rise straight before the fold begins [m]; the paths then begin that much higher.
-    avoid: `postures` of motions that were tried, for another choice. rng: for the search of detours.
-    Failures: UNREACHABLE, IN_COLLISION (with what binds, and by how much to shift the garment if that helps),
-    LIMIT_EXCEEDED, STALE_STATE (q_now is no state).
+    The lean of the hands, and which arm takes which path, are chosen here. limits: the model's planning limits
+    when None. tool_speed: cap while the cloth is held [m/s].
+    lift: height of a straight lift before the fold begins [m]; the paths then begin that much higher.
+    avoid: `postures` of motions that were tried, which are not chosen again. rng: for RRT-Connect.
+    Failures: UNREACHABLE, IN_COLLISION (with the binding constraint, and a shift of the garment if one helps),
+    LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
     """
-    senseless = validate_state(model, q_now) or validate_paths(paths)
-    if senseless:
-        return Outcome(failure=senseless)
+    invalid = validate_state(model, q_now) or validate_paths(paths)
+    if invalid:
+        return Outcome(failure=invalid)
     task = _Task(model, checker, table, paths, q_now, limits, tool_speed, approach_height, lift, rng)
     tried: list[Mapping[Side, Posture]] = list(avoid)
     first_failure: Failure | None = None
@@ -148,38 +151,38 @@ def plan_hands_motion(
         if ranked.failure:
             break
         choices = ranked.unwrap()
-        best, failure = _best_of(task, choices)
+        best, failure = _best_motion(task, choices)
         if best is not None:
             return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
         first_failure = first_failure or failure
         tried += [choice.postures for choice in choices]
     failure = first_failure or ranked.failure
     assert failure is not None
-    if first_failure or avoid:  # a recovery that wants another choice: the garment lies where it lies
+    if first_failure or avoid:  # a recovery asks for another choice: no shift is suggested
         return Outcome(failure=failure)
-    helped = with_shift_suggestion(
+    with_suggestion = with_shift_suggestion(
         model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT
     )
-    return Outcome(failure=helped)
+    return Outcome(failure=with_suggestion)
 
 
-def _best_of(task: _Task, choices: Sequence[Choice]) -> tuple[FoldMotion | None, Failure | None]:
-    """The first choice whose fold the arms do not slow much, else the shortest; and why the first one fails."""
-    wish = intended_duration(task.paths, task.tool_speed)
+def _best_motion(task: _Task, choices: Sequence[PostureChoice]) -> tuple[FoldMotion | None, Failure | None]:
+    """The first motion that the arms' limits hardly slow, else the shortest; and the first failure."""
+    intended = intended_duration(task.paths, task.tool_speed)
     best: FoldMotion | None = None
     failure: Failure | None = None
     for choice in choices:
-        made = _planned_as(task, choice)
-        failure = failure or made.failure
-        if made.value is not None and (best is None or made.value.duration < best.duration):
-            best = made.value
-        if best is not None and best.fold.duration < SLOWED * wish:
+        planned = _plan_with(task, choice)
+        failure = failure or planned.failure
+        if planned.value is not None and (best is None or planned.value.duration < best.duration):
+            best = planned.value
+        if best is not None and best.fold.duration < MAX_STRETCH * intended:
             break
     return best, failure
 
 
-def _planned_as(task: _Task, choice: Choice) -> Outcome[FoldMotion]:
-    """The whole motion with one choice of postures, finely."""
+def _plan_with(task: _Task, choice: PostureChoice) -> Outcome[FoldMotion]:
+    """Plan the whole motion in detail with one choice of postures."""
     grasp = plan_grasp(
         task.model, task.checker, task.table, task.paths, choice.postures, task.q_now, limits=task.limits,
         approach_height=task.approach_height, rng=task.rng, q_hint={side: q[0] for side, q in choice.q.items()},
@@ -188,10 +191,12 @@ def _planned_as(task: _Task, choice: Choice) -> Outcome[FoldMotion]:
         return Outcome(failure=grasp.failure)
     q_fold = grasp.unwrap().q_grasp
     if task.lift > 0.0:
-        up = plan_lift(task.model, task.checker, q_fold, tuple(choice.postures), task.lift, limits=task.limits)
-        if up.failure:
-            return Outcome(failure=up.failure)
-        q_fold = up.unwrap().q[-1]
+        lift_motion = plan_lift(
+            task.model, task.checker, q_fold, tuple(choice.postures), task.lift, limits=task.limits
+        )
+        if lift_motion.failure:
+            return Outcome(failure=lift_motion.failure)
+        q_fold = lift_motion.unwrap().q[-1]
     arc = plan_arc(
         task.model, task.checker, task.table, task.paths, choice.postures, q_fold,
         limits=task.limits, tool_speed=task.tool_speed, rng=task.rng,

@@ -1,4 +1,4 @@
-"""To above the grasps, and the straight ways down to them and a little beyond."""
+"""The approach to above the grasps, and straight descents to the grasps and a little beyond."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 
 APPROACH_HEIGHT = 0.08
-"""Of the point above a grasp, where the straight way down begins [m]."""
+"""Height above a grasp at which the straight descent begins [m]."""
 OVERTRAVEL = 0.015
-"""How far below the planned grasp a descent may go on before it has to have met something [m]."""
+"""Depth below the planned grasp that a descent may reach without having met anything [m]."""
 STEP = 0.002
-"""Between joint samples of a way down [m]."""
+"""Distance between the joint samples of a descent [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """One arm's straight way down: joints q (m, 7) at depths (m,) below the point above the grasp [m].
+    """One arm's straight descent: joints q (m, 7) at depths (m,) below the point above the grasp [m].
 
-    `grasp_depth` is where the planned grasp lies; beyond it the way goes on for the overtravel.
+    grasp_depth: depth of the planned grasp [m]. The descent continues below it for the overtravel.
     """
 
     q: Array
@@ -39,13 +39,13 @@ class Descent:
     grasp_depth: float
 
     def at(self, depth: float) -> Array:
-        """(7,) joints at a depth, clamped to the ends."""
+        """(7,) joints at a depth [m], clamped to the ends."""
         return np.array([np.interp(depth, self.depth, self.q[:, k]) for k in range(7)])
 
 
 @dataclass(frozen=True, eq=False)
 class GraspMotion:
-    """approach: both arms, ends above the grasps. descend: per arm used."""
+    """approach: of both arms, to above the grasps. descend: by arm, for the arms in use."""
 
     approach: ArmTrajectory
     descend: Mapping[Side, Descent]
@@ -58,8 +58,8 @@ class GraspMotion:
     def q_grasp(self) -> Array:
         """(14,) with every hand at its planned grasp."""
         q = np.array(self.q_above)
-        for side, way in self.descend.items():
-            q[arm_slice(side)] = way.at(way.grasp_depth)
+        for side, descent in self.descend.items():
+            q[arm_slice(side)] = descent.at(descent.grasp_depth)
         return frozen(q)
 
 
@@ -77,41 +77,43 @@ def plan_grasp(
     q_hint: Mapping[Side, Array] | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[GraspMotion]:
-    """To `approach_height` [m] above the first point of each path, then straight down, per arm.
+    """Plan the approach to `approach_height` [m] above the start of each path, and each arm's straight descent.
 
     postures: by arm. paths: as for `plan_fold_motion`; shift them to try a grasp elsewhere. q_hint: joints
-    (7,) near the point above, by arm (else the arm's present ones are the hint).
-    Failures: STALE_STATE (q_now is no state), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
+    (7,) near the point above the grasp, by arm; the arm's present joints when None.
+    Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
     limits = limits or model.planning
-    senseless = validate_state(model, q_now) or validate_paths(paths)
-    if senseless:
-        return Outcome(failure=senseless)
+    invalid = validate_state(model, q_now) or validate_paths(paths)
+    if invalid:
+        return Outcome(failure=invalid)
     q_above = np.array(q_now)
     descend: dict[Side, Descent] = {}
     for side, posture in postures.items():
-        hint = q_hint[side] if q_hint else q_now[arm_slice(side)]
-        way = _descent(model, table, side, posture, paths[posture.path], hint, approach_height, overtravel)
-        if way.failure:
-            return Outcome(failure=way.failure)
-        descend[side] = way.unwrap()
+        seed = q_hint[side] if q_hint else q_now[arm_slice(side)]
+        descent = _plan_descent(
+            model, table, side, posture, paths[posture.path], seed, approach_height, overtravel
+        )
+        if descent.failure:
+            return Outcome(failure=descent.failure)
+        descend[side] = descent.unwrap()
         q_above[arm_slice(side)] = descend[side].q[0]
-    contact = checker.first_collision(_in_step(q_above, descend), allow_fingertips=True)
+    contact = checker.first_collision(_simultaneous_descents(q_above, descend), allow_fingertips=True)
     if contact is not None:
-        return Outcome(failure=too_near("the way down", str(contact)))
+        return Outcome(failure=too_near("the descent", str(contact)))
     approach = plan_free_motion(model, checker, q_now, q_above, limits=limits, rng=rng)
     if approach.failure:
         return Outcome(failure=approach.failure)
     return Outcome(GraspMotion(approach.unwrap(), descend))
 
 
-def _descent(
+def _plan_descent(
     model: RobotModel,
     table: Table,
     side: Side,
     posture: Posture,
     path: ToolPath,
-    hint: Array,
+    seed: Array,
     above: float,
     overtravel: float,
 ) -> Outcome[Descent]:
@@ -124,20 +126,20 @@ def _descent(
     rotation = np.tile(posture.rotation(path)[:1], (n + 1, 1, 1))
     start = np.eye(4)
     start[:3, :3], start[:3, 3] = rotation[0], position[0]
-    q0 = ik.solve_pose(model, side, start, hint, gain=0.0)
+    q0 = ik.solve_pose(model, side, start, seed, gain=0.0)
     if q0 is None:
         return Outcome(failure=out_of_reach(table, side, "the point above the grasp", position[0]))
     solution = ik.follow_path(model, side, rotation, position, q0)
     reached = len(solution.q)
     if reached < len(to_grasp):
-        return Outcome(failure=out_of_reach(table, side, "the way down", position[reached]))
+        return Outcome(failure=out_of_reach(table, side, "the descent", position[reached]))
     return Outcome(Descent(frozen(solution.q), frozen(depth[:reached]), above))
 
 
-def _in_step(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
-    """(samples, 14) with all hands going down together, to their planned grasps."""
+def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
+    """(samples, 14) joints while all hands descend together to their planned grasps."""
     q = np.tile(q_above, (samples, 1))
     for i, share in enumerate(np.linspace(0.0, 1.0, samples)):
-        for side, way in descend.items():
-            q[i, arm_slice(side)] = way.at(share * way.grasp_depth)
+        for side, descent in descend.items():
+            q[i, arm_slice(side)] = descent.at(share * descent.grasp_depth)
     return q

@@ -1,4 +1,4 @@
-"""What would help when a fold cannot be made where the garment lies: by how much to shift it."""
+"""A shift of the garment that makes an infeasible fold feasible."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skills.vocabulary import GraspId, Table, ToolPath
 __all__ = ["with_shift_suggestion"]
 
 SHIFTS = (0.06, 0.15)
-"""Tried in turn, along x and along y towards the table's middle [m]."""
+"""Shifts tried in turn, along x and along y towards the table's middle [m]."""
 
 
 def with_shift_suggestion(
@@ -31,24 +31,24 @@ def with_shift_suggestion(
     above: float,
     below: float,
 ) -> Failure:
-    """The same failure, saying by how much to shift the garment for the fold to be possible, if a shift helps.
+    """The same failure, with a shift of the garment that makes the fold feasible, if one of SHIFTS does.
 
-    values["shift_m"]: (2,) in the table frame, None when no shift that was tried helps. Costs up to four searches;
-    none where the arms are in each other's way, for they will be wherever the garment lies.
+    values["shift_m"]: (2,) in the table frame, None when no shift helps. This costs up to four posture searches.
+    If the arms block each other, no shift is tried: they do so wherever the garment lies.
     """
     if failure.values.get("binding", {}).get("constraint") == "arms":
         return failure
-    for shift in _shifts(table, paths, failure):
+    for shift in _candidate_shifts(table, paths, failure):
         moved = {i: replace(p, position=frozen(p.position + np.append(shift, 0.0))) for i, p in paths.items()}
         if rank_postures(model, checker, table, moved, q_now, above=above, below=below).ok:
             values = {**failure.values, "shift_m": shift.tolist()}
-            return replace(failure, hint=f"lay the garment {_words(shift)}", values=values)
-    tried = f"no shift of up to {max(SHIFTS) * 1e3:.0f} mm towards the table's middle would help"
-    return replace(failure, hint=f"{failure.hint}; {tried}", values={**failure.values, "shift_m": None})
+            return replace(failure, hint=f"lay the garment {_describe(shift)}", values=values)
+    none_helps = f"no shift of up to {max(SHIFTS) * 1e3:.0f} mm towards the table's middle would help"
+    return replace(failure, hint=f"{failure.hint}; {none_helps}", values={**failure.values, "shift_m": None})
 
 
-def _shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
-    """Towards the table's middle, from the place that is not reached, else from the middle of the fold."""
+def _candidate_shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
+    """Shifts (2,) towards the table's middle, from the unreached place, else from the middle of the fold."""
     place = failure.values.get("binding", {}).get("where_m", [])[:2]
     if not place:
         place = np.mean([p.position[:, :2].mean(axis=0) for p in paths.values()], axis=0)
@@ -58,7 +58,7 @@ def _shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -
             yield size * (1.0 if gap[axis] >= 0.0 else -1.0) * np.eye(2)[axis]
 
 
-def _words(shift: Array) -> str:
+def _describe(shift: Array) -> str:
     length = f"{np.abs(shift).max() * 1e3:.0f} mm"
     if shift[0]:
         return f"{length} {'further from' if shift[0] > 0 else 'nearer to'} the robot"

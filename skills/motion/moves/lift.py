@@ -1,4 +1,4 @@
-"""Hands straight up as they are: with what they hold, to see whether it holds, or away from the table."""
+"""The straight lift of the hands: to test a grasp, or to clear the table."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from skills.vocabulary import Outcome
 __all__ = ["plan_lift"]
 
 SPEED = 0.25
-"""Of the tools on their straight way up, at most [m/s]."""
+"""Maximum speed of the tools [m/s]."""
 STEP = 0.006
-"""Between joint samples of the way [m]."""
+"""Distance between joint samples [m]."""
 
 
 def plan_lift(
@@ -32,39 +32,40 @@ def plan_lift(
     *,
     limits: JointLimits | None = None,
 ) -> Outcome[ArmTrajectory]:
-    """Hands straight up by `height` [m] from q_now (14,), at rest; all in step, the other hand stays.
+    """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (14,), at rest.
 
-    limits: the model's planning set when None. Failures: STALE_STATE (q_now is no state), LIMIT_EXCEEDED (the
-    height is none), UNREACHABLE, IN_COLLISION.
+    The hands rise together; a hand that is not listed stays. limits: the model's planning limits when None.
+    Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative or not finite),
+    UNREACHABLE, IN_COLLISION.
     """
-    senseless = validate_state(model, q_now) or validate_height(height)
-    if senseless:
-        return Outcome(failure=senseless)
+    invalid = validate_state(model, q_now) or validate_height(height)
+    if invalid:
+        return Outcome(failure=invalid)
     n = max(2, int(np.ceil(height / STEP)))
     rise = np.linspace(0.0, height, n + 1)
     q = np.tile(q_now, (n + 1, 1))
     for side in sides:
-        cut = arm_slice(side)
-        T = ik.tool_pose(model.chains[side], q_now[cut])
+        joints = arm_slice(side)
+        T = ik.tool_pose(model.chains[side], q_now[joints])
         position = np.tile(T[:3, 3], (n + 1, 1))
         position[:, 2] += rise
-        solution = ik.follow_path(model, side, np.tile(T[:3, :3], (n + 1, 1, 1)), position, q_now[cut])
+        solution = ik.follow_path(model, side, np.tile(T[:3, :3], (n + 1, 1, 1)), position, q_now[joints])
         if not solution.complete:
-            return Outcome(failure=_too_high(side, height, float(rise[max(len(solution.q) - 1, 0)])))
-        q[:, cut] = solution.q
+            return Outcome(failure=_unreachable_height(side, height, float(rise[max(len(solution.q) - 1, 0)])))
+        q[:, joints] = solution.q
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
     lift = time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED)
     contact = contact_along(checker, lift, allow_fingertips=True)
     if contact is not None:
-        return Outcome(failure=too_near("the way up", str(contact)))
+        return Outcome(failure=too_near("the lift", str(contact)))
     return Outcome(lift)
 
 
-def _too_high(side: Side, height: float, reached: float) -> Failure:
+def _unreachable_height(side: Side, height: float, reached: float) -> Failure:
     return Failure(
         FailureKind.UNREACHABLE,
-        f"the {side} hand cannot go straight up by {height} m from where it is",
+        f"the {side} hand cannot be lifted straight up by {height} m from its present pose",
         "jog the arm by hand",
         {"side": str(side), "reached_m": reached},
     )

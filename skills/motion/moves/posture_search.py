@@ -1,8 +1,8 @@
-"""Choosing how the hands hold: tilt, turn, and which arm takes which grasp.
+"""Search for the postures of the hands: lean, half turn, and which arm takes which grasp.
 
-Candidates are tried in the order of their lean, each followed by inverse kinematics over the whole fold
-(down, arc, up). The cheapest pair of which both arms stay free of each other wins. The order and the
-start configurations are fixed, so that the same question has the same answer.
+Candidates are tried in the order of their lean. Inverse kinematics follows each of them over the whole fold
+(descent, arc, retreat). The cheapest combination in which the arms do not touch is the best. The order and the
+seed configurations are fixed, so the same input always gives the same result.
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ from skills.motion.kinematics.posture import Posture, in_base, with_ends
 from skills.motion.validation.collision import CollisionChecker, Contact
 from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
-__all__ = ["Choice", "rank_postures"]
+__all__ = ["PostureChoice", "rank_postures"]
 
 PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
 PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
-"""Tried only where no lean that stays the same through the fold will do."""
+"""Changes of pitch during the fold, tried only if no constant lean is feasible."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
-"""Leans that cost 1: a lean along the held line lifts one end of the line and is dearer."""
+"""Leans that cost 1. Roll lifts one end of the held line, so it costs more than pitch."""
 TRAVEL_WEIGHT = 0.3
-"""Cost of one second of joint motion at full speed, of the fold and of the way to it."""
+"""Cost per second of joint motion at full speed, during the fold and on the approach to it."""
 MARGIN_WEIGHT = 0.01
-"""Cost of the distance to the nearest joint limit: weight over distance in rad."""
+"""Cost of nearness to a joint limit: this weight over the distance in radians."""
 SWAP_COST = 0.5
-"""Arms are swapped only for a gain in lean that is worth it."""
-GOOD = 4.0
-"""Cost of a pair at which the other assignment of arms is not looked at."""
+"""Cost of swapping the arms."""
+GOOD_COST = 4.0
+"""If a choice costs less than this, the swapped assignment of arms is not searched."""
 DETOUR_COST = 0.5
-"""Of a way to the fold or from it to the parked pose that is not free straight on."""
-KEEP = 8
-"""Candidates kept an arm."""
-ENOUGH = 3
-"""Candidates after which leans that cost much more are not tried."""
-RANKED = 5
-"""Combinations kept."""
-TOUCH_COST = 2.0
-"""Of a joint that rides on its limit on the way: where it leaves the limit, the path has a kink."""
+"""Cost of an approach, or of a return to the parked pose, that is in collision on a straight line."""
+MAX_CANDIDATES = 8
+"""Maximum number of candidates per arm."""
+ENOUGH_CANDIDATES = 3
+"""Number of candidates of one arm after which much more expensive leans are not tried."""
+MAX_CHOICES = 5
+"""Maximum number of choices returned."""
+AT_LIMIT_COST = 2.0
+"""Cost of a joint that moves along its limit: its path has a kink where it leaves the limit."""
 SEARCH_MARGIN = 0.03
-"""Joint limits are kept by this much more in the search than later [rad]: a grasp ends a little elsewhere."""
+"""Extra distance to the joint limits in the search [rad], because the actual grasp differs a little."""
 SAMPLES = 18
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """postures and q: by arm; q (n, 7) along down, arc and up, coarsely."""
+class PostureChoice:
+    """postures, q: by arm. q: (n, 7) joints along the descent, the arc and the retreat, coarsely sampled."""
 
     postures: Mapping[Side, Posture]
     q: Mapping[Side, Array]
@@ -66,39 +66,41 @@ class Choice:
 
 @dataclass(eq=False)
 class _Tally:
-    """Why candidates fell out with one assignment of arms, for the failure's text.
+    """Why candidates of one assignment of arms failed, for the failure's text.
 
-    begun, whole, free: per arm, how many ways could begin, reached every pose, and were clear of body and table.
+    started, complete, free: number of joint paths by arm that have a start, reach every pose, and do not touch
+    body or table.
     """
 
     swapped: bool
     tried: int = 0
-    begun: Counter[Side] = field(default_factory=Counter)
-    whole: Counter[Side] = field(default_factory=Counter)
+    started: Counter[Side] = field(default_factory=Counter)
+    complete: Counter[Side] = field(default_factory=Counter)
     free: Counter[Side] = field(default_factory=Counter)
     reached: dict[Side, float] = field(default_factory=dict)
     where: dict[Side, Array] = field(default_factory=dict)
     limit: dict[Side, Counter[str]] = field(default_factory=lambda: {side: Counter() for side in Side})
-    alone: dict[Side, Counter[str]] = field(default_factory=lambda: {side: Counter() for side in Side})
-    together: Counter[str] = field(default_factory=Counter)
+    arm_contacts: dict[Side, Counter[str]] = field(default_factory=lambda: {side: Counter() for side in Side})
+    pair_contacts: Counter[str] = field(default_factory=Counter)
 
     def binding(self, arms: Sequence[Side]) -> _Binding:
-        """The first thing that no candidate gets past: an arm's reach, its surroundings, or the other arm."""
+        """The first constraint that no candidate satisfies: an arm's reach, its surroundings, or the other arm."""
         for arm in arms:
-            if not self.whole[arm]:
+            if not self.complete[arm]:
                 joint = self.limit[arm].most_common(1)[0][0] if self.limit[arm] else "the arm's length"
                 where = [round(float(x), 3) for x in self.where[arm]] if arm in self.where else []
                 return _Binding(0, "reach", arm, joint, tuple(where), self.reached.get(arm, 0.0))
         for arm in arms:
             if not self.free[arm]:
-                return _Binding(1, "surroundings", arm, self.alone[arm].most_common(1)[0][0])
-        pair = self.together.most_common(1)[0][0] if self.together else "choices that were tried before"
+                return _Binding(1, "surroundings", arm, self.arm_contacts[arm].most_common(1)[0][0])
+        tried = "none, all choices were tried before"
+        pair = self.pair_contacts.most_common(1)[0][0] if self.pair_contacts else tried
         return _Binding(2, "arms", None, pair)
 
 
 @dataclass(frozen=True)
 class _Binding:
-    """stage: how far the search came (0 reach, 1 alone, 2 together); what: a joint or a pair of objects."""
+    """stage: of the search (0 reach, 1 surroundings, 2 both arms). what: a joint, or two objects in contact."""
 
     stage: int
     constraint: str
@@ -109,10 +111,10 @@ class _Binding:
 
     def __str__(self) -> str:
         if self.constraint == "reach":
-            return f"the {self.arm} arm does not reach {list(self.where)} (table frame, m), bound by {self.what}"
+            return f"the {self.arm} arm does not reach {list(self.where)} (table frame, m), limited by {self.what}"
         if self.constraint == "surroundings":
-            return f"the {self.arm} arm reaches everything but comes too near: {self.what}"
-        return f"each arm has a way, but not both together; most often in the way: {self.what}"
+            return f"the {self.arm} arm reaches every pose but is in collision: {self.what}"
+        return f"each arm has a path, but not both together; most frequent collision: {self.what}"
 
     def values(self) -> dict[str, object]:
         return {
@@ -130,10 +132,10 @@ class _Candidate:
 
 @lru_cache(maxsize=2)
 def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...]:
-    """(cost, pitch, roll, pitch_change, turned), the cheapest first; `changing`: those whose pitch changes."""
+    """(cost, pitch, roll, pitch_change, turned), the cheapest first. changing: those whose pitch changes."""
     if changing:
-        steepest = float(PITCH.max()) + 1e-9
-        leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= steepest]
+        max_pitch = float(PITCH.max()) + 1e-9
+        leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= max_pitch]
     else:
         leans = [(p, r, 0.0) for p in PITCH.tolist() for r in ROLL.tolist()]
     grid = [
@@ -154,31 +156,33 @@ def rank_postures(
     above: float,
     below: float,
     avoid: Sequence[Mapping[Side, Posture]] = (),
-) -> Outcome[tuple[Choice, ...]]:
-    """A few choices, the cheapest first, for tool paths keyed as the fold step's grasps; arms may be swapped.
+) -> Outcome[tuple[PostureChoice, ...]]:
+    """Up to five choices of postures, the cheapest first, for tool paths keyed as the fold step's grasps.
 
-    above, below: straight ways down to the grasp and up from the release [m]. avoid: choices that were tried
-    and are not wanted again. Failures: UNREACHABLE (no
-    posture reaches every pose), IN_COLLISION (some do, but none without touching).
+    The arms may be swapped. above: height of the straight descent to the grasp [m]; below: height of the straight
+    retreat from the release [m]. avoid: choices that are not returned again. Failures: UNREACHABLE (no posture
+    reaches every pose), IN_COLLISION (some do, but none without collision).
     """
     tallies: list[_Tally] = []
     coarse = {i: with_ends(path, above, below, SAMPLES) for i, path in paths.items()}
-    found: list[Choice] = []
+    found: list[PostureChoice] = []
     for swapped in (False, True):
-        if found and found[0].cost < GOOD:
+        if found and found[0].cost < GOOD_COST:
             break
-        arms = {_taker(i, swapped): i for i in paths}
+        arms = {_arm_for(i, swapped): i for i in paths}
         tally = _Tally(swapped)
         tallies.append(tally)
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
         for changing in (False, True):
-            if changing and (found or not all(tally.begun[arm] for arm in arms)):
-                break  # a lean that changes on the way begins as one that does not
+            if changing and (found or not all(tally.started[arm] for arm in arms)):
+                break  # a changing lean starts like a constant one, so it has no start either
             for arm, i in arms.items():
                 candidates[arm] += _candidates(
                     model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally
                 )
-            found += _together(checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally)
+            found += _collision_free_combinations(
+                checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally
+            )
         found.sort(key=lambda choice: choice.cost)
     if not found:
         return Outcome(failure=_failure(tallies, tuple(paths)))
@@ -186,7 +190,7 @@ def rank_postures(
     return Outcome(tuple(found), notes={"postures_tried": tried, "posture_cost": round(found[0].cost, 3)})
 
 
-def _taker(grasp_id: GraspId, swapped: bool) -> Side:
+def _arm_for(grasp_id: GraspId, swapped: bool) -> Side:
     return grasp_id.planned_arm.other if swapped else grasp_id.planned_arm
 
 
@@ -198,120 +202,124 @@ def _candidates(
     grasp_id: GraspId,
     path: ToolPath,
     q_now: Array,
-    used: Sequence[Side],
+    arms_used: Sequence[Side],
     leans: Sequence[tuple[float, float, float, float, bool]],
     tally: _Tally,
 ) -> list[_Candidate]:
-    """Postures of one arm that reach the whole path without touching body or table, cheapest leans first."""
+    """Postures of one arm that reach every pose without touching body or table, cheapest lean first."""
     position = in_base(table, path.position)
     seeds = ik.arm_seeds(model, arm, q_now)
     kept: list[_Candidate] = []
     for lean, pitch, roll, change, turned in leans:
-        if len(kept) >= ENOUGH and lean > min(c.cost for c in kept) + 1.0:
+        if len(kept) >= ENOUGH_CANDIDATES and lean > min(c.cost for c in kept) + 1.0:
             break
         posture = Posture(grasp_id, turned, pitch, roll, change)
         rotation = posture.rotation(path)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation[0], position[0]
         tally.tried += 1
-        ways = _ways(model, arm, rotation, position, ik.solve_seeds(model, arm, T, seeds), path, tally)
-        scored = sorted(((lean + _motion_cost(model, arm, q, q_now), q) for q in ways), key=lambda w: w[0])
-        for cost, q in scored:
-            contact = _alone(model, checker, arm, q, q_now, used)
+        joint_paths = _joint_paths(
+            model, arm, rotation, position, ik.solve_seeds(model, arm, T, seeds), path, tally
+        )
+        by_cost = sorted(((lean + _motion_cost(model, arm, q, q_now), q) for q in joint_paths), key=lambda w: w[0])
+        for cost, q in by_cost:
+            contact = _first_contact(model, checker, arm, q, q_now, arms_used)
             if contact is None:
                 tally.free[arm] += 1
                 kept.append(_Candidate(posture, q, cost))
                 break
-            tally.alone[arm][str(contact)] += 1
-        if len(kept) >= KEEP:
+            tally.arm_contacts[arm][str(contact)] += 1
+        if len(kept) >= MAX_CANDIDATES:
             break
     return kept
 
 
-def _ways(
+def _joint_paths(
     model: RobotModel, arm: Side, rotation: Array, position: Array, starts: Array, path: ToolPath, tally: _Tally
 ) -> list[Array]:
-    """Joint paths (n, 7) over the whole tool path, one for each start that gets through."""
-    ways = []
-    tally.begun[arm] += len(starts)
+    """Joint paths (n, 7) along the whole tool path, one for each start that reaches its end."""
+    joint_paths = []
+    tally.started[arm] += len(starts)
     if len(starts) == 0 and arm not in tally.where:
         tally.where[arm] = path.position[0]
     for start in starts:
         solution = ik.follow_path(model, arm, rotation, position, start, max_step=0.6, margin=SEARCH_MARGIN)
         if solution.complete:
-            tally.whole[arm] += 1
-            ways.append(solution.q)
+            tally.complete[arm] += 1
+            joint_paths.append(solution.q)
         elif len(solution.q) / len(position) > tally.reached.get(arm, -1.0):
             tally.reached[arm] = len(solution.q) / len(position)
             tally.where[arm] = path.position[len(solution.q)]
             if len(solution.q):
                 tally.limit[arm][_nearest_limit(model, arm, solution.q[-1])] += 1
-    return ways
+    return joint_paths
 
 
 def _nearest_limit(model: RobotModel, arm: Side, q: Array) -> str:
-    cut = arm_slice(arm)
-    room = np.minimum(q - model.planning.lower[cut], model.planning.upper[cut] - q)
-    return model.joint_names[cut][int(room.argmin())]
+    joints = arm_slice(arm)
+    margin = np.minimum(q - model.planning.lower[joints], model.planning.upper[joints] - q)
+    return model.joint_names[joints][int(margin.argmin())]
 
 
 def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
-    cut = arm_slice(arm)
+    joints = arm_slice(arm)
     limits = model.planning
-    travel = np.abs(np.diff(q, axis=0)).sum(axis=0) / limits.velocity[cut]
-    way = np.abs(q[0] - q_now[cut]) / limits.velocity[cut]
-    room = min((q - limits.lower[cut]).min(), (limits.upper[cut] - q).min())
-    touch = TOUCH_COST if room < SEARCH_MARGIN + 1e-3 else 0.0
-    return float(TRAVEL_WEIGHT * (travel.max() + way.max()) + MARGIN_WEIGHT / max(room, 1e-3) + touch)
+    travel = np.abs(np.diff(q, axis=0)).sum(axis=0) / limits.velocity[joints]
+    approach = np.abs(q[0] - q_now[joints]) / limits.velocity[joints]
+    margin = min((q - limits.lower[joints]).min(), (limits.upper[joints] - q).min())
+    at_limit = AT_LIMIT_COST if margin < SEARCH_MARGIN + 1e-3 else 0.0
+    return float(TRAVEL_WEIGHT * (travel.max() + approach.max()) + MARGIN_WEIGHT / max(margin, 1e-3) + at_limit)
 
 
-def _alone(
-    model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, used: Sequence[Side]
+def _first_contact(
+    model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, arms_used: Sequence[Side]
 ) -> Contact | None:
-    """The first contact of one arm on its way; the other arm stays where it is, or, if it works too, is parked."""
-    both = np.tile(model.q_park if arm.other in used else q_now, (len(q), 1))
-    both[:, arm_slice(arm)] = q
-    return checker.first_collision(both, allow_fingertips=True)
+    """The first contact of one arm on its path. The other arm is parked if it is used too, else where it is."""
+    q_both = np.tile(model.q_park if arm.other in arms_used else q_now, (len(q), 1))
+    q_both[:, arm_slice(arm)] = q
+    return checker.first_collision(q_both, allow_fingertips=True)
 
 
-def _together(
+def _collision_free_combinations(
     checker: CollisionChecker,
     candidates: Mapping[Side, list[_Candidate]],
     q_now: Array,
-    extra: float,
+    swap_cost: float,
     avoid: Sequence[Mapping[Side, Posture]],
     tally: _Tally,
-) -> list[Choice]:
-    """The cheapest few combinations that stay free of each other, the arms moving in step."""
+) -> list[PostureChoice]:
+    """The cheapest few combinations without a contact, the arms moving simultaneously."""
     arms = list(candidates)
-    found: list[Choice] = []
-    for picked in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
-        postures = {arm: c.posture for arm, c in zip(arms, picked, strict=True)}
+    found: list[PostureChoice] = []
+    for combination in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
+        postures = {arm: c.posture for arm, c in zip(arms, combination, strict=True)}
         if postures in avoid:
             continue
-        both = np.tile(q_now, (len(picked[0].q), 1))
-        for arm, candidate in zip(arms, picked, strict=True):
-            both[:, arm_slice(arm)] = candidate.q
-        contact = checker.first_collision(both, allow_fingertips=True)
+        q_both = np.tile(q_now, (len(combination[0].q), 1))
+        for arm, candidate in zip(arms, combination, strict=True):
+            q_both[:, arm_slice(arm)] = candidate.q
+        contact = checker.first_collision(q_both, allow_fingertips=True)
         if contact is not None:
-            tally.together[str(contact)] += 1
+            tally.pair_contacts[str(contact)] += 1
             continue
-        cost = sum(c.cost for c in picked) + extra + DETOUR_COST * _detours(checker, q_now, both)
-        found.append(Choice(postures, {arm: c.q for arm, c in zip(arms, picked, strict=True)}, float(cost)))
-        if len(found) == RANKED:
+        cost = sum(c.cost for c in combination) + swap_cost + DETOUR_COST * _detours(checker, q_now, q_both)
+        found.append(
+            PostureChoice(postures, {arm: c.q for arm, c in zip(arms, combination, strict=True)}, float(cost))
+        )
+        if len(found) == MAX_CHOICES:
             break
     return found
 
 
-def _detours(checker: CollisionChecker, q_now: Array, both: Array) -> int:
-    """Of the ways to the first and from the last configuration, how many are not free straight on."""
-    ways = ((q_now, both[0]), (both[-1], checker.model.q_park))
-    return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in ways)
+def _detours(checker: CollisionChecker, q_now: Array, q_both: Array) -> int:
+    """Number of approach and return motions that are in collision on a straight line."""
+    edges = ((q_now, q_both[0]), (q_both[-1], checker.model.q_park))
+    return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in edges)
 
 
 def _failure(tallies: Sequence[_Tally], grasp_ids: Sequence[GraspId]) -> Failure:
-    """What binds with the assignment of arms that came furthest; the other one's is told beside it."""
-    bindings = [(tally, tally.binding([_taker(i, tally.swapped) for i in grasp_ids])) for tally in tallies]
+    """The binding constraint of the assignment of arms that came furthest; the other one's in its values."""
+    bindings = [(tally, tally.binding([_arm_for(i, tally.swapped) for i in grasp_ids])) for tally in tallies]
     tally, first = max(bindings, key=lambda pair: (pair[1].stage, not pair[0].swapped))
     others = [str(b) for t, b in bindings if t is not tally]
     kind = FailureKind.UNREACHABLE if first.stage == 0 else FailureKind.IN_COLLISION
@@ -324,7 +332,7 @@ def _failure(tallies: Sequence[_Tally], grasp_ids: Sequence[GraspId]) -> Failure
     swapped = ", with the arms swapped" if tally.swapped else ""
     return Failure(
         kind,
-        f"no tilt of the hands makes this fold possible{swapped}: {first}",
+        f"no lean of the hands makes this fold possible{swapped}: {first}",
         "lay the garment nearer to the middle of the table"
         + (", or take hold further apart" if first.stage == 2 else ""),
         values,

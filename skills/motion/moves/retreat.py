@@ -1,4 +1,4 @@
-"""Hands away from what they have done: straight up, then both arms to the parked pose. Also the way to safety."""
+"""The retreat after a fold or a failure: the hands straight up, then both arms to the parked pose."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from skills.vocabulary import Outcome
 __all__ = ["RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 
 RETREAT_HEIGHT = 0.10
-"""By which the hands rise after a fold [m]."""
-SHARES = (1.0, 0.7, 0.5, 0.35)
-"""Of a height that cannot be reached, tried in turn: 35 mm clear every stack."""
+"""Height by which the hands rise after a fold [m]."""
+HEIGHT_SHARES = (1.0, 0.7, 0.5, 0.35)
+"""Parts of the height that are tried in turn. The smallest, 35 mm of 100 mm, clears every stack."""
 
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """retreat: straight up. park: on to the parked pose."""
+    """retreat: straight up. park: from there to the parked pose."""
 
     retreat: ArmTrajectory
     park: ArmTrajectory
@@ -40,18 +40,18 @@ def plan_retreat(
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[Retreat]:
-    """Hands straight up by `height` [m] as they are, then both arms to the parked pose, from q_now (14,), at rest.
+    """Plan a straight lift by `height` [m] from q_now (14,), at rest, then both arms to the parked pose.
 
-    Where the arms cannot go so high, they go as high as they can, but no less than clears a stack.
-    Failures: those of `plan_lift` and `plan_free_motion`, of the first try.
+    If the full height fails, the parts of it in HEIGHT_SHARES are tried in turn.
+    Failures: those of `plan_lift` and `plan_free_motion`, for the full height.
     """
     limits = limits or model.planning
-    why: Failure | None = None
-    for share in SHARES:
+    first_failure: Failure | None = None
+    for share in HEIGHT_SHARES:
         retreat = plan_lift(model, checker, q_now, sides, share * height, limits=limits)
         if retreat.ok:
-            way = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
-            if way.ok:
-                return Outcome(Retreat(retreat.unwrap(), way.unwrap()))
-        why = why or retreat.failure or way.failure
-    return Outcome(failure=why)
+            park = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
+            if park.ok:
+                return Outcome(Retreat(retreat.unwrap(), park.unwrap()))
+        first_failure = first_failure or retreat.failure or park.failure
+    return Outcome(failure=first_failure)

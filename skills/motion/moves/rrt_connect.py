@@ -1,7 +1,7 @@
-"""Ways through free joint space: straight if possible, by a few obvious way-points, else RRT-Connect.
+"""Collision-free paths in joint space: a straight line, a few fixed way-points, or RRT-Connect.
 
-RRT-Connect is Kuffner and LaValle's (ICRA 2000), over all 14 joints, with the caller's generator and a
-bounded number of tries; the result is shortened by random shortcuts.
+RRT-Connect (Kuffner and LaValle, ICRA 2000) plans over all 14 joints with the caller's random generator and a
+bounded number of iterations. Random shortcuts then shorten the path.
 """
 
 from __future__ import annotations
@@ -16,24 +16,28 @@ from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion.validation.collision import CollisionChecker, Contact
 
-__all__ = ["blocked_end", "no_way", "rounded", "ways"]
+__all__ = ["blend_corners", "candidate_paths", "check_endpoints", "no_path_found"]
 
 STEP = 0.35
-"""Longest new branch [rad, largest joint]."""
-TRIES = 1500
+"""Longest new branch of a tree [rad, largest joint]."""
+MAX_ITERATIONS = 1500
 SHORTCUTS = 60
 COARSE, FINE = 0.05, 0.01
-"""[rad, largest joint] between two looks at a way: hands that pass each other can slip through the coarse ones."""
-LEADS = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
-"""Shares of their ways that the arms have made half-way, when one goes ahead."""
+"""Spacing of the collision checks along a path [rad, largest joint]. Hands that pass each other can go unnoticed
+at the coarse spacing."""
+LEAD_SHARES = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
+"""Progress (0..1) of the leading and of the trailing arm at a way-point where one arm leads."""
 
 
-def ways(
+def candidate_paths(
     model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator | None = None
 ) -> Iterator[tuple[str, Array]]:
-    """Way-points (n, 14) from q0 to q1, straight in joint space between them, and how they were found; the best
-    first. They are free of collision as far as a coarse look tells, only the last one by a fine look."""
-    for via in _obvious(model, q0, q1):
+    """Yield (method, way-points (n, 14)) of paths from q0 (14,) to q1 (14,), the best first.
+
+    A path is straight in joint space between its way-points. method: "straight", "via" or "rrt". All paths are
+    checked for collision at the coarse spacing, only the last one at the fine spacing.
+    """
+    for via in _fixed_waypoints(model, q0, q1):
         points = np.array([q0, *via, q1])
         if _free(checker, points):
             yield "via" if via else "straight", points
@@ -45,66 +49,69 @@ def ways(
         yield "rrt", found
 
 
-def blocked_end(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | None:
-    """IN_COLLISION when no way from q0 (14,) to q1 (14,) can be free, since one of them is not."""
+def check_endpoints(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | None:
+    """IN_COLLISION when q0 (14,) or q1 (14,) is itself in collision, so that no path can be free."""
     for name, q in (("start", q0), ("goal", q1)):
         contact = checker.contact(q)
         if contact is not None:
             return Failure(
                 FailureKind.IN_COLLISION,
-                f"the {name} of a free motion is too near: {contact}",
+                f"the {name} of a free motion is in collision: {contact}",
                 "raise the hands straight up first",
                 {"pair": str(contact), "end": name},
             )
     return None
 
 
-def no_way(contact: Contact | None) -> Failure:
-    """IN_COLLISION: the tries are used up; contact: what was in the last one's way, if it was looked at finely."""
-    what = f"no free way was found in {TRIES} tries"
+def no_path_found(contact: Contact | None) -> Failure:
+    """IN_COLLISION: no candidate path is free. contact: where the last one collides, None if none was found."""
+    message = f"no collision-free path was found in {MAX_ITERATIONS} tries"
     if contact is not None:
-        what = f"no free way was found: the last one comes too near: {contact}"
+        message = f"no collision-free path was found; the last candidate is in collision: {contact}"
     return Failure(
-        FailureKind.IN_COLLISION, what, "clear the table's surroundings, or jog the arms apart", {"tries": TRIES}
+        FailureKind.IN_COLLISION,
+        message,
+        "clear the table's surroundings, or jog the arms apart",
+        {"tries": MAX_ITERATIONS},
     )
 
 
-def rounded(points: Array, share: float, samples: int = 120) -> Array:
-    """The way through points (n, 14) with its corners rounded, sampled evenly (samples, 14).
+def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
+    """The path through points (n, 14) with parabolic blends at its corners, sampled evenly (samples, 14).
 
-    Each corner is a parabola that takes `share` of the legs beside it.
+    share: part (0..0.5) of each adjoining segment that a blend replaces.
     """
     u = np.linspace(0.0, 1.0, 12)[:, None]
-    way = [points[:1]]
+    path = [points[:1]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         a, b = corner + share * (before - corner), corner + share * (after - corner)
-        way.append((1 - u) ** 2 * a + 2 * u * (1 - u) * corner + u**2 * b)
-    way.append(points[-1:])
-    line = np.vstack(way)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    even = np.linspace(0.0, s[-1], samples)
-    return np.stack([np.interp(even, s, line[:, k]) for k in range(line.shape[1])], axis=1)
+        path.append((1 - u) ** 2 * a + 2 * u * (1 - u) * corner + u**2 * b)
+    path.append(points[-1:])
+    path_points = np.vstack(path)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_points, axis=0), axis=1))])
+    even_s = np.linspace(0.0, s[-1], samples)
+    return np.stack([np.interp(even_s, s, path_points[:, k]) for k in range(path_points.shape[1])], axis=1)
 
 
-def _obvious(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Way-points that mostly work: none; one arm ahead of the other; over the parked pose."""
+def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
+    """Intermediate way-points that mostly suffice: none; one arm leads the other; through the parked pose."""
     left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
 
-    def part(of_left: float, of_right: float) -> Array:
+    def at_progress(left_share: float, right_share: float) -> Array:
         q = q0.copy()
-        q[left] += of_left * (q1[left] - q0[left])
-        q[right] += of_right * (q1[right] - q0[right])
+        q[left] += left_share * (q1[left] - q0[left])
+        q[right] += right_share * (q1[right] - q0[right])
         return q
 
-    ways: list[list[Array]] = [[]]
-    for ahead, behind in LEADS:
-        ways += [[part(ahead, behind)], [part(behind, ahead)]]
-    ways.append([model.q_park])
+    waypoints: list[list[Array]] = [[]]
+    for leading, trailing in LEAD_SHARES:
+        waypoints += [[at_progress(leading, trailing)], [at_progress(trailing, leading)]]
+    waypoints.append([model.q_park])
     for cut in (left, right):
-        halfway, arrived = q0.copy(), q1.copy()
-        halfway[cut] = arrived[cut] = model.q_park[cut]
-        ways.append([halfway, arrived])
-    return ways
+        aside, at_goal = q0.copy(), q1.copy()
+        aside[cut] = at_goal[cut] = model.q_park[cut]
+        waypoints.append([aside, at_goal])
+    return waypoints
 
 
 def _free(checker: CollisionChecker, points: Array) -> bool:
@@ -124,23 +131,23 @@ class _Tree:
         self.parents.append(parent)
         return len(self.nodes) - 1
 
-    def back(self, i: int) -> list[Array]:
-        way = []
+    def path_to_root(self, i: int) -> list[Array]:
+        path = []
         while i >= 0:
-            way.append(self.nodes[i])
+            path.append(self.nodes[i])
             i = self.parents[i]
-        return way
+        return path
 
 
 def _extend(checker: CollisionChecker, tree: _Tree, goal: Array, resolution: float) -> tuple[int, bool]:
-    """One branch towards goal: (new node or -1, whether it got there)."""
-    near = tree.nearest(goal)
-    gap = goal - tree.nodes[near]
+    """Grow one branch towards the goal: (new node or -1, whether it reached the goal)."""
+    nearest_node = tree.nearest(goal)
+    gap = goal - tree.nodes[nearest_node]
     length = float(np.abs(gap).max())
-    q = goal if length <= STEP else tree.nodes[near] + gap * (STEP / length)
-    if not checker.edge_free(tree.nodes[near], q, resolution=resolution):
+    q = goal if length <= STEP else tree.nodes[nearest_node] + gap * (STEP / length)
+    if not checker.edge_free(tree.nodes[nearest_node], q, resolution=resolution):
         return -1, False
-    return tree.add(q, near), length <= STEP
+    return tree.add(q, nearest_node), length <= STEP
 
 
 def _connect(
@@ -154,21 +161,21 @@ def _connect(
     lower, upper = np.minimum(q0, q1) - 0.8, np.maximum(q0, q1) + 0.8
     lower, upper = np.maximum(lower, model.planning.lower), np.minimum(upper, model.planning.upper)
     a, b = _Tree(q0), _Tree(q1)
-    for k in range(TRIES):
+    for k in range(MAX_ITERATIONS):
         new, _ = _extend(checker, a, rng.uniform(lower, upper), resolution)
         if new >= 0:
-            met, there = _extend(checker, b, a.nodes[new], resolution)
-            while met >= 0 and not there:
-                met, there = _extend(checker, b, a.nodes[new], resolution)
-            if there:
-                way = [*a.back(new)[::-1], *b.back(met)[1:]]
-                return _shortcut(checker, np.array(way if k % 2 == 0 else way[::-1]), rng, resolution)
+            meeting_node, reached = _extend(checker, b, a.nodes[new], resolution)
+            while meeting_node >= 0 and not reached:
+                meeting_node, reached = _extend(checker, b, a.nodes[new], resolution)
+            if reached:
+                path = [*a.path_to_root(new)[::-1], *b.path_to_root(meeting_node)[1:]]
+                return _shortcut(checker, np.array(path if k % 2 == 0 else path[::-1]), rng, resolution)
         a, b = b, a
     return None
 
 
 def _shortcut(checker: CollisionChecker, points: Array, rng: np.random.Generator, resolution: float) -> Array:
-    """Cut corners between random points on the way while it is longer than a straight line."""
+    """Shorten the path by straight lines between random points on it."""
     for _ in range(SHORTCUTS):
         if len(points) < 3:
             break

@@ -1,15 +1,15 @@
-"""From geometry to motion: one clock for both arms, within velocity, acceleration and jerk limits.
+"""Time parameterization of both arms' paths within velocity, acceleration and jerk limits.
 
-Free motions are straight lines in joint space, timed by Ruckig along the line. A path that must be kept is
-timed by its parameter alone, q(s(t)), so that the arms never leave it:
+Free motions are straight lines in joint space, timed by Ruckig along the line. For a path that must be kept, only
+the parameter is timed, q(s(t)), so the arms never leave the path:
 
 1. TOPP-RA (Pham and Pham, IEEE T-RO 34(3), 2018) gives the fastest ds/dt under velocity and acceleration
-   limits and the caps on the tools' speed; or the caller brings a law of its own (a fold's).
-2. ds/dt is smoothed over time by a kernel as long as the jerk limits ask for, which bounds the jerk.
-3. Velocity, acceleration and jerk of q(s(t)) are measured on the samples, and time is stretched evenly by
-   what they exceed their limits. The table that comes out is within all of them.
+   limits and the caps on the tools' speed; or the caller gives the law s(t), as for a fold.
+2. ds/dt is smoothed over time, which bounds the jerk. The jerk limits set the width of the kernel.
+3. Velocity, acceleration and jerk of q(s(t)) are measured on the samples, and time is stretched evenly until
+   all of them are within their limits.
 
-Ruckig's way-points (`intermediate_positions`) are never used: they call a service on the network.
+Ruckig's way-points (`intermediate_positions`) are never used, because they call a network service.
 """
 
 from __future__ import annotations
@@ -47,15 +47,16 @@ __all__ = [
 TICK = 0.01
 """Longest time between samples [s]."""
 STOP_TIME = 0.6
-"""In which a running clock comes to rest, or starts again [s]."""
-LENGTHENED = (1.0, 1.25, 1.6, 2.0, 2.8, 4.0)
-"""Of STOP_TIME, tried in turn where the joints need longer."""
+"""Time in which a running clock stops, or starts again [s]."""
+WARP_FACTORS = (1.0, 1.25, 1.6, 2.0, 2.8, 4.0)
+"""Factors on STOP_TIME, tried in turn when the joints need longer."""
 HEADROOM = 0.98
-"""Share of the limits that is planned with: the Hermite interpolant between samples takes the rest."""
+"""Share of the limits used in planning. The Hermite interpolant between samples takes the rest."""
 GRID = 100
-FINE = 0.002
-STRETCHES = 40
-"""Of time, at most. One or two do, but for bends of a milliradian: what the samples see of their jerk leaps."""
+LAW_STEP = 0.002
+MAX_STRETCHES = 40
+"""Maximum number of time stretches. One or two suffice, except for bends of a milliradian, whose sampled jerk is
+irregular."""
 
 
 @dataclass(frozen=True)
@@ -72,12 +73,12 @@ class Peaks:
 
     @property
     def stretch(self) -> float:
-        """By how much time has to be stretched to bring all within their limits."""
+        """Factor on time that brings all of them within their limits."""
         return max(self.velocity, self.acceleration**0.5, self.jerk ** (1.0 / 3.0))
 
 
 def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
-    """Of the cubic Hermite interpolant: its acceleration at both ends of each interval, its jerk inside."""
+    """Peaks of the cubic Hermite interpolant: acceleration at both ends of each interval, jerk within it."""
     h = np.diff(trajectory.t)[:, None]
     q0, q1, v0, v1 = trajectory.q[:-1], trajectory.q[1:], trajectory.qd[:-1], trajectory.qd[1:]
     a0 = 6 * (q1 - q0) / h**2 - (4 * v0 + 2 * v1) / h
@@ -96,19 +97,22 @@ def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
 
 
 def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
-    """Standing still at q (14,)."""
+    """A trajectory at rest at q (14,) for `duration` [s]."""
     n = max(1, int(np.ceil(duration / TICK - 1e-9)))
     zero = np.zeros((n + 1, q.shape[0]))
     return ArmTrajectory(frozen(np.linspace(0.0, duration, n + 1)), frozen(zero + q), frozen(zero), frozen(zero))
 
 
 def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
-    """One after the other; each has to start where, and at the speed at which, the one before ends."""
+    """Concatenate trajectories. Each must start at the position and velocity at which the one before ends.
+
+    Raises InternalError when they do not meet.
+    """
     t, q, qd, qdd = [parts[0].t], [parts[0].q], [parts[0].qd], [parts[0].qdd]
     for before, after in pairwise(parts):
         gap = max(np.abs(before.q[-1] - after.q[0]).max(), np.abs(before.qd[-1] - after.qd[0]).max())
         if gap > 1e-6:
-            raise InternalError("trajectories that do not meet were joined", gap=float(gap))
+            raise InternalError("joined trajectories do not meet", gap=float(gap))
         t.append(t[-1][-1] + after.t[1:])
         q.append(after.q[1:])
         qd.append(after.qd[1:])
@@ -121,79 +125,80 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
     gap = q1 - q0
     if np.abs(gap).max() < 1e-9:
         return hold(q0)
-    # All joints share one parameter from 0 to 1. (Ruckig's own phase synchronisation of 14 joints falls back
-    # to curved time-synchronised motions without a word when two joints are limited by different orders.)
-    room = np.maximum(np.abs(gap), 1e-12)
-    otg = ruckig.Ruckig(1)
-    order = ruckig.InputParameter(1)
-    order.current_position, order.target_position = [0.0], [1.0]
-    order.max_velocity = [HEADROOM * float((limits.velocity / room).min())]
-    order.max_acceleration = [HEADROOM * float((limits.acceleration / room).min())]
-    order.max_jerk = [HEADROOM * float((limits.jerk / room).min())]
+    # All joints share one parameter from 0 to 1. Ruckig's own phase synchronisation of 14 joints is not used: it
+    # silently falls back to curved, time-synchronised motions if limits of different order bind two joints.
+    distance = np.maximum(np.abs(gap), 1e-12)
+    generator = ruckig.Ruckig(1)
+    request = ruckig.InputParameter(1)
+    request.current_position, request.target_position = [0.0], [1.0]
+    request.max_velocity = [HEADROOM * float((limits.velocity / distance).min())]
+    request.max_acceleration = [HEADROOM * float((limits.acceleration / distance).min())]
+    request.max_jerk = [HEADROOM * float((limits.jerk / distance).min())]
     result = ruckig.Trajectory(1)
-    code = otg.calculate(order, result)
-    if code not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise InternalError(f"Ruckig refused a motion between two states at rest: {code}")
-    t = _ticks(result.duration)
-    u, rate, change = (np.array(x) for x in zip(*(result.at_time(float(ti))[:3] for ti in t), strict=True))
+    result_code = generator.calculate(request, result)
+    if result_code not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise InternalError(f"Ruckig found no motion between two states at rest: {result_code}")
+    t = _sample_times(result.duration)
+    u, rate, acceleration = (np.array(x) for x in zip(*(result.at_time(float(ti))[:3] for ti in t), strict=True))
     u[0], u[-1], rate[0], rate[-1] = 0.0, 1.0, 0.0, 0.0
     q = q0 + u * gap
     q[-1] = q1
-    return ArmTrajectory(frozen(t), frozen(q), frozen(rate * gap), frozen(change * gap))
+    return ArmTrajectory(frozen(t), frozen(q), frozen(rate * gap), frozen(acceleration * gap))
 
 
 def time_path(
     path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None
 ) -> ArmTrajectory:
-    """Along a smooth joint path (n, 14), from rest to rest, as fast as the limits allow.
+    """Time a smooth joint path (n, 14) from rest to rest, as fast as the limits allow.
 
-    lengths: (n, k) distance that each of k tools has travelled at each sample [m]; speed: the cap on them
-    [m/s]. The path is the cubic spline through the samples.
+    lengths: (n, k) distance travelled by each of k tools at each sample [m]; speed: cap on the tools [m/s]. The
+    path is the cubic spline through the samples.
     """
-    s = _arc(path, limits)
+    s = _path_parameter(path, limits)
     curve = CubicSpline(s, path)
-    capped = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
-    return _finish(curve, *_fastest(curve, s, limits, capped), limits)
+    speed_cap = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
+    return _smooth_and_stretch(curve, *_time_optimal_law(curve, s, limits, speed_cap), limits)
 
 
 def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
-    """Along a joint path (n, 14) at the times t (n,) that the caller wishes, or slower where limits bind.
+    """Time a joint path (n, 14) at the requested times t (n,) [s], or slower where limits bind.
 
-    A wish that starts and stops softly within the limits is kept as it is; one that only starts or stops too
-    hard is softened there; otherwise the law is the fastest that nowhere overtakes it.
+    Times that keep the limits, with soft start and stop, are used unchanged. If only the start or stop is too
+    hard, it is softened. Otherwise the result is the fastest law that is nowhere ahead of the requested times.
     """
     tau = t - t[0]
-    exact = _as_wished(path, tau, limits)
+    exact = _as_requested(path, tau, limits)
     if exact is not None:
         return exact
     curve = CubicSpline(tau, path)
-    wished = _finish(curve, np.array([0.0, tau[-1]]), np.array([0.0, tau[-1]]), limits)
-    slack = wished.duration / (tau[-1] + 2 * _kernel_width(limits))
+    softened = _smooth_and_stretch(curve, np.array([0.0, tau[-1]]), np.array([0.0, tau[-1]]), limits)
+    slack = softened.duration / (tau[-1] + 2 * _kernel_width(limits))
     if slack < 1.02:
-        return wished
+        return softened
     clock = CubicSpline(tau, tau[:, None])
     return min(
-        (wished, _finish(curve, *_fastest(curve, tau, limits, (clock, 1.0)), limits)), key=lambda a: a.duration
+        (softened, _smooth_and_stretch(curve, *_time_optimal_law(curve, tau, limits, (clock, 1.0)), limits)),
+        key=lambda a: a.duration,
     )
 
 
-def _as_wished(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | None:
-    """q (n, 14) at tau (n,), splined, if it is at rest at both ends and within the limits."""
+def _as_requested(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | None:
+    """The spline through path (n, 14) at tau (n,) [s]; None if a limit, or a soft start or stop, is violated."""
     curve = CubicSpline(tau, path, bc_type="clamped")
-    t = _ticks(float(tau[-1]))
+    t = _sample_times(float(tau[-1]))
     q, qd, qdd = curve(t), curve(t, 1), curve(t, 2)
     qd[0] = qd[-1] = 0.0
     trajectory = ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))
-    # Standing before the start and after the end, the acceleration may jump by what a tick of jerk gives.
-    soft = np.all(np.abs(qdd[[0, -1]]) <= limits.jerk * TICK)
-    return trajectory if soft and peaks(trajectory, limits).worst <= 1.0 else None
+    # The arms rest before the start and after the end: the acceleration may jump by one tick of full jerk.
+    soft_ends = np.all(np.abs(qdd[[0, -1]]) <= limits.jerk * TICK)
+    return trajectory if soft_ends and peaks(trajectory, limits).worst <= 1.0 else None
 
 
 @dataclass(frozen=True)
 class ClockWarp:
-    """The rate of a trajectory's clock from now on: a cubic from (rate, slope) to `goal` with slope 0.
+    """Rate of a trajectory's clock from now on: a cubic from (rate, slope) to `goal` with slope 0.
 
-    start: the clock now [s]. duration: of the change [s]; after it the rate stays at `goal`.
+    start: the clock's present reading [s]. duration: of the change [s], after which the rate stays at `goal`.
     """
 
     start: float
@@ -203,29 +208,35 @@ class ClockWarp:
     slope: float = 0.0
 
     def at(self, tau: Array | float) -> tuple[Array, Array, Array]:
-        """Clock [s], its rate [1] and the rate's slope [1/s] at times tau (n,) from now."""
+        """Clock reading [s], its rate [1] and the rate's slope [1/s] at times tau (n,) from now [s]."""
         d = self.duration
         u = np.clip(np.asarray(tau, dtype=float) / d, 0.0, 1.0)
-        fall, lean = self.rate - self.goal, self.slope * d
-        rate = self.goal + fall * (1.0 - u**2 * (3.0 - 2.0 * u)) + lean * u * (1.0 - u) ** 2
-        slope = (-6.0 * fall * u * (1.0 - u) + lean * (1.0 - u) * (1.0 - 3.0 * u)) / d
-        fallen, leant = u - u**3 + 0.5 * u**4, 0.5 * u**2 - 2.0 * u**3 / 3.0 + 0.25 * u**4
-        return self.start + d * (self.goal * u + fall * fallen + lean * leant), rate, slope
+        rate_drop, slope_share = self.rate - self.goal, self.slope * d
+        rate = self.goal + rate_drop * (1.0 - u**2 * (3.0 - 2.0 * u)) + slope_share * u * (1.0 - u) ** 2
+        slope = (-6.0 * rate_drop * u * (1.0 - u) + slope_share * (1.0 - u) * (1.0 - 3.0 * u)) / d
+        drop_integral, slope_integral = u - u**3 + 0.5 * u**4, 0.5 * u**2 - 2.0 * u**3 / 3.0 + 0.25 * u**4
+        return (
+            self.start + d * (self.goal * u + rate_drop * drop_integral + slope_share * slope_integral),
+            rate,
+            slope,
+        )
 
 
 def warp_clock(trajectory: ArmTrajectory, warp: ClockWarp, limits: JointLimits) -> ClockWarp:
-    """`warp`, lengthened as far as the trajectory's joints need to keep `limits`: a stop up to four times, a
-    start, which can wait, up to sixteen times."""
-    for factor in LENGTHENED if warp.goal == 0.0 else (*LENGTHENED, 5.6, 8.0, 16.0):
-        longer = replace(warp, duration=factor * warp.duration)
-        if peaks(warped(trajectory, longer), limits).worst <= 1.0:
+    """`warp` with its duration lengthened until the trajectory's joints keep `limits`.
+
+    A stop is lengthened up to four times. A start is less urgent and is lengthened up to sixteen times.
+    """
+    for factor in WARP_FACTORS if warp.goal == 0.0 else (*WARP_FACTORS, 5.6, 8.0, 16.0):
+        lengthened = replace(warp, duration=factor * warp.duration)
+        if peaks(warped(trajectory, lengthened), limits).worst <= 1.0:
             break
-    return longer
+    return lengthened
 
 
 def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
-    """What the joints do while the clock changes its rate: the same path; it ends at rest if the goal is 0."""
-    tau = _ticks(warp.duration)
+    """The trajectory while the clock changes its rate: the same path, ending at rest if the goal is 0."""
+    tau = _sample_times(warp.duration)
     clock, rate, slope = warp.at(tau)
     inside = clock < trajectory.duration
     q, v, a = _sample(trajectory, np.minimum(clock, trajectory.duration))
@@ -247,30 +258,30 @@ def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
     return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * s * c3)) / h, (2 * c2 + 6 * s * c3) / h**2
 
 
-def _ticks(duration: float) -> Array:
+def _sample_times(duration: float) -> Array:
     """Evenly spaced times from 0 to duration, at most TICK apart."""
     n = max(2, int(np.ceil(duration / TICK - 1e-9)))
     return np.linspace(0.0, duration, n + 1)
 
 
-def _arc(path: Array, limits: JointLimits) -> Array:
-    """(n,) the time that each sample would take at full joint speed: a parameter that suits all joints."""
+def _path_parameter(path: Array, limits: JointLimits) -> Array:
+    """Path parameter (n,): the time at which each sample is reached at full joint speed [s]."""
     step = np.linalg.norm(np.diff(path, axis=0) / limits.velocity, axis=1)
     return np.concatenate([[0.0], np.cumsum(np.maximum(step, 1e-6))])
 
 
 def _kernel_width(limits: JointLimits) -> float:
-    """How long ds/dt is averaged: reversing the acceleration takes 2 a / j; half of it meets most paths."""
+    """Width of the averaging window of ds/dt [s]: half the time 2 a / j of a reversal suffices for most paths."""
     return float((limits.acceleration / limits.jerk).max())
 
 
-def _fastest(
-    curve: CubicSpline, s: Array, limits: JointLimits, capped: tuple[CubicSpline, float] | None
+def _time_optimal_law(
+    curve: CubicSpline, s: Array, limits: JointLimits, speed_cap: tuple[CubicSpline, float] | None
 ) -> tuple[Array, Array]:
-    """TOPP-RA's law from rest to rest as (t, s), finely sampled."""
-    path = _WithLengths(curve, capped[0]) if capped else _WithLengths(curve, None)
+    """TOPP-RA's time law from rest to rest: finely sampled t (m,) [s] and s (m,)."""
+    path = _WithLengths(curve, speed_cap[0]) if speed_cap else _WithLengths(curve, None)
     extra = path.dof - curve(0.0).shape[0]
-    v = HEADROOM * np.concatenate([limits.velocity, np.full(extra, capped[1] if capped else 1.0)])
+    v = HEADROOM * np.concatenate([limits.velocity, np.full(extra, speed_cap[1] if speed_cap else 1.0)])
     a = HEADROOM * np.concatenate([limits.acceleration, np.full(extra, 1e3)])
     constraints = [
         toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
@@ -282,18 +293,18 @@ def _fastest(
     rate = None if data is None else data[1]
     if rate is None or not np.all(np.isfinite(rate)):
         return np.array([0.0, 4.0 * s[-1]]), np.array([s[0], s[-1]])
-    # Constant acceleration between grid points: the time of each is exact.
+    # The acceleration is constant between grid points, so the times are exact.
     ds = np.diff(grid)
     t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(rate[:-1] + rate[1:], 1e-6))])
-    fine = np.linspace(0.0, t[-1], max(2, int(t[-1] / FINE)))
-    i = np.clip(np.searchsorted(t, fine, side="right") - 1, 0, GRID - 1)
-    dt = fine - t[i]
+    fine_t = np.linspace(0.0, t[-1], max(2, int(t[-1] / LAW_STEP)))
+    i = np.clip(np.searchsorted(t, fine_t, side="right") - 1, 0, GRID - 1)
+    dt = fine_t - t[i]
     acceleration = (rate[i + 1] - rate[i]) / (t[i + 1] - t[i])
-    return fine, np.clip(grid[i] + rate[i] * dt + 0.5 * acceleration * dt**2, s[0], s[-1])
+    return fine_t, np.clip(grid[i] + rate[i] * dt + 0.5 * acceleration * dt**2, s[0], s[-1])
 
 
 class _WithLengths(toppra.interpolator.AbstractGeometricPath):
-    """A joint path, with the tools' travelled lengths as further coordinates."""
+    """A joint path with the tools' travelled lengths as additional coordinates."""
 
     def __init__(self, curve: CubicSpline, lengths: CubicSpline | None) -> None:
         self._curves = (curve,) if lengths is None else (curve, lengths)
@@ -315,43 +326,43 @@ class _WithLengths(toppra.interpolator.AbstractGeometricPath):
         return None
 
 
-def _finish(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmTrajectory:
-    """Steps 2 and 3: smooth the law (t, s), then stretch time until every limit is kept."""
+def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmTrajectory:
+    """Steps 2 and 3 of the module: smooth the law (t, s), then stretch time until every limit is kept."""
     law, duration = _smooth(t, s, _kernel_width(limits))
     stretch = 1.0
-    for _ in range(STRETCHES):
+    for _ in range(MAX_STRETCHES):
         trajectory = _tabulate(curve, law, duration, stretch)
-        over = peaks(trajectory, limits)
-        if over.worst <= 1.0:
+        excess = peaks(trajectory, limits)
+        if excess.worst <= 1.0:
             return trajectory
-        stretch *= over.stretch * 1.002
+        stretch *= excess.stretch * 1.002
     return trajectory
 
 
 def _smooth(t: Array, s: Array, width: float) -> tuple[make_interp_spline, float]:
-    """s(t) averaged twice over windows of `width`, at rest before and after: a C4 spline and its duration."""
-    k = max(1, round(width / FINE))
-    n = int(np.ceil(t[-1] / FINE))
-    raw = np.interp(np.arange(-2 * k, n + 2 * k + 1) * FINE, t, s)
+    """s(t) averaged twice over windows of `width` [s], as a C4 spline, and its duration [s]."""
+    k = max(1, round(width / LAW_STEP))
+    n = int(np.ceil(t[-1] / LAW_STEP))
+    padded = np.interp(np.arange(-2 * k, n + 2 * k + 1) * LAW_STEP, t, s)
     box = np.ones(k) / k
-    smooth = np.convolve(np.convolve(raw, box, mode="valid"), box, mode="valid")
+    smooth = np.convolve(np.convolve(padded, box, mode="valid"), box, mode="valid")
     moving = np.flatnonzero((smooth > s[0] + 1e-12) & (smooth < s[-1] - 1e-12))
     first, last = max(moving[0] - 1, 0), min(moving[-1] + 1, len(smooth) - 1)
     smooth = smooth[first : last + 1]
     smooth[0], smooth[-1] = s[0], s[-1]
-    time = np.arange(len(smooth)) * FINE
-    # Every fifth sample: the spline needs to follow the kernel, not the grid.
-    pick = np.unique(np.concatenate([np.arange(0, len(time), 5), [len(time) - 1]]))
-    still = [(1, 0.0), (2, 0.0)]
-    return make_interp_spline(time[pick], smooth[pick], k=5, bc_type=(still, still)), float(time[-1])
+    time = np.arange(len(smooth)) * LAW_STEP
+    # Every fifth sample suffices: the kernel is wider than the grid.
+    knots = np.unique(np.concatenate([np.arange(0, len(time), 5), [len(time) - 1]]))
+    at_rest = [(1, 0.0), (2, 0.0)]
+    return make_interp_spline(time[knots], smooth[knots], k=5, bc_type=(at_rest, at_rest)), float(time[-1])
 
 
 def _tabulate(curve: CubicSpline, law: make_interp_spline, duration: float, stretch: float) -> ArmTrajectory:
-    t = _ticks(duration * stretch)
+    t = _sample_times(duration * stretch)
     u = t / stretch
     u[-1] = duration
-    s, rate, change = law(u), law(u, 1)[:, None] / stretch, law(u, 2)[:, None] / stretch**2
-    q, slope, bend = curve(s), curve(s, 1), curve(s, 2)
-    qd, qdd = slope * rate, bend * rate**2 + slope * change
+    s, rate, acceleration = law(u), law(u, 1)[:, None] / stretch, law(u, 2)[:, None] / stretch**2
+    q, slope, curvature = curve(s), curve(s, 1), curve(s, 2)
+    qd, qdd = slope * rate, curvature * rate**2 + slope * acceleration
     qd[0] = qd[-1] = 0.0
     return ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))

@@ -1,8 +1,8 @@
-"""Collision and clearance of both arms with each other, the robot's body and the table (coal, Pinocchio).
+"""Collision checks and clearance of both arms with each other, the robot's body and the table (coal, Pinocchio).
 
-The table is a solid block from its top down to the floor. Two margins: `body` for what belongs to the
-robot, `table` for the arms over the table. The fingertips' distance to the table is the tool's height,
-which plans choose: in a grasp they may touch (`allow_fingertips`), else they keep `fingertip_margin`.
+The table is a solid block from its top to the floor. `body_margin` applies between parts of the robot,
+`table_margin` between the arms and the table. The fingertips may touch the table in a grasp (`allow_fingertips`);
+otherwise they keep `fingertip_margin`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skills.vocabulary import Table
 __all__ = ["CollisionChecker", "Contact"]
 
 BODY_MARGIN = 0.01
-"""Between an arm and anything of the robot [m]: tracking error and model error."""
+"""Between an arm and any part of the robot [m]: covers tracking error and model error."""
 TABLE_MARGIN = 0.015
 """Between the table and any part of an arm above its fingers [m]."""
 FINGERTIP_MARGIN = 0.02
@@ -29,7 +29,7 @@ FINGERTIP_MARGIN = 0.02
 
 @dataclass(frozen=True)
 class Contact:
-    """Two objects that come nearer than allowed, by name, and where along the path (0 for one pose)."""
+    """The names of two objects that are nearer than allowed. index: along the path (0 for a single pose)."""
 
     first: str
     second: str
@@ -40,7 +40,7 @@ class Contact:
 
 
 class CollisionChecker:
-    """Holds the working memory of one thread: make one a thread. Margins are fixed when it is made."""
+    """Not thread-safe: create one per thread. The margins [m] are fixed at construction."""
 
     def __init__(
         self,
@@ -81,11 +81,11 @@ class CollisionChecker:
                 self._geometry.addCollisionPair(pin.CollisionPair(i, index))
 
     def _drop_rigid_pairs(self) -> None:
-        """Two objects that no arm joint moves against each other (the fingers of one hand) need no check."""
+        """Remove pairs without relative motion by an arm joint, such as the fingers of one hand."""
         shapes, pin_model = self._geometry.geometryObjects, self.model.pin_model
         arm = {pin_model.getJointId(name) for name in self.model.joint_names}
 
-        def carrier(joint: int) -> int:
+        def moving_joint(joint: int) -> int:
             while joint != 0 and joint not in arm:
                 joint = pin_model.parents[joint]
             return int(joint)
@@ -93,7 +93,7 @@ class CollisionChecker:
         kept = [
             pin.CollisionPair(pair.first, pair.second)
             for pair in self._geometry.collisionPairs
-            if carrier(shapes[pair.first].parentJoint) != carrier(shapes[pair.second].parentJoint)
+            if moving_joint(shapes[pair.first].parentJoint) != moving_joint(shapes[pair.second].parentJoint)
         ]
         self._geometry.removeAllCollisionPairs()
         for pair in kept:
@@ -113,7 +113,7 @@ class CollisionChecker:
         return len(self._geometry.collisionPairs)
 
     def in_collision(self, q: Array, *, allow_fingertips: bool = False) -> bool:
-        """Whether (14,) brings any pair nearer than its margin."""
+        """Whether any pair is nearer than its margin at q (14,)."""
         data = self._grasp if allow_fingertips else self._free
         return bool(
             pin.computeCollisions(
@@ -122,7 +122,7 @@ class CollisionChecker:
         )
 
     def contact(self, q: Array, *, allow_fingertips: bool = False, index: int = 0) -> Contact | None:
-        """The first pair that is nearer than its margin at (14,), or None."""
+        """The first pair that is nearer than its margin at q (14,), or None."""
         if not self.in_collision(q, allow_fingertips=allow_fingertips):
             return None
         data = self._grasp if allow_fingertips else self._free
@@ -132,7 +132,7 @@ class CollisionChecker:
         return Contact("unknown", "unknown", index)
 
     def first_collision(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
-        """The first contact along joint vectors (n, 14); `index` says at which."""
+        """The first contact along joint vectors (n, 14), with its index, or None."""
         for i, q in enumerate(path):
             contact = self.contact(q, allow_fingertips=allow_fingertips, index=i)
             if contact is not None:
@@ -140,7 +140,7 @@ class CollisionChecker:
         return None
 
     def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
-        """Smallest distance of any pair at (14,) [m]; with allow_fingertips, fingers over the table left out."""
+        """Smallest distance of any pair at q (14,) [m]. allow_fingertips leaves out fingers and table."""
         data = self._grasp if allow_fingertips else self._free
         pin.updateGeometryPlacements(
             self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)
@@ -153,9 +153,9 @@ class CollisionChecker:
         return float(smallest)
 
     def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05, allow_fingertips: bool = False) -> bool:
-        """Whether the straight line between two joint vectors (14,) is free, checked every `resolution` [rad]."""
+        """Whether the straight line from q0 (14,) to q1 (14,) is free, checked every `resolution` [rad]."""
         n = max(1, int(np.ceil(np.abs(q1 - q0).max() / resolution)))
-        # From coarse to fine: a line that collides is found out early.
+        # From coarse to fine, which finds a collision early.
         order = sorted(range(1, n + 1), key=lambda i: (i & -i) * -1)
         return not any(
             self.in_collision(q0 + (i / n) * (q1 - q0), allow_fingertips=allow_fingertips) for i in order

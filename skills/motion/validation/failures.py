@@ -1,4 +1,4 @@
-"""Ways of the hands that cannot be gone, told as failures: out of reach, or too near to something."""
+"""Failures of the hands' paths: out of reach, or in collision."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["out_of_reach", "too_near"]
 
 
 def out_of_reach(table: Table, side: Side, what: str, point: Array) -> Failure:
-    """UNREACHABLE: an arm does not come to `point` (3,), base frame [m], on its way along `what`."""
+    """UNREACHABLE: an arm cannot reach `point` (3,) [m], base frame. what: the part of the motion, in words."""
     where = [round(float(x), 3) for x in point - np.array([0.0, 0.0, table.height])]
     return Failure(
         FailureKind.UNREACHABLE,
@@ -23,10 +23,10 @@ def out_of_reach(table: Table, side: Side, what: str, point: Array) -> Failure:
 
 
 def too_near(what: str, pair: str) -> Failure:
-    """IN_COLLISION: on the way called `what`, two bodies come nearer to each other than they may."""
+    """IN_COLLISION: two bodies are nearer than allowed. what: the part of the motion, pair: the bodies."""
     return Failure(
         FailureKind.IN_COLLISION,
-        f"{what} comes too near: {pair}",
-        "take hold further apart, or with another tilt",
+        f"{what} is in collision: {pair}",
+        "grasp further apart, or with another lean",
         {"pair": pair},
     )

@@ -1,4 +1,4 @@
-"""Questions without an answer, told apart from folds that cannot be made: no number, no rising time, no range."""
+"""Validation of planner inputs, as opposed to infeasible folds: finite values, increasing times, joint ranges."""
 
 from __future__ import annotations
 
@@ -15,23 +15,26 @@ __all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state
 
 
 def validate_state(model: RobotModel, q: Array) -> Failure | None:
-    """STALE_STATE when q is no joint vector of numbers: the arms' state is not known."""
+    """STALE_STATE when q is not a vector of 14 finite numbers: the arms' state is not known."""
     if np.shape(q) == (14,) and np.all(np.isfinite(q)):
         return None
     return Failure(
         FailureKind.STALE_STATE,
-        f"the arms' state is no vector of 14 numbers{_which(model, q)}",
+        f"the arms' state is not a vector of 14 finite numbers{_offending_value(model, q)}",
         "check the joint encoders and the connection to the robot",
         {"shape": list(np.shape(q))},
     )
 
 
 def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
-    """LIMIT_EXCEEDED when q is no joint vector, or further outside the planning range than the arms are anyway."""
+    """LIMIT_EXCEEDED when q is not a vector of 14 finite numbers, or outside the planning range.
+
+    A joint that q_now (14,) already has outside the range may stay as far outside.
+    """
     if np.shape(q) != (14,) or not np.all(np.isfinite(q)):
         return Failure(
             FailureKind.LIMIT_EXCEEDED,
-            f"the goal is no vector of 14 numbers{_which(model, q)}",
+            f"the goal is not a vector of 14 finite numbers{_offending_value(model, q)}",
             "report this: a bug",
         )
     lower, upper = np.minimum(model.planning.lower, q_now), np.maximum(model.planning.upper, q_now)
@@ -48,13 +51,13 @@ def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
 
 
 def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
-    """UNREACHABLE when a tool path has values that are no numbers, or times that do not rise."""
+    """UNREACHABLE when a tool path has values that are not finite, or times that do not increase."""
     for grasp_id, path in paths.items():
         fields = (path.t, path.position, path.heading, path.pitch, path.roll)
         if not all(np.all(np.isfinite(a)) for a in fields):
-            what = "has values that are not numbers"
+            what = "has values that are not finite"
         elif len(path.t) < 2 or np.diff(path.t).min() <= 0.0:
-            what = "has times that do not rise"
+            what = "has times that do not increase"
         else:
             continue
         return Failure(
@@ -67,15 +70,15 @@ def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
 
 
 def validate_height(height: float) -> Failure | None:
-    """LIMIT_EXCEEDED when a way up is no number or goes down."""
+    """LIMIT_EXCEEDED when the height of a lift is negative or not finite."""
     if np.isfinite(height) and height >= 0.0:
         return None
     return Failure(
-        FailureKind.LIMIT_EXCEEDED, f"a hand cannot go straight up by {height} m", "give a height of 0 or more"
+        FailureKind.LIMIT_EXCEEDED, f"a hand cannot be lifted by {height} m", "give a height of 0 or more"
     )
 
 
-def _which(model: RobotModel, q: Array) -> str:
+def _offending_value(model: RobotModel, q: Array) -> str:
     if np.shape(q) != (14,):
         return f" (its shape is {np.shape(q)})"
     return f" ({model.joint_names[int(np.flatnonzero(~np.isfinite(q))[0])]} is {q[~np.isfinite(q)][0]})"

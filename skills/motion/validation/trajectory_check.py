@@ -1,7 +1,7 @@
-"""The last look at a trajectory before it is sent: nothing moves unchecked.
+"""The final check of a trajectory before it is sent: nothing moves unchecked.
 
-Independent of how the trajectory was made: it is judged as the table of samples and the Hermite interpolant
-between them that the arms will be given.
+The check does not depend on how the trajectory was made. It judges the samples that the arms receive, and the
+Hermite interpolant between them.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ __all__ = ["check_trajectory", "contact_along"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
-"""Share by which a limit may be exceeded: rounding only."""
+"""Relative excess over a limit that is tolerated: rounding only."""
 REST = 1e-6
 """Speed [rad/s] that counts as standing still."""
 LONGEST_GAP = 0.0101
-"""Between samples [s]."""
+"""Longest time between samples [s]."""
 CHECK_STEP = 0.02
 """Joint motion between two collision checks [rad]."""
 
@@ -42,24 +42,24 @@ def check_trajectory(
     allow_fingertips: bool = False,
     start_tolerance: float = START_TOLERANCE,
 ) -> Outcome[Peaks]:
-    """Everything that has to hold before a trajectory is sent; the value says how near the limits it comes.
+    """Check a trajectory before it is sent; the value is its largest share of each limit.
 
-    q_now: (14,) where the arms are. allow_fingertips: the fingers may touch the table (a grasp).
+    q_now: (14,) the arms' present joints [rad]. allow_fingertips: the fingers may touch the table (a grasp).
     Failures: LIMIT_EXCEEDED, START_MISMATCH, IN_COLLISION.
     """
-    bad = (
+    failure = (
         _malformed(trajectory)
-        or _start(model, trajectory, q_now, start_tolerance)
-        or _positions(model, trajectory, limits)
+        or _start_mismatch(model, trajectory, q_now, start_tolerance)
+        or _position_limits(model, trajectory, limits)
     )
-    if bad:
-        return Outcome(failure=bad)
+    if failure:
+        return Outcome(failure=failure)
     share = peaks(trajectory, limits)
     if share.worst > 1.0 + LIMIT_TOLERANCE:
         return Outcome(failure=_too_fast(share))
-    bad = _collision(checker, trajectory, allow_fingertips)
-    if bad:
-        return Outcome(failure=bad)
+    failure = _collision(checker, trajectory, allow_fingertips)
+    if failure:
+        return Outcome(failure=failure)
     return Outcome(share)
 
 
@@ -67,59 +67,61 @@ def _malformed(trajectory: ArmTrajectory) -> Failure | None:
     arrays = {"t": trajectory.t, "q": trajectory.q, "qd": trajectory.qd, "qdd": trajectory.qdd}
     for name, a in arrays.items():
         if not np.all(np.isfinite(a)):
-            return _limit(f"the trajectory's {name} has values that are not numbers", {"field": name})
+            return _limit_exceeded(f"the trajectory's {name} has values that are not finite", {"field": name})
     n = len(trajectory.t)
     if n < 2 or any(a.shape != (n, 14) for name, a in arrays.items() if name != "t"):
-        return _limit("the trajectory's arrays do not fit each other", {"samples": n})
+        return _limit_exceeded("the trajectory's arrays do not fit each other", {"samples": n})
     gap = np.diff(trajectory.t)
     if trajectory.t[0] != 0.0 or gap.min() <= 0.0:
-        return _limit("the trajectory's times do not start at zero and rise", {"least_step_s": float(gap.min())})
+        return _limit_exceeded(
+            "the trajectory's times do not start at zero and rise", {"least_step_s": float(gap.min())}
+        )
     if gap.max() > LONGEST_GAP:
-        return _limit("the trajectory's samples are too far apart", {"largest_step_s": float(gap.max())})
+        return _limit_exceeded("the trajectory's samples are too far apart", {"largest_step_s": float(gap.max())})
     moving = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qd[-1]).max())
     if moving > REST:
-        return _limit("the trajectory does not start and end at rest", {"speed_rad_s": float(moving)})
+        return _limit_exceeded("the trajectory does not start and end at rest", {"speed_rad_s": float(moving)})
     return None
 
 
-def _start(model: RobotModel, trajectory: ArmTrajectory, q_now: Array, tolerance: float) -> Failure | None:
-    off = np.abs(trajectory.q[0] - q_now)
-    joint = int(np.nan_to_num(off, nan=np.inf).argmax())
-    if off[joint] <= tolerance:
+def _start_mismatch(
+    model: RobotModel, trajectory: ArmTrajectory, q_now: Array, tolerance: float
+) -> Failure | None:
+    deviation = np.abs(trajectory.q[0] - q_now)
+    joint = int(np.nan_to_num(deviation, nan=np.inf).argmax())
+    if deviation[joint] <= tolerance:
         return None
     return Failure(
         FailureKind.START_MISMATCH,
-        f"{model.joint_names[joint]} stands {np.rad2deg(off[joint]):.2f} degrees from the trajectory's start",
+        f"{model.joint_names[joint]} is {np.rad2deg(deviation[joint]):.2f} degrees from the trajectory's start",
         "plan again from where the arms are",
-        {"joint": model.joint_names[joint], "off_rad": float(off[joint]), "allowed_rad": tolerance},
+        {"joint": model.joint_names[joint], "off_rad": float(deviation[joint]), "allowed_rad": tolerance},
     )
 
 
-def _positions(model: RobotModel, trajectory: ArmTrajectory, limits: JointLimits) -> Failure | None:
-    # The first sample is where the arms are: it may stand a little outside what is planned with.
+def _position_limits(model: RobotModel, trajectory: ArmTrajectory, limits: JointLimits) -> Failure | None:
+    # The first sample is the arms' present position, which may lie a little outside the planning range.
     over = np.maximum(limits.lower - trajectory.q, trajectory.q - limits.upper).max(axis=0)
     over -= np.maximum(0.0, np.maximum(limits.lower - trajectory.q[0], trajectory.q[0] - limits.upper))
     joint = int(over.argmax())
     if over[joint] <= 1e-9:
         return None
-    return _limit(
+    return _limit_exceeded(
         f"{model.joint_names[joint]} would leave its range by {over[joint]:.4f} rad",
         {"joint": model.joint_names[joint], "over_rad": float(over[joint])},
     )
 
 
 def _too_fast(share: Peaks) -> Failure:
-    return _limit(
+    return _limit_exceeded(
         f"the trajectory takes {share.velocity:.2f} of the velocity, {share.acceleration:.2f} of the acceleration "
         f"and {share.jerk:.2f} of the jerk limits",
         {"velocity_share": share.velocity, "acceleration_share": share.acceleration, "jerk_share": share.jerk},
     )
 
 
-def _limit(what: str, values: Mapping[str, object]) -> Failure:
-    return Failure(
-        FailureKind.LIMIT_EXCEEDED, what, "report this: the planner made what it must not", dict(values)
-    )
+def _limit_exceeded(what: str, values: Mapping[str, object]) -> Failure:
+    return Failure(FailureKind.LIMIT_EXCEEDED, what, "report this: a bug in the planner", dict(values))
 
 
 def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_fingertips: bool) -> Failure | None:
@@ -128,8 +130,8 @@ def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_finge
         return None
     return Failure(
         FailureKind.IN_COLLISION,
-        f"the trajectory comes too near: {contact}",
-        "plan again; if it stays, clear the arms' way",
+        f"the trajectory is in collision: {contact}",
+        "plan again; if it repeats, clear the arms' workspace",
         {"pair": str(contact), "at_s": float(trajectory.t[contact.index])},
     )
 
@@ -137,15 +139,17 @@ def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_finge
 def contact_along(
     checker: CollisionChecker, trajectory: ArmTrajectory, *, allow_fingertips: bool = False
 ) -> Contact | None:
-    """The first contact on a trajectory's way, and at which of its samples. Planners look at what they made just
-    so: between samples that are further apart two hands can pass through each other."""
-    kept = _apart(trajectory.q, CHECK_STEP)
-    contact = checker.first_collision(trajectory.q[kept], allow_fingertips=allow_fingertips)
-    return None if contact is None else replace(contact, index=int(kept[contact.index]))
+    """The first contact along a trajectory, with the index of its sample, or None.
+
+    Planners use the same spacing: between samples that are further apart, two hands can pass through each other.
+    """
+    indices = _spaced_samples(trajectory.q, CHECK_STEP)
+    contact = checker.first_collision(trajectory.q[indices], allow_fingertips=allow_fingertips)
+    return None if contact is None else replace(contact, index=int(indices[contact.index]))
 
 
-def _apart(q: Array, step: float) -> NDArray[np.intp]:
-    """Which samples of q (n, 14) are at most about `step` [rad] apart, ends included."""
+def _spaced_samples(q: Array, step: float) -> NDArray[np.intp]:
+    """Indices of samples of q (n, 14) that are about `step` [rad] apart, both ends included."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)
     keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))

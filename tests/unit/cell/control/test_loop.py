@@ -29,7 +29,7 @@ from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
 from skills.grasping.descend import DescentGoal, start_descent
-from skills.grasping.hand_reading import fault
+from skills.grasping.hand_reading import validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
@@ -81,7 +81,7 @@ class Bench:
         hands = OverTable(self.ports, robot, table, Recorded())
 
         def watch(tick: Tick) -> Failure | None:
-            return fault(hands.read(Side.LEFT, tick.state), GRASP)
+            return validate_reading(hands.read(Side.LEFT, tick.state), GRASP)
 
         if kind == "trajectory":
             return stream(self.loop, sweep(), watch, PathControl(commands, JOINTS, JOINTS))
@@ -108,7 +108,7 @@ class Bench:
 
 def counted(side: Side, reading: Any, ticks: int) -> int | Outcome[int]:
     """A hand that works for 0.6 s."""
-    bad = fault(reading, GRASP)
+    bad = validate_reading(reading, GRASP)
     if bad:
         return Outcome(failure=bad)
     return ticks + 1 if ticks < 60 else Outcome(ticks)

@@ -11,7 +11,7 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side, TactileReading
 from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.hand_reading import HandReading, fault
+from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
@@ -35,7 +35,7 @@ def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening
 
 
 def test_a_whole_and_fresh_reading_can_be_acted_on() -> None:
-    assert fault(reading(), S) is None
+    assert validate_reading(reading(), S) is None
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_each_sensor_has_an_age_of_its_own(part: str, name: str, limit: float) -
     for age, old in ((0.98 * limit, False), (1.02 * limit, True), (np.nan, True), (np.inf, True)):
         given = reading()
         stale = replace(given, **{part: replace(getattr(given, part), stamp=given.stamp - age)})
-        found = fault(stale, S)
+        found = validate_reading(stale, S)
         assert (found is not None) is old
         if found is not None:
             assert found.kind is FailureKind.STALE_STATE and name in found.what
@@ -67,7 +67,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
         "tip": {"tactile": replace(given.tactile, tip=np.array([0.0, wrong]))},
         "effort": {"effort": effort},
     }
-    found = fault(replace(given, **changes[part]), S)
+    found = validate_reading(replace(given, **changes[part]), S)
     assert found is not None and found.kind is FailureKind.HARDWARE_FAULT
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.grasping.hand_reading import fault
+from skills.grasping.hand_reading import validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
@@ -81,17 +81,17 @@ def test_the_same_reading_twice_counts_once() -> None:
 
 def test_tare_faults_are_named() -> None:
     reading = SensedHand(0).read()
-    assert fault(reading, SETTINGS) is None
+    assert validate_reading(reading, SETTINGS) is None
     late = replace(reading, stamp=reading.stamp + 0.15)
-    failure = fault(late, SETTINGS)
+    failure = validate_reading(late, SETTINGS)
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     assert failure.values["age_s"] == pytest.approx(0.15)
     slow = replace(reading, gripper=replace(reading.gripper, stamp=reading.stamp - 0.6))
-    assert fault(slow, SETTINGS) is not None
+    assert validate_reading(slow, SETTINGS) is not None
     for bad in (np.nan, np.inf):
-        assert fault(replace(reading, height=bad), SETTINGS) is not None
+        assert validate_reading(replace(reading, height=bad), SETTINGS) is not None
         broken = replace(reading, gripper=replace(reading.gripper, opening=bad))
-        failure = fault(broken, SETTINGS)
+        failure = validate_reading(broken, SETTINGS)
         assert failure is not None and failure.kind is FailureKind.HARDWARE_FAULT
     timeless = replace(reading, tactile=replace(reading.tactile, stamp=np.nan))
-    assert fault(timeless, SETTINGS) is not None
+    assert validate_reading(timeless, SETTINGS) is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.motion.timing.jerk_limiter import JerkLimiter, follow
+from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 
 DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
 
@@ -13,7 +13,9 @@ DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
 def followed(goals: np.ndarray, speeds: np.ndarray) -> np.ndarray:
     state, way = JerkLimiter(0.0), []
     for goal, speed in zip(goals, speeds, strict=True):
-        state = follow(state, float(goal), float(speed), DT, speed=SPEED, acceleration=ACCELERATION, jerk=JERK)
+        state = step_towards(
+            state, float(goal), float(speed), DT, speed=SPEED, acceleration=ACCELERATION, jerk=JERK
+        )
         way.append((state.position, state.velocity, state.acceleration))
     return np.array(way)
 

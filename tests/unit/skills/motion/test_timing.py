@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from robots.baxter.model import load_model
 from robots.errors import InternalError
 from robots.ports import ArmTrajectory
-from skills.motion.moves.rrt_connect import rounded
+from skills.motion.moves.rrt_connect import blend_corners
 from skills.motion.timing.timing import (
     STOP_TIME,
     TICK,
@@ -106,7 +106,7 @@ def test_bent_paths_of_a_milliradian_keep_the_limits():
     for _ in range(100):
         q = random_configuration(rng)
         corners = q + 10 ** rng.uniform(-5.0, -2.5) * rng.normal(size=(3, 14))
-        worst = max(worst, peaks(time_path(rounded(corners, 0.3), LIMITS), LIMITS).worst)
+        worst = max(worst, peaks(time_path(blend_corners(corners, 0.3), LIMITS), LIMITS).worst)
     assert worst <= TOLERANCE
 
 
