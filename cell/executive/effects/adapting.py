@@ -34,7 +34,7 @@ def adapt(
     """The garment with its material as this fold showed it to be, and figures for the record."""
     contour, view, noise = seen.contour, seen.view, Noise()
     garment, predicted = plan.garment, made.predicted
-    if not cell.settings.optimiser.adapt or index + 1 >= len(plan.steps):  # after the last fold for nobody
+    if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold follows
         return garment, {}
     residual = outline_residual(contour, _as_seen(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:

@@ -103,10 +103,10 @@ def _wanted(cell: Workcell, step: FoldStep, plan: Plan, made: Attempt, seen: Ins
     """Whether the fold is seen to stand higher than its layers, and pressing may help."""
     settings, before = cell.settings.pressing, made.pressed
     in_vain = bool(before) and before[-1].height_m - seen.height_m < GAIN
-    if made.unpressed or made.press_tries >= settings.tries or in_vain:
+    if made.unpressed or made.press_tries >= settings.max_attempts or in_vain:
         return False
     flat = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
-    return bool(seen.height_m > flat + settings.above_flat)
+    return bool(seen.height_m > flat + settings.min_excess_height)
 
 
 def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
@@ -119,7 +119,7 @@ def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
 def _dabs(cell: Workcell, step: FoldStep, lying: Plan, seen: Inspection) -> tuple[tuple[Dab, ...], float]:
     """Where to press, and how high the garment stands [m]. lying: the plan where the garment is seen to lie after
     this step."""
-    mesh, thickness, above = lying.mesh, lying.garment.material.thickness, cell.settings.pressing.above_flat
+    mesh, thickness, above = lying.mesh, lying.garment.material.thickness, cell.settings.pressing.min_excess_height
     found = standing(seen.height, seen.mask, seen.view, _flat(step, lying), thickness, above)
     if len(found.places) == 0:
         return (), 0.0
