@@ -2,14 +2,14 @@
 
 A strip of the fabric is pushed over the edge of a level platform until its tip touches a plane that falls by
 41.5 degrees from the edge. The bending length c is half of the overhang, and the flexural rigidity is
-areal_mass g c^3. The virtual strip is held out likewise, and the angle to its tip gives its bending length by
-Peirce's formula, taken relative to 41.5 degrees (where the formula itself is 2 % off the elastica, the half
-overhang is exact).
+areal_mass g c^3. The virtual strip is clamped in the same way. Peirce's formula gives its bending length from the
+angle to its tip. The result is taken relative to the formula's value at 41.5 degrees: the half overhang is exact
+there, and the formula is 2 % off the elastica.
 
-Similarity: a strip's shape depends on overhang / c alone, and c goes with gravity to the power of -1/3. A soft
-fabric's overhang is as short as a mesh's edge; its virtual strip is therefore made several edges long and hangs
-in less gravity, with the fabric's own flexural rigidity. A mesh bends over the triangles on both sides of an edge:
-those on the clamp's line lengthen what hangs free by half a triangle's height.
+Similarity: the shape of a strip depends only on overhang / c, and c scales with gravity^(-1/3). The overhang of a
+soft fabric is as short as a mesh edge. The virtual strip is therefore several edges long and hangs in less
+gravity, with the flexural rigidity of the fabric. A mesh bends over the triangles on both sides of an edge, so the
+triangles at the clamp lengthen the free part by half a triangle's height.
 """
 
 from __future__ import annotations
@@ -30,44 +30,49 @@ from skills.vocabulary import Material
 __all__ = ["BendingCalibration", "bending_length", "calibrate_bending", "cantilever", "peirce"]
 
 ANGLE = math.radians(41.5)
-"""Of the plane that the tip has to reach."""
-LEAST, MOST = 0.003, 0.10
+"""Slope of the plane that the tip has to reach [rad]."""
+MIN_LENGTH, MAX_LENGTH = 0.003, 0.10
+"""Accepted bending lengths [m]."""
 AGREEMENT = 0.05
-"""Of the simulated bending length with the measured one, relative."""
+"""Largest relative difference between the simulated and the measured bending length."""
 EDGES = 16
-"""The virtual strip's overhang, in edges of its mesh,"""
+"""Overhang of the virtual strip in mesh edges."""
 WIDTH = 8
-"""its width (hinges are missing along its borders: a narrow strip is too soft),"""
+"""Width of the virtual strip in mesh edges. The border has no hinges, so a narrow strip is too soft."""
 CLAMPED = 2
-"""and how much of it lies on the platform."""
+"""Length of the strip's part on the platform in mesh edges."""
 EDGE = 0.020
 RELAXATION = 15.0
-"""The strip is watched for so many times sqrt(overhang / gravity)."""
+"""Simulated time in units of sqrt(overhang / gravity)."""
 SUBSTEPS, SOFT = 20, 0.015
-"""Of a frame, up to this bending length [m]; beyond it as many more as the stiffer strip swings faster."""
+"""Substeps of a frame for bending lengths up to SOFT [m]. A stiffer strip swings faster and gets more substeps."""
 
 
 def bending_length(overhang: float) -> float:
-    """c [m] of an overhang [m] at 41.5 degrees: its half. Raises ConfigurationError outside 6 to 200 mm."""
-    if not (math.isfinite(overhang) and 2.0 * LEAST <= overhang <= 2.0 * MOST):
+    """Bending length c [m], half of the overhang [m] at 41.5 degrees. Raises ConfigurationError outside 6 to 200
+    mm."""
+    if not (math.isfinite(overhang) and 2.0 * MIN_LENGTH <= overhang <= 2.0 * MAX_LENGTH):
         raise ConfigurationError(
-            f"an overhang of {overhang:g} m is none of a fabric",
-            f"give metres, from {2 * LEAST:g} to {2 * MOST:g}: how far the strip reaches over the edge when its"
-            " tip touches the plane of 41.5 degrees", overhang=overhang,
+            f"no fabric has an overhang of {overhang:g} m",
+            f"give metres, from {2 * MIN_LENGTH:g} to {2 * MAX_LENGTH:g}: length of the strip beyond the edge when"
+            " its tip touches the plane of 41.5 degrees", overhang=overhang,
         )  # fmt: skip
     return 0.5 * overhang
 
 
 def peirce(overhang: float, angle: float) -> float:
-    """Bending length [m] of a strip whose tip is seen from the edge `angle` [rad] below the horizontal."""
+    """Bending length [m] of a strip whose tip lies `angle` [rad] below the horizontal, seen from the edge."""
     return overhang * (math.cos(0.5 * angle) / (8.0 * math.tan(angle))) ** (1.0 / 3.0)
 
 
 @dataclass(frozen=True, eq=False)
 class BendingCalibration:
-    """bending_length: half the measured overhang [m]. simulated: that of the virtual strip [m], brought back to
-    its size. angle: of the virtual tip [rad]. mesh, pictures (k, n, 3), times (k,) [s]: the test; overhang [m] and
-    gravity [m/s2] of the virtual strip, which hangs free from `behind` [m] before the edge."""
+    """Result of the cantilever test.
+
+    bending_length: half of the measured overhang [m]. simulated: bending length of the virtual strip, scaled to
+    the real strip [m]. angle: of the virtual tip [rad]. overhang [m], gravity [m/s2]: of the virtual strip, which
+    hangs free from `behind` [m] before the edge. mesh, pictures (k, n, 3), times (k,) [s]: the virtual test.
+    """
 
     bending_length: float
     simulated: float
@@ -79,10 +84,10 @@ class BendingCalibration:
     pictures: Array
     times: Array
     plane: float = ANGLE
-    """[rad] of the plane that the tip has to reach."""
+    """Slope of the plane that the tip has to reach [rad]."""
 
     def tip_angle(self, positions: Array) -> float:
-        """[rad] from where the strip hangs free down to its tip, positions: (n, 3)."""
+        """Angle [rad] below the horizontal from the start of the free part to the tip. positions: (n, 3)."""
         return _tip_angle(self.mesh, positions, self.overhang, self.behind)
 
     @property
@@ -91,14 +96,15 @@ class BendingCalibration:
 
     @property
     def error(self) -> float:
+        """Relative error of the simulated bending length."""
         return self.simulated / self.bending_length - 1.0
 
 
 def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -> BendingCalibration:
-    """The bending length of a measured overhang [m], and the virtual test of the fabric that has it.
+    """The bending length for a measured overhang [m], and the virtual test of that fabric.
 
-    Raises ConfigurationError for an overhang that no fabric has. Whether the virtual strip bends as far is the
-    result's `agrees`.
+    `agrees` of the result tells whether the virtual strip bends as far. Raises ConfigurationError for an overhang
+    that no fabric has.
     """
     return cantilever(replace(material, bending_length=bending_length(overhang)), edge)
 
@@ -106,14 +112,14 @@ def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -
 def cantilever(
     material: Material, edge: float = EDGE, substeps: int | None = None, pictures: int = 61
 ) -> BendingCalibration:
-    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: of a frame; None: as the fabric needs."""
+    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: of a frame; None: chosen for the fabric."""
     overhang, behind = EDGES * edge, np.sqrt(3.0) / 4.0 * edge
     gravity = GRAVITY * (2.0 * material.bending_length / (overhang + behind)) ** 3
     if substeps is None:
         substeps = 4 * math.ceil(SUBSTEPS / 4 * max(1.0, material.bending_length / SOFT) ** 1.5)
     mesh = _strip(overhang, edge)
     x = np.column_stack([mesh.rest, np.full(len(mesh.rest), 0.5 * overhang)])
-    # clamped: on the platform, and so that the strip leaves it level
+    # the clamp holds the part on the platform, so the strip leaves the edge level
     fixed = mesh.rest[:, 0] < 1e-6
     swing = math.sqrt(overhang / gravity)
     settings = SolverSettings(substeps=substeps, gravity=(0.0, 0.0, -gravity), drag=1.5 / swing, sleep_frames=0)
@@ -133,7 +139,7 @@ def cantilever(
 
 
 def _strip(overhang: float, edge: float) -> ClothMesh:
-    """Over the edge at x = 0, with what lies clamped on the platform."""
+    """Strip over the edge at x = 0, including its clamped part on the platform."""
     clamped, half = CLAMPED * edge, 0.5 * WIDTH * edge
     lower = [(-clamped, -half), (0.0, -half), (overhang, -half)]
     return mesh_from_contour(np.array(lower + [(u, -v) for u, v in lower[::-1]]), edge)

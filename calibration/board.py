@@ -1,8 +1,8 @@
-"""The calibration board: a ChArUco chessboard on A4 card, drawn and found again by the same description.
-`foldcell calibrate board` writes it as a sheet to print (calibration/board_sheet.py).
+"""The calibration board: a ChArUco chessboard on A4 card. One description serves drawing and detection.
 
-Board frame: origin in the board's middle, x along its long side, y down its short side, z into the card
-(away from who looks at it). Below the pattern the card has a tab by which a gripper holds it.
+`foldcell calibrate board` writes it as a sheet to print (calibration/board_sheet.py). Board frame: origin in the
+middle of the board, x along its long side, y down its short side, z into the card (away from the viewer). A
+gripper holds the card by a tab below the pattern.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from robots.ports import Array, frozen
 __all__ = ["BOARD", "DICTIONARY", "Board", "BoardView", "draw_view", "find_board"]
 
 DICTIONARY = "DICT_4X4_50"
-"""Of the markers, as OpenCV calls it."""
+"""OpenCV's name of the marker dictionary."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """columns x rows squares of `square` [m], markers of `marker` [m] in the white ones; `margin` [m] of white
-    around them. tab: from the board's lower edge to the pads' tips, when a gripper holds it [m]."""
+    """columns x rows squares of `square` [m] with markers of `marker` [m] in the white ones, surrounded by a white
+    `margin` [m]. tab: distance from the board's lower edge to the tips of the pads that hold it [m]."""
 
     columns: int = 7
     rows: int = 5
@@ -40,40 +40,40 @@ class Board:
 
     @property
     def corners(self) -> Array:
-        """(n, 3) inner chessboard corners in the board frame; their index is their identity."""
+        """(n, 3) inner chessboard corners in the board frame, indexed by their ChArUco id."""
         middle = np.array([0.5 * self.columns, 0.5 * self.rows, 0.0]) * self.square
         return frozen(np.asarray(self._charuco().getChessboardCorners(), dtype=np.float64) - middle)
 
     @property
     def T_tool_board(self) -> Array:
-        """(4, 4) as a gripper is meant to hold it: the tab between the pads, the card in the plane of the tool's
-        x and z, its front towards the tool's -y, its lower edge at the tips."""
+        """(4, 4) nominal pose of the board in a gripper: the tab between the pads, the card in the tool's x-z
+        plane, its front towards the tool's -y, its lower edge at the tips."""
         T = np.eye(4)
         T[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
         T[2, 3] = self.tab + 0.5 * self.size[1]
         return frozen(T)
 
     def image(self, pixels_per_metre: float) -> NDArray[np.uint8]:
-        """(h, w) grey picture of the card, for printing."""
+        """(h, w) grey image of the card, for printing."""
         w, h = (round(s * pixels_per_metre) for s in self.size)
         margin = round(self.margin * pixels_per_metre)
         return np.asarray(self._charuco().generateImage((w, h), marginSize=margin), dtype=np.uint8)
 
     def _charuco(self) -> cv2.aruco.CharucoBoard:
-        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, words)
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, dictionary)
 
 
 BOARD = Board()
-FEWEST = 6
-"""Corners in a view: four make a homography, more say which of them are wrong."""
-LEAST_OFF = 0.25
-"""A corner is believed this far from where the others have it [px]."""
+MIN_CORNERS = 6
+"""Corners in a view. Four determine a homography; more reveal outliers."""
+MIN_TOLERANCE = 0.25
+"""A corner this close to the homography of the others is always an inlier [px]."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """Corners found in one picture. index: (n,) into `Board.corners`; pixels: (n, 2)."""
+    """Corners found in one image. index: (n,) into `Board.corners`; pixels: (n, 2)."""
 
     index: NDArray[np.int64]
     pixels: Array
@@ -86,38 +86,38 @@ class BoardView:
 
 
 def find_board(rgb: NDArray[np.uint8], board: Board = BOARD) -> BoardView | None:
-    """The board's corners in a picture (h, w, 3), or None when fewer than FEWEST show."""
+    """The board's corners in an image (h, w, 3), or None if fewer than MIN_CORNERS are found."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board._charuco()).detectBoard(grey)
-    if corners is None or ids is None or len(ids) < FEWEST:
+    if corners is None or ids is None or len(ids) < MIN_CORNERS:
         return None
     index = np.asarray(ids, dtype=np.int64).reshape(-1)
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-    keep = _on_a_plane(board.corners[index, :2], pixels)
-    if np.count_nonzero(keep) < FEWEST:
+    keep = _homography_inliers(board.corners[index, :2], pixels)
+    if np.count_nonzero(keep) < MIN_CORNERS:
         return None
     return BoardView(index[keep], frozen(pixels[keep]), rgb.shape[1], rgb.shape[0])
 
 
-def _on_a_plane(points: Array, pixels: Array) -> NDArray[np.bool_]:
-    """(n,) whether a corner fits the homography of most of them: a pinhole sees a flat board by one, and a corner
-    that a marker or the picture's edge has drawn off does not fit."""
+def _homography_inliers(points: Array, pixels: Array) -> NDArray[np.bool_]:
+    """(n,) whether a corner fits the homography of most corners. A pinhole maps a flat board by a homography; a
+    corner displaced by a marker or by the image border does not fit."""
     keep = np.ones(len(points), dtype=bool)
     for _ in range(3):
         H, _ = cv2.findHomography(points[keep], pixels[keep], 0)
         if H is None:
             return np.zeros(len(points), dtype=bool)
-        there = np.column_stack((points, np.ones(len(points)))) @ H.T
-        off = np.linalg.norm(there[:, :2] / there[:, 2:] - pixels, axis=1)
-        again = off <= max(LEAST_OFF, 3.0 * float(np.median(off[keep])))
-        if (again == keep).all() or np.count_nonzero(again) < FEWEST:
-            return again
-        keep = again
+        mapped = np.column_stack((points, np.ones(len(points)))) @ H.T
+        distance = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - pixels, axis=1)
+        inliers = distance <= max(MIN_TOLERANCE, 3.0 * float(np.median(distance[keep])))
+        if (inliers == keep).all() or np.count_nonzero(inliers) < MIN_CORNERS:
+            return inliers
+        keep = inliers
     return keep
 
 
 def draw_view(rgb: NDArray[np.uint8], view: BoardView) -> NDArray[np.uint8]:
-    """A copy of the picture with the corners that were found."""
+    """A copy of the image with the found corners drawn in."""
     picture = np.ascontiguousarray(rgb).copy()
     for k, (u, v) in zip(view.index, view.pixels, strict=True):
         centre = (round(float(u) * 16), round(float(v) * 16))

@@ -1,6 +1,6 @@
-"""The calibration board as a page to print: an A4 picture true to scale, with a line of 100 mm to check the print.
+"""The calibration board as a page to print: an A4 image to scale, with a 100 mm line to check the print.
 
-Every edge of the pattern lies between two pixels of the picture, so that its lengths are exact.
+Every edge of the pattern lies between two pixels, so its lengths are exact.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from calibration.board import BOARD, DICTIONARY, Board
 __all__ = ["PAGE", "PIXELS_PER_MM", "RULER_MM", "draw_sheet"]
 
 PAGE = (297, 210)
-"""A4 across, width and height [mm]."""
+"""A4 landscape, width and height [mm]."""
 PIXELS_PER_MM = 12
 RULER_MM = 100
 _CAPITALS = 2.4
 """Height of capital letters [mm]."""
 _PEN = 3
-"""Width of letters and lines [px]: odd, so that a line has a middle."""
+"""Stroke width of letters and lines [px]. It is odd, so that a line has a middle pixel."""
 
 
 def draw_sheet(board: Board = BOARD) -> NDArray[np.uint8]:
-    """(h, w) picture, black 0 and white 255, of the page with the board in its middle, PIXELS_PER_MM to scale.
+    """(h, w) image of the page, black 0 and white 255, with the board in the middle, at PIXELS_PER_MM.
 
-    On it too: the line along which the card is cut, the ruler, the middle of the lower edge and what the board is.
+    The page also shows the cutting line, the ruler, the middle of the lower edge and the board's description.
     Raises ValueError for a board that does not fit the page.
     """
     card = 1e3 * np.array(board.size)
     if (card > PAGE).any():
-        wanted = f"{card[0]:.0f} x {card[1]:.0f} mm"
-        raise ValueError(f"a card of {wanted} does not fit a page of {PAGE[0]} x {PAGE[1]} mm")
+        size = f"{card[0]:.0f} x {card[1]:.0f} mm"
+        raise ValueError(f"a card of {size} does not fit a page of {PAGE[0]} x {PAGE[1]} mm")
     sheet = np.full((PAGE[1] * PIXELS_PER_MM, PAGE[0] * PIXELS_PER_MM), 255, dtype=np.uint8)
     picture = board.image(1e3 * PIXELS_PER_MM)
     left, top = ((np.array(sheet.shape) - picture.shape) // 2)[::-1]
@@ -48,7 +48,7 @@ def draw_sheet(board: Board = BOARD) -> NDArray[np.uint8]:
     middle = (left + right) // 2
     cv2.line(sheet, (middle, line - _px(2)), (middle, bottom), 0, _PEN)
     _write(sheet, "lower edge: the tab goes here", middle + _px(3), line + _px(0.5 * _CAPITALS))
-    return np.where(sheet > 127, 255, 0).astype(np.uint8)  # letters are drawn with soft edges
+    return np.where(sheet > 127, 255, 0).astype(np.uint8)  # OpenCV anti-aliases letters
 
 
 def _description(board: Board) -> str:
@@ -61,7 +61,8 @@ def _description(board: Board) -> str:
 
 
 def _ruler(sheet: NDArray[np.uint8], x: int, y: int) -> int:
-    """A line of RULER_MM from x [px] on, with a tick each 10 mm whose middle counts; returns where it ends."""
+    """Draw a line of RULER_MM that starts at x [px], with a tick every 10 mm; return its end [px]. The middle of a
+    tick marks the length."""
     end = x + RULER_MM * PIXELS_PER_MM
     cv2.line(sheet, (x, y), (end, y), 0, _PEN)
     for mm in range(0, RULER_MM + 1, 10):

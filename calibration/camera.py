@@ -1,7 +1,7 @@
-"""The camera's focal lengths and centre, from pictures of the calibration board held before it in many poses.
+"""Camera intrinsics from images of the calibration board in many poses.
 
-Zhang's method (IEEE T-PAMI 22(11), 2000) as OpenCV has it, for a pinhole: the cell's camera model knows no lens
-distortion. A second fit with radial distortion says how much that leaves out.
+Zhang's method (IEEE T-PAMI 22(11), 2000), by OpenCV, for a pinhole: the cell's camera model has no lens
+distortion. A second fit with radial distortion measures the error of that model.
 """
 
 from __future__ import annotations
@@ -21,38 +21,39 @@ __all__ = ["CameraSettings", "IntrinsicsCalibration", "calibrate_camera", "fit_i
 
 PINHOLE = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 RADIAL = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-FEWEST_VIEWS = 5
+MIN_VIEWS = 5
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """views: pictures that show the board. tries: pictures for each of them, at most."""
+    """views: images that show the board. pictures_per_view: largest number of images taken for each of them."""
 
     views: int = 20
-    tries: float = 2.0
-    fewest_corners: int = 10
+    pictures_per_view: float = 2.0
+    min_corners: int = 10
     rms: float = 1.0
-    """Reprojection error above which the board is not flat, not ours, or moved [px]."""
+    """Largest reprojection error [px]. Above it the board is not flat, not this board, or it moved."""
     focal_sigma: float = 0.004
-    """Largest standard deviation of a focal length, as a share of it: views that lean too little, or all alike,
-    leave it open,"""
+    """Largest relative standard deviation of a focal length. Views with too little or equal tilt leave the focal
+    length undetermined."""
     centre_sigma: float = 3.0
-    """and of the centre [px];"""
+    """Largest standard deviation of the principal point [px]."""
     lean: float = float(np.deg2rad(8.0))
-    """boards that all face the camera even make these look small: how far they have to lean, in the mean [rad]."""
+    """Smallest mean tilt of the boards [rad]. If all boards face the camera, the standard deviations are too
+    small."""
     distortion: float = 2.0
-    """What a radial distortion may move a picture's corner [px]."""
+    """Largest displacement of an image corner by radial distortion [px]."""
 
     def __post_init__(self) -> None:
-        if self.views < FEWEST_VIEWS:
-            raise ValueError(f"{self.views} views: a camera is calibrated with {FEWEST_VIEWS} or more")
+        if self.views < MIN_VIEWS:
+            raise ValueError(f"{self.views} views: a camera calibration needs {MIN_VIEWS} or more")
 
 
 @dataclass(frozen=True, eq=False)
 class IntrinsicsCalibration:
-    """rms: reprojection error [px]; worst_view: the largest of one view. sigma: standard deviations of fx, fy, cx,
-    cy [px]. distortion: of a picture's corner, by a fit with radial distortion [px]. coverage: share of the
-    picture's 8 x 6 fields in which a corner was seen."""
+    """rms: reprojection error [px]; worst_view: largest reprojection error of one view [px]. sigma: standard
+    deviations of fx, fy, cx, cy [px]. distortion: displacement of an image corner in a fit with radial distortion
+    [px]. coverage: share of the 8 x 6 image cells that contain a found corner."""
 
     intrinsics: Intrinsics
     rms: float
@@ -67,14 +68,14 @@ class IntrinsicsCalibration:
 def calibrate_camera(
     settings: CameraSettings | None = None, board: Board = BOARD
 ) -> Procedure[IntrinsicsCalibration]:
-    """Have the board shown in one pose after the other until enough pictures show it; then fit.
+    """Ask for the board in one pose after the other until enough images show it, then fit the intrinsics.
 
-    Failures: OUT_OF_VIEW (too few pictures show the board), and those of `fit_intrinsics`.
+    Failures: OUT_OF_VIEW (too few images show the board), and those of `fit_intrinsics`.
     """
     settings = settings or CameraSettings()
     views: list[BoardView] = []
-    tries = round(settings.tries * settings.views)
-    for k in range(tries):
+    max_pictures = round(settings.pictures_per_view * settings.views)
+    for k in range(max_pictures):
         if len(views) == settings.views:
             break
         asked = yield from bring(BoardPlace.SHOWN)
@@ -84,9 +85,9 @@ def calibrate_camera(
             return Outcome(failure=failure)
         rgb = sight.unwrap().frame.rgb
         view = find_board(rgb, board)
-        if view is None or len(view.index) < settings.fewest_corners:
+        if view is None or len(view.index) < settings.min_corners:
             found = 0 if view is None else len(view.index)
-            yield from note(f"picture {k + 1}: left out, {found} corners", rgb, f"board-{k + 1:02}-left-out")
+            yield from note(f"picture {k + 1}: rejected, {found} corners", rgb, f"board-{k + 1:02}-left-out")
             continue
         views.append(view)
         yield from note(
@@ -98,8 +99,8 @@ def calibrate_camera(
         return Outcome(
             failure=Failure(
                 FailureKind.OUT_OF_VIEW,
-                f"{len(views)} of {tries} pictures show the board; {settings.views} are needed",
-                "hold it nearer and in the light, the whole card in the picture", {"views": len(views)},
+                f"{len(views)} of {max_pictures} pictures show the board; {settings.views} are needed",
+                "hold the whole card in the picture, nearer and in better light", {"views": len(views)},
             )
         )  # fmt: skip
     return fit_intrinsics(views, settings, board)
@@ -108,50 +109,55 @@ def calibrate_camera(
 def fit_intrinsics(
     views: Sequence[BoardView], settings: CameraSettings | None = None, board: Board = BOARD
 ) -> Outcome[IntrinsicsCalibration]:
-    """A pinhole through the views.
+    """Fit a pinhole camera to the views.
 
-    Fails with LOW_CONFIDENCE: views too few or too much alike, not a flat board, a lens that distorts.
+    Fails with LOW_CONFIDENCE: too few views, views too much alike, a board that is not flat, a lens with
+    distortion.
     """
     settings = settings or CameraSettings()
-    if len(views) < FEWEST_VIEWS:
-        what = f"{len(views)} views of the board do not give a camera's intrinsics"
-        return _doubt(what, f"take {FEWEST_VIEWS} or more", {"views": len(views)})
+    if len(views) < MIN_VIEWS:
+        what = f"{len(views)} views of the board are too few to calibrate a camera"
+        return _low_confidence(what, f"take {MIN_VIEWS} or more", {"views": len(views)})
     size = (views[0].width, views[0].height)
     points = [view.points(board).astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:
-        rms, K, _, turns, shifts, _, _, each = cv2.calibrateCameraExtended(
+        rms, K, _, rotations, translations, _, _, view_rms = cv2.calibrateCameraExtended(
             points, pixels, size, np.eye(3), np.zeros(5), flags=PINHOLE
         )
-        _, _, bent, _, _, bent_sigma, _, _ = cv2.calibrateCameraExtended(
+        _, _, distortion, _, _, distortion_sigma, _, _ = cv2.calibrateCameraExtended(
             points, pixels, size, K.copy(), np.zeros(5), flags=RADIAL | cv2.CALIB_USE_INTRINSIC_GUESS
         )
     except cv2.error as e:
-        return _doubt(f"the views give no camera: {e.err}", "show the board leaning, each time another way")
+        return _low_confidence(f"the camera fit failed: {e.err}", "tilt the board, each time in another direction")
     fx, fy, cx, cy = (float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    s = _deviations(K, points, pixels, turns, shifts)
+    s = _deviations(K, points, pixels, rotations, translations)
     if rms > settings.rms:
         what = f"the corners miss the fit by {rms:.2f} px"
-        return _doubt(what, "see that the board is flat, printed to scale and held still", {"rms_px": float(rms)})
-    left_open, lean = max(s[0] / fx, s[1] / fy), _mean_lean(turns)
-    sure = left_open <= settings.focal_sigma and max(s[2:]) <= settings.centre_sigma and lean >= settings.lean
+        hint = "check that the board is flat, printed to scale and held still"
+        return _low_confidence(what, hint, {"rms_px": float(rms)})
+    focal_sigma, lean = max(s[0] / fx, s[1] / fy), _mean_lean(rotations)
+    sure = focal_sigma <= settings.focal_sigma and max(s[2:]) <= settings.centre_sigma and lean >= settings.lean
     if not (sure and np.isfinite([fx, fy, cx, cy, *s]).all()):
         what = (
-            f"the views are too much alike: the boards lean by {np.rad2deg(lean):.0f} degrees in the mean,"
-            f" by {np.rad2deg(_mean_gap(turns)):.0f} away from one another"
+            f"the views are too much alike: the mean tilt of the boards is {np.rad2deg(lean):.0f} degrees, and"
+            f" {np.rad2deg(_mean_gap(rotations)):.0f} from their mean direction"
         )
-        return _doubt(what, "show the board leaning, each time another way, near and far", {"sigma_px": s})
+        return _low_confidence(
+            what, "tilt the board, each time in another direction, near and far", {"sigma_px": s}
+        )
     if not (0 <= cx < size[0] and 0 <= cy < size[1]):
-        return _doubt(f"the fit puts the picture's centre at ({cx:.0f}, {cy:.0f})", "take more views")
-    k1, k1_sigma = float(np.asarray(bent).reshape(-1)[0]), float(np.asarray(bent_sigma).reshape(-1)[4])
-    moved = _corner_shift(fx, fy, cx, cy, size, k1)
-    if moved > settings.distortion and abs(k1) > 5.0 * k1_sigma:
-        what = f"the lens moves the picture's corners by {moved:.1f} px; the cell takes its camera for a pinhole"
-        return _doubt(what, "switch on the camera's own rectification", {"distortion_px": moved})
+        return _low_confidence(f"the fitted principal point ({cx:.0f}, {cy:.0f}) is outside", "take more views")
+    k1 = float(np.asarray(distortion).reshape(-1)[0])
+    k1_sigma = float(np.asarray(distortion_sigma).reshape(-1)[4])
+    shift = _corner_shift(fx, fy, cx, cy, size, k1)
+    if shift > settings.distortion and abs(k1) > 5.0 * k1_sigma:
+        what = f"the lens moves the corners of the picture by {shift:.1f} px; the cell's camera model is a pinhole"
+        return _low_confidence(what, "switch on the camera's own rectification", {"distortion_px": shift})
     intrinsics = Intrinsics(size[0], size[1], fx, fy, cx, cy)
     return Outcome(
         IntrinsicsCalibration(
-            intrinsics, float(rms), float(np.max(each)), s, moved, len(views),
+            intrinsics, float(rms), float(np.max(view_rms)), s, shift, len(views),
             sum(len(v.index) for v in views), _coverage(views),
         )
     )  # fmt: skip
@@ -161,44 +167,44 @@ def _deviations(
     K: np.ndarray,
     points: Sequence[np.ndarray],
     pixels: Sequence[np.ndarray],
-    turns: Sequence[np.ndarray],
-    shifts: Sequence[np.ndarray],
+    rotations: Sequence[np.ndarray],
+    translations: Sequence[np.ndarray],
 ) -> tuple[float, float, float, float]:
-    """Standard deviations of fx, fy, cx, cy [px] of a fit, by what the corners tell once each board may lie anyhow
-    (the Schur complement of the boards' poses).
+    """Standard deviations of fx, fy, cx, cy [px] of a fit, with the poses of the boards marginalised (Schur
+    complement).
 
-    OpenCV's own leave out the directions of which the views tell nothing: of boards that are all parallel, which
-    fit any focal length, it says 0.2 px.
+    OpenCV's own standard deviations omit the unobservable directions. For parallel boards, which fit any focal
+    length, OpenCV reports 0.2 px.
     """
-    told, squares, free = np.zeros((4, 4)), 0.0, -4
-    for object_, seen, turn, shift in zip(points, pixels, turns, shifts, strict=True):
-        expected, J = cv2.projectPoints(object_, turn, shift, K, np.zeros(5))
-        misses = (np.asarray(expected).reshape(-1, 2) - seen).ravel()
-        by_lens, by_pose = J[:, 6:10], J[:, :6]
-        told += by_lens.T @ by_lens
-        told -= by_lens.T @ by_pose @ np.linalg.pinv(by_pose.T @ by_pose) @ by_pose.T @ by_lens
-        squares, free = squares + float(misses @ misses), free + len(misses) - 6
-    sizes, axes = np.linalg.eigh(told)
-    variance = squares / max(free, 1) * (axes**2 / np.maximum(sizes, 1e-12)).sum(axis=1)
+    information, squares, free = np.zeros((4, 4)), 0.0, -4
+    for object_, seen, rotation, translation in zip(points, pixels, rotations, translations, strict=True):
+        expected, J = cv2.projectPoints(object_, rotation, translation, K, np.zeros(5))
+        residual = (np.asarray(expected).reshape(-1, 2) - seen).ravel()
+        J_lens, J_pose = J[:, 6:10], J[:, :6]
+        information += J_lens.T @ J_lens
+        information -= J_lens.T @ J_pose @ np.linalg.pinv(J_pose.T @ J_pose) @ J_pose.T @ J_lens
+        squares, free = squares + float(residual @ residual), free + len(residual) - 6
+    eigenvalues, axes = np.linalg.eigh(information)
+    variance = squares / max(free, 1) * (axes**2 / np.maximum(eigenvalues, 1e-12)).sum(axis=1)
     fx, fy, cx, cy = (float(v) for v in np.sqrt(variance))
     return fx, fy, cx, cy
 
 
-def _mean_lean(turns: Sequence[np.ndarray]) -> float:
-    """Of the boards away from facing the camera [rad]."""
-    facing = [abs(float(cv2.Rodrigues(np.asarray(w))[0][2, 2])) for w in turns]
+def _mean_lean(rotations: Sequence[np.ndarray]) -> float:
+    """Mean angle between the boards' normals and the optical axis [rad]."""
+    facing = [abs(float(cv2.Rodrigues(np.asarray(w))[0][2, 2])) for w in rotations]
     return float(np.arccos(np.clip(facing, 0.0, 1.0)).mean())
 
 
-def _mean_gap(turns: Sequence[np.ndarray]) -> float:
-    """Of the boards from the direction in which they face together [rad]."""
-    facing = np.array([cv2.Rodrigues(np.asarray(w))[0][:, 2] for w in turns])
-    together = facing.sum(axis=0) / np.linalg.norm(facing.sum(axis=0))
-    return float(np.arccos(np.clip(facing @ together, -1.0, 1.0)).mean())
+def _mean_gap(rotations: Sequence[np.ndarray]) -> float:
+    """Mean angle between the boards' normals and their mean normal [rad]."""
+    normals = np.array([cv2.Rodrigues(np.asarray(w))[0][:, 2] for w in rotations])
+    mean = normals.sum(axis=0) / np.linalg.norm(normals.sum(axis=0))
+    return float(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).mean())
 
 
 def _corner_shift(fx: float, fy: float, cx: float, cy: float, size: tuple[int, int], k1: float) -> float:
-    """How far the radial distortion 1 + k1 r^2 moves the farthest corner of the picture [px]."""
+    """Displacement of the farthest image corner by the radial distortion 1 + k1 r^2 [px]."""
     x = np.array([(u - cx) / fx for u in (0, size[0])])
     y = np.array([(v - cy) / fy for v in (0, size[1])])
     r2 = float(np.max(x**2) + np.max(y**2))
@@ -212,5 +218,7 @@ def _coverage(views: Sequence[BoardView]) -> float:
     return len(fields) / 48.0
 
 
-def _doubt(what: str, hint: str, values: dict[str, object] | None = None) -> Outcome[IntrinsicsCalibration]:
+def _low_confidence(
+    what: str, hint: str, values: dict[str, object] | None = None
+) -> Outcome[IntrinsicsCalibration]:
     return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, hint, values or {}))

@@ -1,9 +1,8 @@
-"""What a calibration procedure may ask of a cell, and what it gets back.
+"""Effects: the requests of a calibration procedure to a cell, and their results.
 
-A procedure is a generator: it yields effects and is sent their outcomes, and it returns its own outcome. It
-has no other way to the cell. Who performs the effects (cell/calibrating) plans, checks, watches the stop and
-keeps the journal. Only a plan that was refused (UNREACHABLE, IN_COLLISION) is for the procedure to answer; every
-other failure ends it without asking it.
+A procedure is a generator. It yields effects, receives their outcomes and returns its own outcome. It has no other
+access to the cell. The runner in cell/calibrating plans, checks, watches the stop circuit and writes the journal.
+A procedure handles only the failures of planning (UNREACHABLE, IN_COLLISION). Every other failure ends it.
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Look:
-    """A picture, with the arms at rest."""
+    """Take a picture with the arms at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A picture and the arms' joints q (14,) while it was taken [rad], averaged over some readings."""
+    """A picture, and the mean joint positions q (14,) at the time it was taken [rad]."""
 
     frame: CameraFrame
     q: Array
@@ -56,8 +55,8 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """One tool to T_base_tool (4, 4), free of collision; the other arm parks. Fails with UNREACHABLE or
-    IN_COLLISION before this arm has moved."""
+    """Move one tool to T_base_tool (4, 4) without collision; the other arm parks. Fails with UNREACHABLE or
+    IN_COLLISION before this arm moves."""
 
     side: Side
     T_base_tool: Array
@@ -65,10 +64,10 @@ class Reach:
 
 @dataclass(frozen=True)
 class Touch:
-    """One hand, pads closed, straight down onto the table at x, y [m], and up again.
+    """Lower one hand with closed pads straight onto the table at x, y [m], press, and raise it.
 
-    It first comes down guarded, from above the highest to below the lowest place where the table may be:
-    `search` [m] about its believed height. Fails with NO_CONTACT, UNREACHABLE, IN_COLLISION.
+    The first descent is guarded and covers `search` [m] above and below the configured table height. Fails with
+    NO_CONTACT, UNREACHABLE, IN_COLLISION.
     """
 
     side: Side
@@ -79,8 +78,8 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """Readings of a slow press. height: (n,) of the tool centre point by the joints, base frame [m]; force: (n,)
-    both tips together, over their zero [N]. x, y: of the tool, base frame [m]."""
+    """Readings of a slow press. height: (n,) of the tool centre point from the joints, base frame [m]; force: (n,)
+    sum of both tips minus the tare [N]. x, y: position of the tool, base frame [m]."""
 
     side: Side
     x: float
@@ -91,21 +90,21 @@ class Touched:
 
 @dataclass(frozen=True)
 class Listen:
-    """Both hands' tactile cells for some time, nothing touching them."""
+    """Record the tactile cells of both unloaded hands for `seconds` [s]."""
 
     seconds: float
 
 
 @dataclass(frozen=True, eq=False)
 class Heard:
-    """All readings of each hand, in order."""
+    """All readings of each hand in order of time."""
 
     readings: Mapping[Side, tuple[TactileReading, ...]]
 
 
 @dataclass(frozen=True)
 class Grip:
-    """One gripper's pads `opening` [m] apart, squeezing with at most `force` [N]."""
+    """Move the pads of one gripper to `opening` [m] with at most `force` [N]."""
 
     side: Side
     opening: float
@@ -114,14 +113,14 @@ class Grip:
 
 @dataclass(frozen=True)
 class Bring:
-    """The attendant brings the calibration board there."""
+    """Ask the attendant to bring the calibration board to `place`."""
 
     place: BoardPlace
 
 
 @dataclass(frozen=True, eq=False)
 class Note:
-    """A line for the person who waits, and a picture (h, w, 3) for the run's folder."""
+    """A progress line for the operator, and a picture (h, w, 3) for the run folder."""
 
     text: str
     picture: NDArray[np.uint8] | None = None
@@ -141,7 +140,7 @@ def look() -> Asking[Sight]:
 
 
 def reach(side: Side, T_base_tool: Array) -> Asking[Array]:
-    """The joints (14,) at which the tool stands there."""
+    """Returns the joints (14,) at that pose [rad]."""
     return (yield Reach(side, T_base_tool))
 
 

@@ -1,9 +1,9 @@
-"""The paper's friction test: a table is lifted at one side until the garment on it slides.
+"""The paper's friction test: one side of a table is lifted until the garment on it slides.
 
 The operator measures the table's length L_t and the height H_s of the lifted side when the garment begins to
-slide: angle = asin(H_s / L_t), and by Coulomb friction = tan(angle) (Li et al. 2015, IV-B). The virtual table is
-lifted to that angle with ample friction, and the friction is lowered little by little until the virtual garment
-slides: a check that the simulation's coefficient is Coulomb's.
+slide: angle = asin(H_s / L_t), and Coulomb friction = tan(angle) (Li et al. 2015, IV-B). The virtual table is
+lifted to that angle with high friction. The friction is then lowered in small steps until the virtual garment
+slides. This checks that the simulation's coefficient is Coulomb's.
 """
 
 from __future__ import annotations
@@ -24,40 +24,42 @@ from skills.vocabulary import Material
 
 __all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "slides", "tilted"]
 
-LEAST, MOST = math.radians(2.0), math.radians(60.0)
-START, MOST_FRICTION, STEP = 1.25, 5.0, 0.01
-"""Friction begins START times tan(angle), or more where the garment slides even then, and falls by STEP of it."""
+MIN_ANGLE, MAX_ANGLE = math.radians(2.0), math.radians(60.0)
+START, MAX_FACTOR, STEP = 1.25, 5.0, 0.01
+"""In units of tan(angle): initial friction, largest initial friction (if the garment slides at a lower one), and
+decrement."""
 WATCH_S = 0.25
-"""[s] that the garment is watched at each friction."""
+"""Simulated time at each friction [s]."""
 MOVED = 5e-4
-"""[m] in WATCH_S that count as sliding; what a garment settles by when the slope is new is less."""
+"""Displacement in WATCH_S that counts as sliding [m]. A garment that settles on a new slope moves less."""
 AGREEMENT = 0.02
-"""Of the simulated coefficient with tan(angle), relative."""
+"""Largest relative difference between the simulated coefficient and tan(angle)."""
 LIFTS, LIFT_S = 10, 0.1
+"""Number of steps in which the table is lifted, and the duration of each [s]."""
 EDGE = 0.026
 
 
 def friction_angle(height: float, length: float) -> float:
     """asin(H_s / L_t) [rad] of the lifted height H_s and the table's length L_t [m].
 
-    Raises ConfigurationError for lengths that are none, or an angle outside 2 to 60 degrees.
+    Raises ConfigurationError for a length outside 0.005 to 5 m or an angle outside 2 to 60 degrees.
     """
     for name, value in (("height", height), ("length", length)):
         if not (math.isfinite(value) and 0.005 <= value <= 5.0):
             raise ConfigurationError(
-                f"{name} = {value:g} m cannot be measured on a table", "give metres, from 0.005 to 5", value=value
+                f"{name} = {value:g} m is not possible for a table", "give metres, from 0.005 to 5", value=value
             )
     if height >= length:
         raise ConfigurationError(
-            f"a side of a table {length:g} m long cannot stand {height:g} m higher than the other",
-            "height: of the lifted edge over the other; length: along the table's slope",
+            f"one side of a table of {length:g} m cannot be {height:g} m higher than the other",
+            "height: of the lifted edge over the other edge; length: along the slope of the table",
             height=height, length=length,
         )  # fmt: skip
     angle = math.asin(height / length)
-    if not LEAST <= angle <= MOST:
+    if not MIN_ANGLE <= angle <= MAX_ANGLE:
         raise ConfigurationError(
-            f"{height:g} m on {length:g} m are {math.degrees(angle):.1f} degrees; garments slide at 2 to 60",
-            "measure the height of the lifted edge at the moment when the garment begins to slide",
+            f"{height:g} m on {length:g} m are {math.degrees(angle):.1f} degrees, not 2 to 60 degrees",
+            "measure the height of the lifted edge when the garment begins to slide",
             angle_rad=angle,
         )  # fmt: skip
     return angle
@@ -65,9 +67,9 @@ def friction_angle(height: float, length: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FrictionCalibration:
-    """angle: measured [rad]. coefficient: tan(angle). simulated: the friction at which the virtual garment began
-    to slide. tried: (friction, how far it moved down the slope [m]). pictures (k, n, 3) in the table's frame at
-    times (k,) [s] with the table lifted by lifts (k,) [rad]; frictions (k,)."""
+    """angle: measured [rad]. coefficient: tan(angle). simulated: friction at which the virtual garment began to
+    slide. tried: pairs (friction, displacement down the slope [m]). pictures (k, n, 3) in the table's frame, with
+    their times (k,) [s], slopes of the table lifts (k,) [rad] and frictions (k,)."""
 
     angle: float
     coefficient: float
@@ -85,12 +87,13 @@ class FrictionCalibration:
 
     @property
     def error(self) -> float:
-        """Of the simulated coefficient, relative."""
+        """Relative error of the simulated coefficient."""
         return self.simulated / self.coefficient - 1.0
 
 
 def tilted(points: Array, angle: float) -> Array:
-    """(..., 3) from the table's frame to the room's: its side at x < 0 is lifted by `angle` [rad]."""
+    """Transform points (..., 3) from the table's frame to the room's. The side at x < 0 is lifted by `angle`
+    [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.asarray(points) @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
@@ -98,23 +101,23 @@ def tilted(points: Array, angle: float) -> Array:
 def slides(
     mesh: ClothMesh, material: Material, angle: float, positions: Array | None = None, seconds: float = WATCH_S
 ) -> tuple[float, Array]:
-    """How far the garment, at rest first, moves down the slope in `seconds` [m], and where it is then (n, 3)."""
-    table = _Table(mesh, material, positions)
-    moved = table.watch(material, angle, seconds)
+    """Displacement down the slope in `seconds` of a garment that starts at rest [m], and its positions (n, 3)."""
+    table = _TiltedTable(mesh, material, positions)
+    moved = table.advance(material, angle, seconds)
     return moved, table.positions
 
 
-class _Table:
-    """The garment on the table from one slope and friction to the next: what its contacts bear is kept. Laid
-    down anew, a garment of two layers shifts its weight first, and slips while it does."""
+class _TiltedTable:
+    """The garment on the table. The contact forces carry over from one slope and friction to the next. Without
+    them a garment of two layers would redistribute its weight at each step and slip meanwhile."""
 
     def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
         self._mesh = mesh
         self._saved: dict[str, Array] | None = None
         self.positions = mesh.lay_flat(material.thickness) if positions is None else positions
 
-    def watch(self, material: Material, angle: float, seconds: float) -> float:
-        """How far it moves down the slope in `seconds` [m]."""
+    def advance(self, material: Material, angle: float, seconds: float) -> float:
+        """Simulate `seconds`; return the mean displacement down the slope [m]."""
         gravity = (GRAVITY * math.sin(angle), 0.0, -GRAVITY * math.cos(angle))
         settings = SolverSettings(gravity=gravity, drag=0.0, sleep_frames=0)
         simulation = ClothSimulation(self._mesh, material, self.positions, settings)
@@ -134,10 +137,10 @@ def calibrate_friction(
     length: float,
     tell: Callable[[str], None] = lambda line: None,
 ) -> FrictionCalibration:
-    """The friction with the table of a garment of outline `template` (k, 2) [m].
+    """The friction between the table and a garment of outline `template` (k, 2) [m].
 
-    Raises ConfigurationError for a measurement that cannot be. Whether the virtual garment slides where
-    tan(angle) says is the result's `agrees`.
+    `agrees` of the result tells whether the virtual garment slides at tan(angle). Raises ConfigurationError for an
+    impossible measurement.
     """
     angle = friction_angle(height, length)
     wanted = math.tan(angle)
@@ -147,14 +150,17 @@ def calibrate_friction(
     slid = 0.0
     while not slid and held > STEP * wanted:
         mu = held - STEP * wanted
-        moved = table.watch(material.with_friction(mu), angle, WATCH_S)
+        moved = table.advance(material.with_friction(mu), angle, WATCH_S)
         tried.append((mu, moved))
         film.take(table, WATCH_S, angle, mu)
         if moved > MOVED:
             slid = mu
         else:
             held = mu
-    tell(f"holds at {held:.4f}, slides at {slid:.4f}; tan({math.degrees(angle):.2f} degrees) = {wanted:.4f}")
+    tell(
+        f"the virtual garment holds at {held:.4f} and slides at {slid:.4f};"
+        f" tan({math.degrees(angle):.2f} degrees) = {wanted:.4f}"
+    )
     return FrictionCalibration(
         angle, wanted, 0.5 * (held + slid), tuple(tried), mesh, frozen(np.array(film.pictures)),
         frozen(np.cumsum(film.seconds)), frozen(np.array(film.lifts)), frozen(np.array(film.frictions)),
@@ -162,7 +168,7 @@ def calibrate_friction(
 
 
 class _Film:
-    """What is shown of the test, picture by picture."""
+    """The pictures of the test, for the report."""
 
     def __init__(self) -> None:
         self.pictures: list[Array] = []
@@ -170,22 +176,22 @@ class _Film:
         self.lifts: list[float] = []
         self.frictions: list[float] = []
 
-    def take(self, table: _Table, seconds: float, lift: float, friction: float) -> None:
+    def take(self, table: _TiltedTable, seconds: float, lift: float, friction: float) -> None:
         self.pictures.append(table.positions)
         self.seconds.append(seconds)
         self.lifts.append(lift)
         self.frictions.append(friction)
 
 
-def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, _Table, _Film]:
-    """Lift the table with a friction that holds the garment: that friction, and the garment on the slope."""
+def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, _TiltedTable, _Film]:
+    """Lift the table with a friction that holds the garment. Returns that friction, the table and its pictures."""
     factor = START
     while True:
-        mu, table, film = factor * wanted, _Table(mesh, material), _Film()
+        mu, table, film = factor * wanted, _TiltedTable(mesh, material), _Film()
         for lift in np.linspace(0.0, angle, LIFTS):
-            table.watch(material.with_friction(mu), float(lift), LIFT_S)
+            table.advance(material.with_friction(mu), float(lift), LIFT_S)
             film.take(table, LIFT_S, float(lift), mu)
-        moved = table.watch(material.with_friction(mu), angle, WATCH_S)
-        if moved <= MOVED or factor >= MOST_FRICTION:
+        moved = table.advance(material.with_friction(mu), angle, WATCH_S)
+        if moved <= MOVED or factor >= MAX_FACTOR:
             return mu, table, film
         factor *= 1.25

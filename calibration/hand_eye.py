@@ -1,11 +1,11 @@
-"""Where the camera hangs in the base frame, from pictures of the board in each hand in many poses.
+"""Hand-eye calibration: the camera's pose in the base frame, from images of the board in each hand in many poses.
 
-The camera stands still and the board moves with the hand: T_base_tool(i) Y = X T_camera_board(i) for every picture
-i, with X = T_base_camera and Y = T_tool_board unknown (the robot-world / hand-eye problem). A closed form starts
-it (rotations by singular values of the Kronecker product, after Shah, J. Mech. Robot. 5(3), 2013; then
-translations by linear least squares); Gauss-Newton on the corners' reprojection finishes it. Both hands share X.
-The joints' zeros are off by a milliradian or so, which no picture of one pose can tell: they are estimated
-beside X and Y, held to zero by a prior.
+The camera is fixed and the board moves with the hand: T_base_tool(i) Y = X T_camera_board(i) for every image i,
+with unknown X = T_base_camera and Y = T_tool_board (the robot-world / hand-eye problem). A closed form gives the
+initial value: rotations by singular values of a Kronecker product (Shah, J. Mech. Robot. 5(3), 2013), then
+translations by linear least squares. Least squares on the reprojection error refines it. Both hands share X. The
+zeros of the joints are off by about a milliradian, which a single pose cannot show. They are estimated together
+with X and Y under a prior of zero.
 """
 
 from __future__ import annotations
@@ -36,53 +36,57 @@ __all__ = [
 ]
 
 PLACES = {Side.LEFT: BoardPlace.LEFT_HAND, Side.RIGHT: BoardPlace.RIGHT_HAND}
-FEWEST_VIEWS = 4
-"""In each hand: three motions about two axes are the least; one more shows an error."""
+MIN_VIEWS = 4
+"""Views in each hand. Three motions about two axes are the minimum; one more makes an error visible."""
 
 
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """views: in each hand. tries: poses for each of them, at most. Lengths [m], angles [rad]."""
+    """views: number of views in each hand. poses_per_view: largest number of poses for each of them. Lengths [m],
+    angles [rad]."""
 
     views: int = 12
-    tries: float = 4.0
-    fewest_corners: int = 10
+    poses_per_view: float = 4.0
+    min_corners: int = 10
     lean: float = 0.6
-    """Of the board away from facing the camera."""
+    """Largest angle between the board's normal and the view ray."""
     turn: tuple[float, float] = (0.4, 1.6)
-    """Of the card's lower edge from towards the robot (0) to towards the hand's side (pi / 2)."""
+    """Range of the direction of the card's lower edge: 0 towards the robot, pi / 2 towards the side of the
+    hand."""
     grip_force: float = 15.0
     corner_sigma: float = 0.15
-    """Of one found corner [px]."""
+    """Standard deviation of one found corner [px]."""
     joint_sigma: float = 0.0015
-    """Of the joints' zeros: what the arms' stated accuracy of 5 mm comes to."""
+    """Standard deviation of the joints' zeros. It corresponds to the arms' stated accuracy of 5 mm."""
     focal_sigma: float = 0.002
-    """How well the intrinsics are known: focal lengths, as a share,"""
+    """Relative standard deviation of the focal lengths."""
     centre_sigma: float = 0.7
-    """and the centre [px];"""
+    """Standard deviation of the principal point [px]."""
     print_sigma: float = 0.0005
-    """and the board's print, as a share."""
+    """Relative standard deviation of the scale of the printed board."""
     rms: float = 1.5
-    """Reprojection error above which intrinsics, board or arms are not what they are taken for [px]."""
+    """Largest reprojection error [px]. Above it the intrinsics, the board or the arms' model is wrong."""
     position_sigma: float = 0.004
+    """Largest standard deviation of the camera's position."""
     angle_sigma: float = float(np.deg2rad(0.3))
+    """Largest standard deviation of the camera's orientation."""
 
     @classmethod
     def with_lens_of_data_sheet(cls, views: int) -> HandEyeSettings:
-        """For intrinsics that nobody measured: a field of view in whole degrees, the centre anywhere near the
-        middle. The pose then takes up the lens's error and is that much less sure."""
+        """Settings for intrinsics of a data sheet: a field of view in whole degrees, a principal point near the
+        middle. The pose then absorbs the error of the lens and is less certain."""
         return cls(
             views, focal_sigma=0.01, centre_sigma=5.0, position_sigma=0.020, angle_sigma=float(np.deg2rad(1.5))
         )
 
     def __post_init__(self) -> None:
-        if self.views < FEWEST_VIEWS:
-            raise ValueError(f"{self.views} views: hand-eye takes {FEWEST_VIEWS} or more in each hand")
+        if self.views < MIN_VIEWS:
+            raise ValueError(f"{self.views} views: a hand-eye calibration needs {MIN_VIEWS} or more in each hand")
 
 
 @dataclass(frozen=True, eq=False)
 class HandView:
-    """One picture of the board in a hand. q: (7,) of that arm [rad]."""
+    """One image of the board in a hand. q: (7,) joints of that arm [rad]."""
 
     side: Side
     q: Array
@@ -91,11 +95,11 @@ class HandView:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeCalibration:
-    """T_base_camera (4, 4); T_tool_board (4, 4) by hand. rms: reprojection error [px]. position, angle: how far
-    the board stood in each view from where arm and camera together have it, root of mean squares [m], [rad].
-    position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose, its worst axis: from the
-    corners, the joints' zeros, how well the intrinsics and the board's print are known, how well the views agree.
-    joint_offsets: (7,) by hand, that the fit took from the joints' readings [rad]."""
+    """T_base_camera (4, 4); T_tool_board (4, 4) by hand. rms: reprojection error [px]. position [m], angle [rad]:
+    root mean square difference between the board's pose from the arm and from the camera. position_sigma [m],
+    angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It includes the errors of the
+    corners, the joints' zeros, the intrinsics and the print, and the scatter of the views. joint_offsets: (7,) by
+    hand, the estimated joint zeros, which the fit subtracts from the readings [rad]."""
 
     T_base_camera: Array
     T_tool_board: Mapping[Side, Array]
@@ -115,10 +119,11 @@ def calibrate_hand_eye(
     settings: HandEyeSettings | None = None,
     board: Board = BOARD,
 ) -> Procedure[HandEyeCalibration]:
-    """Show the camera the board in each hand in many poses; then solve.
+    """Show the camera the board in each hand in many poses, then fit the camera's pose.
 
-    camera: as believed now: it says where to hold the board, and gives the intrinsics. Failures: UNREACHABLE (no
-    pose to take the board in), OUT_OF_VIEW (too few pictures show it), and those of `fit_hand_eye`.
+    camera: present calibration; it gives the intrinsics and the places to hold the board. Failures: UNREACHABLE
+    (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show it), and those of
+    `fit_hand_eye`.
     """
     settings = settings or HandEyeSettings()
     T_base_camera = table.T_base_table @ camera.T_table_camera
@@ -134,7 +139,7 @@ def calibrate_hand_eye(
 def _views_in(
     side: Side, T_base_camera: Array, settings: HandEyeSettings, board: Board
 ) -> Procedure[tuple[HandView, ...]]:
-    """Take the board in one hand, hold it before the camera in many poses, give it back."""
+    """Take the board in one hand, show it to the camera in many poses, return it."""
     poses = board_poses(side, T_base_camera, settings)
     views: list[HandView] = []
     holding = False
@@ -142,7 +147,7 @@ def _views_in(
         if len(views) == settings.views:
             break
         reached = yield from reach(side, T_base_board @ np.linalg.inv(board.T_tool_board))
-        if reached.failure:  # nothing has moved: another pose
+        if reached.failure:  # found in planning, so nothing moved: take the next pose
             continue
         if not holding:
             yield from grip(side, 0.02, settings.grip_force)
@@ -156,8 +161,8 @@ def _views_in(
             return Outcome(failure=sight.failure)
         rgb, n = sight.unwrap().frame.rgb, len(views) + 1
         view = find_board(rgb, board)
-        if view is None or len(view.index) < settings.fewest_corners:
-            yield from note(f"{side} hand: a pose left out, {0 if view is None else len(view.index)} corners")
+        if view is None or len(view.index) < settings.min_corners:
+            yield from note(f"{side} hand: pose rejected, {0 if view is None else len(view.index)} corners")
             continue
         views.append(HandView(side, frozen(sight.unwrap().q[arm_slice(side)]), view))
         yield from note(
@@ -165,35 +170,35 @@ def _views_in(
             draw_view(rgb, view), f"board-{side}-{n:02}",
         )  # fmt: skip
     if not holding:
-        what = f"the {side} hand reaches none of {len(poses)} poses before the camera"
+        what = f"the {side} hand reaches none of the {len(poses)} poses in front of the camera"
         return Outcome(failure=Failure(FailureKind.UNREACHABLE, what, "clear the table's surroundings"))
-    taken = yield from bring(BoardPlace.AWAY)  # before the hand lets go: it would fall
-    if taken.failure:
-        return Outcome(failure=taken.failure)
+    removed = yield from bring(BoardPlace.AWAY)  # before the hand opens, otherwise the board would fall
+    if removed.failure:
+        return Outcome(failure=removed.failure)
     yield from grip(side, 0.02, settings.grip_force)
     if len(views) < settings.views:
         what = f"the board was seen in {len(views)} poses of the {side} hand; {settings.views} are needed"
-        hint = "see that the whole card is printed side up and lit; or ask for fewer with --views"
+        hint = "check that the printed side faces the camera and is lit, or ask for fewer views with --views"
         return Outcome(failure=Failure(FailureKind.OUT_OF_VIEW, what, hint, {"views": len(views)}))
     return Outcome(tuple(views))
 
 
 def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> tuple[Array, ...]:
-    """(4, 4) poses of the board in the base frame that a hand may hold it in, always the same ones.
+    """Board poses (4, 4) in the base frame for one hand. The sequence is the same in every call.
 
-    Spread over the view, the front to the camera give or take the lean; the card's lower edge, by which it is
-    held, towards the hand's side of the cell: where the arm has room behind it.
+    The poses are spread over the view and face the camera within the lean. The card's lower edge, which the hand
+    holds, points to the hand's side of the cell, where the arm has room.
     """
     rng = np.random.default_rng(11)
     sign = 1.0 if side is Side.LEFT else -1.0
     poses = []
-    for _ in range(round(settings.tries * settings.views)):
+    for _ in range(round(settings.poses_per_view * settings.views)):
         centre = np.array([rng.uniform(0.42, 0.76), sign * rng.uniform(-0.02, 0.26), rng.uniform(0.10, 0.42)])
         towards = rng.uniform(*settings.turn)
         lean = settings.lean * np.sqrt(rng.random())
         about = rng.uniform(0.0, 2 * np.pi)
-        into = centre - T_base_camera[:3, 3]
-        z = into / np.linalg.norm(into)
+        ray = centre - T_base_camera[:3, 3]
+        z = ray / np.linalg.norm(ray)
         y = np.array([-np.cos(towards), sign * np.sin(towards), 0.0])  # down the card
         y -= (y @ z) * z
         y /= np.linalg.norm(y)
@@ -206,7 +211,7 @@ def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> 
 
 
 def closed_form(A: Sequence[Array], B: Sequence[Array]) -> tuple[Array, Array]:
-    """X, Y (4, 4) with A_i Y = X B_i for poses A, B (n, 4, 4), n >= 3, about two axes or more.
+    """X, Y (4, 4) with A_i Y = X B_i for poses A, B (n, 4, 4), n >= 3, with rotations about two axes or more.
 
     R_A Y_R = X_R R_B: (R_B kron R_A) vec(Y_R) = vec(X_R), so sum_i R_B kron R_A has vec(Y_R), vec(X_R) as its
     first singular vectors (Shah 2013); then R_A t_Y - t_X = X_R t_B - t_A is linear.
@@ -229,34 +234,35 @@ def fit_hand_eye(
     settings: HandEyeSettings | None = None,
     board: Board = BOARD,
 ) -> Outcome[HandEyeCalibration]:
-    """The camera's pose from the views of one or both hands.
+    """Fit the camera's pose to the views of one or both hands.
 
-    Fails with LOW_CONFIDENCE: too few views, poses too much alike, corners that no camera pose explains.
+    Fails with LOW_CONFIDENCE: too few views, poses too much alike, corners that fit no camera pose.
     """
     settings = settings or HandEyeSettings()
     sides = tuple(side for side in Side if any(v.side is side for v in views))
-    if not sides or min(sum(v.side is side for v in views) for side in sides) < FEWEST_VIEWS:
-        return _doubt(
-            f"{len(views)} views do not give the camera's pose", "take more views", {"views": len(views)}
+    if not sides or min(sum(v.side is side for v in views) for side in sides) < MIN_VIEWS:
+        return _low_confidence(
+            f"{len(views)} views are too few to find the camera's pose", "take more views", {"views": len(views)}
         )
     seen = [_board_pose(intrinsics, v.view, board) for v in views]
     starts = {}
     for side in sides:
         A = [tool_pose(robot.chains[side], v.q) for v in views if v.side is side]
         B = [T for v, T in zip(views, seen, strict=True) if v.side is side]
-        if _axes(A) < np.deg2rad(3.0):
-            what = f"the {side} hand's poses turn about one axis only"
-            return _doubt(what, "hold the board leaning, each time another way")
+        if _second_axis_spread(A) < np.deg2rad(3.0):
+            what = f"the poses of the {side} hand rotate about one axis only"
+            return _low_confidence(what, "tilt the board, each time in another direction")
         starts[side] = closed_form(A, B)
     X = next(iter(starts.values()))[0]
     Y = {side: start[1] for side, start in starts.items()}
     problem = _Problem(robot, intrinsics, tuple(views), sides, X, Y, settings, board)
     fit = least_squares(problem.residuals, np.zeros(problem.size), method="lm")
-    return problem.judged(fit.x, fit.jac, seen)
+    return problem.result(fit.x, fit.jac, seen)
 
 
 class _Problem:
-    """The unknowns as one vector: a twist on X, then for each hand a twist on Y and seven joint offsets."""
+    """The unknowns as one vector: a twist on X, then for each hand a twist on Y and seven joint offsets in units
+    of joint_sigma."""
 
     def __init__(
         self,
@@ -281,9 +287,9 @@ class _Problem:
             offsets[side] = part[6:] * self._settings.joint_sigma
         return self._X @ _exp(x[:6]), Y, offsets
 
-    def _misses(self, x: Array, lens: Array | None = None) -> Array:
-        """(m, 2) found less expected corner [px], all views. lens: (5,) what camera and board are more than they
-        are taken for: focal lengths (shares), centre [px], print (share)."""
+    def _reprojection(self, x: Array, lens: Array | None = None) -> Array:
+        """(m, 2) found minus expected corners of all views [px]. lens: (5,) errors of the focal lengths
+        (relative), the principal point [px] and the print (relative)."""
         fx, fy, cx, cy, size = np.zeros(5) if lens is None else lens
         X, Y, offsets = self._parts(x)
         T_camera_base = np.linalg.inv(X)
@@ -298,67 +304,72 @@ class _Problem:
         return np.vstack(out)
 
     def residuals(self, x: Array) -> Array:
-        misses = self._misses(x).ravel() / self._settings.corner_sigma
+        """Reprojection errors and joint offsets, each divided by its standard deviation."""
+        corners = self._reprojection(x).ravel() / self._settings.corner_sigma
         offsets = np.concatenate([x[12 + 13 * i : 19 + 13 * i] for i in range(len(self._sides))])
-        return np.concatenate([misses, offsets])
+        return np.concatenate([corners, offsets])
 
-    def _drawn_along(self, x: Array, gain: Array) -> Array:
-        """(size, 5) how far a standard deviation of each figure of lens and print draws the unknowns along."""
+    def _lens_influence(self, x: Array, gain: Array) -> Array:
+        """(size, 5) change of the unknowns for one standard deviation of each parameter of lens and print."""
         s, columns = self._settings, []
         for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, s.print_sigma)):
             lens = np.zeros(5)
             lens[i] = sigma
-            change = (self._misses(x, lens) - self._misses(x)).ravel() / s.corner_sigma
+            change = (self._reprojection(x, lens) - self._reprojection(x)).ravel() / s.corner_sigma
             columns.append(gain[:, : len(change)] @ change)
         return np.column_stack(columns)
 
-    def _drawn_by_views(self, x: Array, J: Array, inverse: Array) -> Array:
-        """(size, views) how far each view draws the unknowns along. All corners of a view err together, by a joint
-        that was read wrongly or a board that slipped in the hand: the views, not the corners, are the independent
-        looks (Liang and Zeger, Biometrika 73(1), 1986)."""
-        misses = self.residuals(x)
+    def _view_influence(self, x: Array, J: Array, inverse: Array) -> Array:
+        """(size, views) influence of each view on the unknowns. The errors of all corners of a view are
+        correlated, for example by a joint reading or a slip of the board. The views, not the corners, are
+        independent observations (cluster-robust covariance: Liang and Zeger, Biometrika 73(1), 1986)."""
+        residuals = self.residuals(x)
         ends = np.cumsum([2 * len(v.view.index) for v in self._views])
         parts = (slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True))
-        drawn = np.column_stack([inverse @ (J[part].T @ misses[part]) for part in parts])
-        return np.asarray(drawn * np.sqrt(len(ends) / (len(ends) - 1.0)))
+        influence = np.column_stack([inverse @ (J[part].T @ residuals[part]) for part in parts])
+        return np.asarray(influence * np.sqrt(len(ends) / (len(ends) - 1.0)))
 
-    def judged(self, x: Array, J: Array, seen: Sequence[Array]) -> Outcome[HandEyeCalibration]:
+    def result(self, x: Array, J: Array, seen: Sequence[Array]) -> Outcome[HandEyeCalibration]:
+        """The calibration at the solution x, or a failure if its errors are too large."""
         s = self._settings
-        rms = float(np.sqrt((self._misses(x) ** 2).sum(axis=1).mean()))
+        rms = float(np.sqrt((self._reprojection(x) ** 2).sum(axis=1).mean()))
         if rms > s.rms:
             what = f"the corners miss the fit by {rms:.2f} px"
-            hint = "calibrate the camera's intrinsics first (calibrate camera); see that the board is held fast"
-            return _doubt(what, hint, {"rms_px": rms})
+            hint = (
+                "calibrate the intrinsics first (calibrate camera); check that the board cannot slip in the hand"
+            )
+            return _low_confidence(what, hint, {"rms_px": rms})
         X, Y, offsets = self._parts(x)
-        # What the model leaves out widens the figure: by how much more the corners miss than they should, and by
-        # what single views draw the fit along.
+        # Errors outside the model widen the variance: excess reprojection error, lens and print, and single views.
         inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
-        taken = self._drawn_along(x, inverse @ J.T)
-        drawn = self._drawn_by_views(x, J, inverse)
-        variance = inverse * max(1.0, (rms / s.corner_sigma) ** 2 / 2) + taken @ taken.T + drawn @ drawn.T
+        by_lens = self._lens_influence(x, inverse @ J.T)
+        by_view = self._view_influence(x, J, inverse)
+        variance = inverse * max(1.0, (rms / s.corner_sigma) ** 2 / 2) + by_lens @ by_lens.T + by_view @ by_view.T
         position, angle = (
             float(np.sqrt(np.linalg.eigvalsh(variance[c, c])[-1])) for c in (slice(0, 3), slice(3, 6))
         )
         if position > s.position_sigma or angle > s.angle_sigma:
-            what = f"the poses leave the camera open by {1e3 * position:.1f} mm, {np.rad2deg(angle):.2f} degrees"
+            what = f"the camera's pose is uncertain by {1e3 * position:.1f} mm and {np.rad2deg(angle):.2f} degrees"
+            hint = "take more views; hold the board firmly and tilt it each time in another direction"
             values: dict[str, object] = {"position_sigma_m": position, "angle_sigma_rad": angle}
-            return _doubt(what, "take more views, the board held fast and leaning each time another way", values)
-        off = []
+            return _low_confidence(what, hint, values)
+        errors = []
         for v, T_camera_board in zip(self._views, seen, strict=True):
             T = tool_pose(self._robot.chains[v.side], v.q - offsets[v.side]) @ Y[v.side]
             gap = np.linalg.inv(X @ T_camera_board) @ T
-            off.append((np.linalg.norm(gap[:3, 3]), np.linalg.norm(pin.log3(gap[:3, :3]))))
-        mm, rad = np.sqrt((np.array(off) ** 2).mean(axis=0))
+            errors.append((np.linalg.norm(gap[:3, 3]), np.linalg.norm(pin.log3(gap[:3, :3]))))
+        distance, rotation = np.sqrt((np.array(errors) ** 2).mean(axis=0))
         return Outcome(
             HandEyeCalibration(
-                frozen(X), {k: frozen(v) for k, v in Y.items()}, rms, float(mm), float(rad), position, angle,
+                frozen(X), {k: frozen(v) for k, v in Y.items()}, rms,
+                float(distance), float(rotation), position, angle,
                 {k: frozen(v) for k, v in offsets.items()}, len(self._views),
             )
         )  # fmt: skip
 
 
 def _board_pose(k: Intrinsics, view: BoardView, board: Board) -> Array:
-    """T_camera_board (4, 4) from one picture."""
+    """T_camera_board (4, 4) from one image."""
     _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, flags=cv2.SOLVEPNP_IPPE)
     _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, w, t, True, cv2.SOLVEPNP_ITERATIVE)
     T = np.eye(4)
@@ -366,16 +377,15 @@ def _board_pose(k: Intrinsics, view: BoardView, board: Board) -> Array:
     return T
 
 
-def _axes(poses: Sequence[Array]) -> float:
-    """How far poses turn about a second axis [rad]: of their turns' singular values the middle one, as a
-    standard deviation."""
-    turns = np.array([pin.log3(poses[0][:3, :3].T @ T[:3, :3]) for T in poses])
-    s = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False)
+def _second_axis_spread(poses: Sequence[Array]) -> float:
+    """Standard deviation of the rotations about their second principal axis [rad] (middle singular value)."""
+    rotations = np.array([pin.log3(poses[0][:3, :3].T @ T[:3, :3]) for T in poses])
+    s = np.linalg.svd(rotations - rotations.mean(axis=0), compute_uv=False)
     return float(s[1] / np.sqrt(len(poses)))
 
 
 def _exp(twist: Array) -> Array:
-    """(4, 4): shift twist[:3] [m] and turn twist[3:] [rad], in the moved frame's own axes."""
+    """(4, 4) transform: translation twist[:3] [m] and rotation vector twist[3:] [rad], in the moved frame."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = _rotation(twist[3:]), twist[:3]
     return T
@@ -386,11 +396,11 @@ def _rotation(w: Array) -> Array:
 
 
 def _nearest_rotation(M: Array) -> Array:
-    """Of a matrix that is a rotation but for a factor of either sign."""
+    """The nearest rotation to a matrix that is a rotation up to a factor of either sign."""
     M = M * np.sign(np.linalg.det(M))
     U, _, Vt = np.linalg.svd(M)
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
-def _doubt(what: str, hint: str, values: dict[str, object] | None = None) -> Outcome[HandEyeCalibration]:
+def _low_confidence(what: str, hint: str, values: dict[str, object] | None = None) -> Outcome[HandEyeCalibration]:
     return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, hint, values or {}))

@@ -1,18 +1,18 @@
-"""Friction and stretch from what a fold did: observed silhouettes against those predicted for candidate materials.
+"""Identify friction and stretch from a fold: observed silhouettes against predictions for candidate materials.
 
-A fold that drags the cloth which should rest tells of the table's friction; a fold that drags nothing tells only
-that the friction was enough. A garment's stretch moves its outline by a fraction of a millimetre, less than
-a camera sees. Where the pictures say nothing the estimate is the prior.
+A fold that drags the resting part of the cloth reveals the table's friction. A fold that drags nothing shows only
+that the friction was sufficient. The stretch of a garment moves its outline by a fraction of a millimetre, less
+than a camera resolves. Without information in the pictures the estimate equals the prior.
 
-What holds (tested on folds simulated with another mesh): where cloth was dragged the estimate moves to the side of
-the prior on which the truth lies; where none was it stays with the prior. How far it moves is less sure: friction
-0.65, 0.8 and 1.2 times the believed one was read as 0.70, 0.83 and 1.49 times, because at which friction cloth
-begins to be dragged depends on the mesh. The deviations say how much was learned under `Noise`, which is assumed:
-they are no validated confidence bounds.
+Accuracy (tested on folds simulated with another mesh): if cloth was dragged, the estimate moves from the prior
+towards the true value; if not, it stays at the prior. The size of the change is less accurate. Friction of 0.65,
+0.8 and 1.2 times the assumed one was estimated as 0.70, 0.83 and 1.49 times, because the friction at which
+dragging begins depends on the mesh. The deviations hold under the assumed `Noise`; they are not validated
+confidence bounds.
 
-Bayes on a grid: the signed distances of the observed outline from the predicted one are interpolated between
-the candidates (linear in the logarithms of friction and stretch), and weighed by a robust (Huber) likelihood with
-as many independent points as the outline has correlation lengths.
+Method: Bayes on a grid. The signed distances of the observed outline from the predicted one are interpolated
+between the candidates, linearly in the logarithms of friction and stretch. A robust (Huber) likelihood weighs
+them, with one independent point for each correlation length of the outline.
 """
 
 from __future__ import annotations
@@ -44,21 +44,22 @@ __all__ = [
 ]
 
 FRICTIONS = (0.5, 0.65, 0.8, 1.0, 1.25, 1.6)
-"""Candidates, as factors of what is believed."""
+"""Candidate frictions as factors of the assumed one."""
 BOUND = 0.5
-"""How far an update may lead away from the garment file's friction, as a share of it."""
+"""Largest relative difference between an updated friction and that of the garment file."""
 POINTS = 240
-"""Places along each observed outline that are compared."""
+"""Number of compared points along each observed outline."""
 FINE = 81
+"""Number of points of the fine grid along each axis."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """How far an observed outline may lie from a right prediction: sigma [m] (camera and simulation together),
-    alike over `correlation` [m] of outline; huber [m]: beyond it a distance counts linearly. friction, stretch:
-    relative standard deviation of what was believed before."""
+    """Error model. sigma: standard deviation of the distance between an observed outline and a correct prediction
+    (camera and simulation) [m]; correlation: correlation length of that error along the outline [m]; huber:
+    distance above which the loss is linear [m]. friction, stretch: relative standard deviation of the prior."""
 
-    # assumed: what a simulation gets wrong is mostly a drift that the whole outline shares
+    # assumed: most of a simulation's error is a drift that the whole outline shares
     sigma: float = 0.004
     correlation: float = 0.50
     huber: float = 0.012
@@ -68,8 +69,8 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The grid: friction (f,) static coefficients and stretch (s,) fractions, both rising; shapes[i][j][k]: the
-    silhouette (polygon, table frame [m]) in picture k that friction i and stretch j predict."""
+    """The grid: friction (f,) static coefficients and stretch (s,) fractions, both increasing; shapes[i][j][k]:
+    silhouette (polygon, table frame [m]) in picture k, predicted with friction i and stretch j."""
 
     friction: Array
     stretch: Array
@@ -78,8 +79,8 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Quantity:
-    """value and its standard deviation under `Noise`, as it is assumed; learned: the share of the prior's variance
-    that the pictures took away (0: they say nothing, 1: all)."""
+    """value and its standard deviation under the assumed `Noise`; learned: relative reduction of the prior's
+    variance by the pictures (0: no information, 1: full information)."""
 
     value: float
     deviation: float
@@ -88,29 +89,29 @@ class Quantity:
 
 @dataclass(frozen=True)
 class MaterialEstimate:
-    """misfit: rms distance of the outlines at the estimate [m]; more than a few sigma: no candidate explains what
-    is seen (the deviations are widened by it)."""
+    """misfit: rms distance of the outlines at the estimate [m]. A misfit of more than a few sigma means that no
+    candidate explains the observation; it widens the deviations."""
 
     friction: Quantity
     stretch: Quantity
     misfit: float
 
     def update_of(self, believed: Material, nominal: Material) -> Material:
-        """`believed` with its friction moved towards the estimate by the share that was learned, in logarithms,
-        and no further from the `nominal` one than BOUND."""
+        """`believed` with its friction moved towards the estimate. In logarithms, the step is the difference times
+        `learned`. The result stays within BOUND of the friction of `nominal`."""
         before, lowest = believed.friction_static, (1.0 - BOUND) * nominal.friction_static
         moved = before * (self.friction.value / before) ** self.friction.learned
         return believed.with_friction(float(np.clip(moved, lowest, (1.0 + BOUND) * nominal.friction_static)))
 
 
 def silhouette(vertices: Array, triangles: NDArray[np.int32]) -> shapely.Geometry:
-    """The shape of a mesh seen from above: vertices (n, 3), triangles (m, 3)."""
+    """The outline of a mesh seen from above. vertices: (n, 3); triangles: (m, 3)."""
     flat = shapely.polygons(np.asarray(vertices)[triangles][:, :, :2])
     return shapely.union_all(shapely.buffer(flat, 1e-5))
 
 
 def outline_residual(contour: Array, vertices: Array, triangles: NDArray[np.int32]) -> float:
-    """Root mean square distance [m] of an observed outline (k, 2) from a predicted shape, vertices (n, 3)."""
+    """Root mean square distance [m] of an observed outline (k, 2) from a predicted shape with vertices (n, 3)."""
     ring = shapely.LinearRing(contour)
     return float(np.sqrt(np.mean(_distances([ring], [silhouette(vertices, triangles)]) ** 2)))
 
@@ -124,10 +125,10 @@ def predict_candidates(
     stretch_factors: Sequence[float] = (1.0,),
     seen_as: Callable[[Array], Array] = np.asarray,
 ) -> Candidates:
-    """Simulate the fold that was made from `positions` (n, 3) with each friction and stretch about `material`'s.
+    """Simulate the fold from `positions` (n, 3) with each factor of the friction and the stretch of `material`.
 
-    One picture: the end of the fold. len(friction_factors) * len(stretch_factors) simulations. seen_as: where a
-    camera sees vertices (n, 3) -> (n, 3), default from straight above.
+    Runs len(friction_factors) * len(stretch_factors) simulations. The one picture is the end of the fold. seen_as:
+    maps vertices (n, 3) to their apparent positions (n, 3) in the camera; default: a view from straight above.
     """
     friction = material.friction_static * np.sort(friction_factors)
     stretch = material.stretch_fraction * np.sort(stretch_factors)
@@ -145,10 +146,11 @@ def predict_candidates(
 def identify_material(
     observed: Sequence[Array], candidates: Candidates, believed: Material, noise: Noise | None = None
 ) -> MaterialEstimate:
-    """What the observed outlines say of friction and stretch.
+    """Estimate friction and stretch from the observed outlines.
 
-    observed: one contour (k, 2) [m] a picture, table frame, in the order of the candidates' pictures. believed:
-    the prior's middle. Raises ConfigurationError for contours or candidates that do not fit.
+    observed: one contour (k, 2) [m] for each picture, table frame, in the order of the candidates' pictures.
+    believed: material at the centre of the prior. Raises ConfigurationError for inconsistent contours or
+    candidates.
     """
     noise = noise or Noise()
     _check(observed, candidates)
@@ -175,26 +177,27 @@ def identify_material(
 def _check(observed: Sequence[Array], candidates: Candidates) -> None:
     for name, axis in (("friction", candidates.friction), ("stretch", candidates.stretch)):
         if not len(axis) or (np.diff(axis) <= 0).any() or not (axis > 0).all():
-            raise ConfigurationError(f"candidates of {name} must be positive and rise", "", values=list(axis))
+            raise ConfigurationError(f"candidates of {name} must be positive and increase", "", values=list(axis))
     if len(candidates.friction) < 2:
-        raise ConfigurationError("two candidates of friction at least", "", values=list(candidates.friction))
+        raise ConfigurationError("give at least two candidate frictions", "", values=list(candidates.friction))
     if not observed or any(len(k) != len(observed) for row in candidates.shapes for k in row):
         raise ConfigurationError("each candidate needs one silhouette for each observed picture", "")
     for k, contour in enumerate(observed):
         c = np.asarray(contour, dtype=float)
         if c.ndim != 2 or c.shape[1] != 2 or len(c) < 3 or not np.isfinite(c).all():
-            raise ConfigurationError("an observed contour is (k, 2), finite", "", picture=k, shape=c.shape)
+            raise ConfigurationError("an observed contour must be (k, 2) and finite", "", picture=k, shape=c.shape)
 
 
 def _distances(rings: Sequence[shapely.LinearRing], shapes: Sequence[shapely.Geometry]) -> Array:
-    """(pictures * POINTS,) [m]: of points along the observed outlines from the predicted, outside positive."""
+    """(pictures * POINTS,) signed distances of observed outline points from the predicted outlines, positive
+    outside [m]."""
     out = []
     for ring, shape in zip(rings, shapes, strict=True):
         points = shapely.line_interpolate_point(
             ring, np.linspace(0.0, 1.0, POINTS, endpoint=False), normalized=True
         )
-        away = shapely.distance(shapely.boundary(shape), points)
-        out.append(np.where(shapely.contains(shape, points), -away, away))
+        distance = shapely.distance(shapely.boundary(shape), points)
+        out.append(np.where(shapely.contains(shape, points), -distance, distance))
     return np.concatenate(out)
 
 

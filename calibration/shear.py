@@ -1,17 +1,17 @@
-"""The paper's stretch test: a garment hung by one point, real and virtual.
+"""The paper's stretch test: a real and a virtual garment hang by one point.
 
-The operator hangs the garment and measures L1 from the clip to the lowest point, lays it down with both points
-spread as far as they go and measures L2; its stretch is (L1 - L2) / L2 (Li et al. 2015, IV-A). The virtual
-garment is hung likewise and its stiffness is changed until it elongates as much.
+The operator hangs the garment and measures L1 from the clip to the lowest point. Then the operator lays it down,
+spreads the two points as far as they go and measures L2. The stretch is (L1 - L2) / L2 (Li et al. 2015, IV-A). The
+virtual garment hangs in the same way, and its stiffness is changed until its elongation matches.
 
-A garment that hangs by a clip stretches more than a strip of its fabric that hangs by a whole edge: all of the
-weight goes through the clip. The fabric is therefore named by the *hang drop*: the length of the strip that,
-hung by its edge, elongates as much as this garment does by its clip (a strip: areal_mass g L / (2 Y)).
+A garment that hangs by a clip stretches more than a strip of its fabric that hangs by a whole edge, because all of
+the weight passes through the clip. The fabric is therefore described by the *hang drop*: the length of a strip
+that, hung by its edge, elongates as much as this garment does by its clip (a strip: areal_mass g L / (2 Y)).
 
-Two things decide the elongation besides the fabric. How the flanks fall: from one start or another by up to
-0.15 percentage points, so that the mean of three hangs is taken, as an operator would. And the mesh, by as much
-again: round the clip the stress is steep, and coarse triangles are too stiff there (MuJoCo's flex on the same mesh
-says the same). The test is therefore made on the mesh that predicts, as in the paper.
+The elongation also depends on two other things. The way in which the flanks fall changes it by up to 0.15
+percentage points between starts, so the mean of three hangs is taken, as an operator would. The mesh changes it by
+as much again: the stress near the clip is steep and coarse triangles are too stiff there (MuJoCo's flex on the
+same mesh agrees). The test therefore uses the mesh of the prediction, as in the paper.
 """
 
 from __future__ import annotations
@@ -45,51 +45,53 @@ __all__ = [
 ]
 
 CLIP = 0.04
-"""[m] width of the clip (or of the fingers) that holds the garment."""
+"""Width of the clip (or of the fingers) that holds the garment [m]."""
 WIDEST_CLIP = 1.5 * CLIP
-"""[m] as far apart as the ends of what the clip holds may be: more is not held by one."""
+"""Largest width that one clip can hold [m]."""
 EDGE = 0.020
-"""[m] edge length of the virtual garment's mesh, where none is given."""
+"""Default edge length of the virtual garment's mesh [m]."""
 SUBSTEPS = 40
-"""Of a frame: with fewer, as the predictor takes, the elongation is up to 0.1 percentage points more or less, no
-more than from start to start."""
+"""Substeps of a frame. The predictor's smaller number changes the elongation by up to 0.1 percentage points, which
+is less than the difference between starts."""
 DRAG = 4.0
-"""[1/s] of the air: enough that the garment hangs still soon. It does not change how long it then is."""
+"""Air drag [1/s]. It brings the garment to rest soon and does not change its final length."""
 SETTLE_S = 4.0
-"""[s] from held up flat until it hangs still."""
+"""Time from the flat start until the garment is at rest [s]."""
 RIPPLES = ((40.0, 0.0), (25.0, 1.0), (60.0, 2.0))
-"""Wave number [1/m] and phase of the millimetre of ripple with which each hang starts."""
-LEAST, MOST = 0.002, 0.10
-TOLERANCE, ACCEPTED, TRIES = 2e-4, 5e-4, 16
-"""Of the elongation: 0.02 percentage points, at which the search ends, and 0.05, with which it may have to do. Two
-layers that hang against each other settle now one way, now another: a per cent of the stiffness then makes 0.1
-percentage points or none."""
+"""Wave number [1/m] and phase of the initial ripple (amplitude 1 mm) of each hang."""
+MIN_STRETCH, MAX_STRETCH = 0.002, 0.10
+TOLERANCE, ACCEPTED, MAX_FABRICS = 2e-4, 5e-4, 16
+"""Error of the elongation at which the search ends (0.02 percentage points), error that is still accepted (0.05),
+and largest number of fabrics to try. Two layers that hang against each other settle in different ways: a change of
+the stiffness by one per cent then changes the elongation by 0.1 percentage points or not at all."""
 NEAR = 0.1
-"""Tries whose elongation is this near to the wanted one, of it, tell how the garment elongates there."""
+"""Largest relative error of the elongations from which the local slope is estimated."""
 DISTINCT = 3e-3
-"""Fabrics nearer to each other than this, of their stretch, are one try."""
+"""Smallest relative difference of the stretch between two fabrics that are tried."""
 NO_WIDER = 2e-4
-"""Fabrics on either side of the wanted one that differ by less, of their stretch, have nothing between them."""
+"""Smallest relative width of a bracket of fabrics around the wanted one that is still halved."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
+"""Factors of a fabric's stretch for its neighbours, which are tried last."""
 STIFFEST, LIMPEST = 2e-4, 0.4
+"""Limits of the strip elongation in the search."""
 
 
 def stretch_fraction(l1: float, l2: float) -> float:
     """(L1 - L2) / L2 of the hung length L1 [m] and the laid length L2 [m].
 
-    Raises ConfigurationError for lengths that no garment has, or a stretch outside 0.2 to 10 %.
+    Raises ConfigurationError for a length outside 0.05 to 3 m or a stretch outside 0.2 to 10 %.
     """
     for name, value in (("L1", l1), ("L2", l2)):
         if not (np.isfinite(value) and 0.05 <= value <= 3.0):
             raise ConfigurationError(
-                f"{name} = {value:g} m is no length of a garment", "give metres, from 0.05 to 3", **{name: value}
+                f"no garment has {name} = {value:g} m", "give metres, from 0.05 to 3", **{name: value}
             )
     fraction = (l1 - l2) / l2
-    if not LEAST <= fraction <= MOST:
+    if not MIN_STRETCH <= fraction <= MAX_STRETCH:
         raise ConfigurationError(
             f"L1 = {l1:g} m and L2 = {l2:g} m are a stretch of {100 * fraction:.2f} %;"
-            f" {100 * LEAST:g} to {100 * MOST:g} % can be calibrated",
-            "L1 is of the hung garment and longer than L2; measure both to a millimetre",
+            f" {100 * MIN_STRETCH:g} to {100 * MAX_STRETCH:g} % can be calibrated",
+            "L1 is the length of the hanging garment and exceeds L2; measure both to a millimetre",
             l1=l1, l2=l2, stretch_fraction=fraction,
         )  # fmt: skip
     return fraction
@@ -97,8 +99,9 @@ def stretch_fraction(l1: float, l2: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class HungShape:
-    """A garment ready to hang: mesh; clip: (n,) vertices that the clip holds; lowest: the vertex measured to;
-    rest_length: of the straight line between clip and lowest when it lies flat [m]; starts: (k, n, 3) held up."""
+    """A garment ready to hang. clip: (n,) whether the clip holds a vertex; lowest: index of the lowest vertex;
+    rest_length: distance between clip and lowest vertex in the flat garment [m]; starts: (k, n, 3) initial
+    positions [m]."""
 
     mesh: ClothMesh
     clip: NDArray[np.bool_]
@@ -107,7 +110,7 @@ class HungShape:
     starts: Array
 
     def length(self, positions: Array) -> float:
-        """From the clip's middle to the lowest point [m]: the operator's L1. positions: (n, 3)."""
+        """The operator's L1: distance from the middle of the clip to the lowest point [m]. positions: (n, 3)."""
         return float(np.linalg.norm(positions[self.clip].mean(axis=0) - positions[self.lowest]))
 
     def elongation(self, positions: Array) -> float:
@@ -116,10 +119,10 @@ class HungShape:
 
 @dataclass(frozen=True, eq=False)
 class ShearCalibration:
-    """stretch_fraction: measured. hang_drop: [m] of the strip that elongates as much. simulated: elongation of
-    the virtual garment with it, mean of its hangs, which differ by `spread` (largest less smallest).
-    l2: of the virtual garment [m]. simulations: how many hangs it took.
-    shape, pictures (k, n, 3), times (k,) [s]: the last hang, to be shown."""
+    """stretch_fraction: measured. hang_drop: length of the strip that elongates as much [m]. simulated: mean
+    elongation of the virtual garment's hangs; spread: largest minus smallest of them. l2: of the virtual garment
+    [m]. simulations: number of simulated hangs. shape, pictures (k, n, 3), times (k,) [s]: the last hang, for the
+    report."""
 
     stretch_fraction: float
     hang_drop: float
@@ -133,19 +136,21 @@ class ShearCalibration:
 
     @property
     def strip_stretch(self) -> float:
-        """Elongation of a REFERENCE_DROP long strip of this fabric: `Material.stretch_fraction`."""
+        """Elongation of a strip of this fabric with length REFERENCE_DROP: `Material.stretch_fraction`."""
         return self.stretch_fraction * REFERENCE_DROP / self.hang_drop
 
 
 def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | None = None) -> tuple[int, int]:
-    """Indices into `template` (k, 2) of the point to hang by and of the lowest one.
+    """Indices into `template` (k, 2) of the point that the clip holds and of the lowest point.
 
-    They are the two farthest key points whose connecting line lies in the garment: the cloth between them hangs
-    straight. held: the name of the one to hang by; else the end that comes first in the file.
-    Raises ConfigurationError for a name that is no key point.
+    They are the two key points with the longest connecting line inside the garment. The cloth between them hangs
+    straight. held: name of the key point in the clip; default: the one that comes first in the file. Raises
+    ConfigurationError for an unknown key point.
     """
     if held is not None and held not in keypoints:
-        raise ConfigurationError(f"{held!r} is no key point of this garment", f"it has {', '.join(keypoints)}")
+        raise ConfigurationError(
+            f"{held!r} is not a key point of this garment", f"its key points are {', '.join(keypoints)}"
+        )
     polygon = shapely.Polygon(template).buffer(1e-6)
     best, pair = 0.0, (-1, -1)
     for i in range(len(template)) if held is None else (keypoints.index(held),):
@@ -159,7 +164,7 @@ def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | Non
 def hung_shape(
     template: Array, pair: tuple[int, int], layers: int, thickness: float, edge: float = EDGE
 ) -> HungShape:
-    """The garment of outline `template` (k, 2) [m], held up by a clip over point pair[0], flat and upright."""
+    """The garment of outline `template` (k, 2) [m], flat and upright, held by a clip at point pair[0]."""
     local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
     mesh = mesh_from_contour(outline, edge, layers)
@@ -168,7 +173,7 @@ def hung_shape(
     lowest = int(np.argmin(np.linalg.norm(mesh.rest, axis=1)))
     middle = mesh.rest[clip].mean(axis=0)
     starts = []
-    for wave, phase in RIPPLES:  # so that the flanks fall to one side at once
+    for wave, phase in RIPPLES:  # a ripple decides at once to which side the flanks fall
         ripple = 0.001 * np.sin(wave * mesh.rest[:, 0] + phase) + thickness * (mesh.layer - 0.5)
         starts.append(np.column_stack([mesh.rest[:, 0], ripple, mesh.rest[:, 1] + 0.2]))
     rest_length = float(np.linalg.norm(middle - mesh.rest[lowest]))
@@ -176,7 +181,7 @@ def hung_shape(
 
 
 def _upright(template: Array, pair: tuple[int, int]) -> Array:
-    """The outline (k, 2) as it hangs: pair[0] straight above pair[1], which is the origin."""
+    """The outline (k, 2) turned so that pair[0] is straight above pair[1], which is the origin."""
     top, low = template[pair[0]], template[pair[1]]
     up = (top - low) / np.linalg.norm(top - low)
     across = np.array([-up[1], up[0]])
@@ -184,29 +189,29 @@ def _upright(template: Array, pair: tuple[int, int]) -> Array:
 
 
 def clip_width(template: Array, pair: tuple[int, int]) -> float:
-    """How wide the clip comes out that holds the outline by point pair[0] [m]: CLIP where the garment has its
-    narrow top there; more where the cloth beside the point is as high as it is."""
+    """Width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment has a narrow top there, and
+    more if the cloth beside the point is as high as the point."""
     local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
     return float(np.ptp(outline[outline[:, 1] > height - 1e-6, 0]))
 
 
 def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, int]) -> None:
-    """Raises ConfigurationError for a point that no clip holds alone, with those that one does."""
+    """Raises ConfigurationError if one clip cannot hold the point. The hint lists the points that it can hold."""
     width = clip_width(template, pair)
     if width <= WIDEST_CLIP:
         return
     pairs = [clip_and_lowest(template, keypoints, name) for name in keypoints]
     fit = [keypoints[p[0]] for p in pairs if p[1] >= 0 and clip_width(template, p) <= WIDEST_CLIP]
     raise ConfigurationError(
-        f"the garment cannot be hung by {keypoints[pair[0]]}: cloth beside it is as high, over {width:.2f} m",
-        f"hang it by {', '.join(fit)}" if fit else "no key point of this garment can be held alone",
+        f"the garment cannot hang by {keypoints[pair[0]]}: {width:.2f} m of cloth beside it are as high",
+        f"hang it by {', '.join(fit)}" if fit else "one clip cannot hold any key point of this garment alone",
         held=keypoints[pair[0]], width_m=width,
     )  # fmt: skip
 
 
 def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
-    """The outline below the clip, where the garment is first CLIP wide, and that height."""
+    """The outline below the clip, and the height of the clip: the highest place where the garment is CLIP wide."""
     x0, _, x1, _ = polygon.bounds
     low, high = top - 0.15, top - 1e-4
     for _ in range(40):
@@ -232,10 +237,10 @@ def hang(
     substeps: int | None = SUBSTEPS,
     pictures: int = 0,
 ) -> tuple[Array, Array]:
-    """Let it hang for `seconds` from one of its starts: positions (n, 3) at the end, and `pictures` of the way
-    (k, n, 3).
+    """Simulate `seconds` of hanging from one of the starts. Returns the final positions (n, 3) and `pictures` of
+    the motion (k, n, 3).
 
-    material.stretch_fraction is of a strip of REFERENCE_DROP. substeps: of a frame; None: as the predictor would.
+    material.stretch_fraction: of a strip of REFERENCE_DROP. substeps: of a frame; None: the predictor's number.
     """
     settings = SolverSettings(substeps=substeps, drag=DRAG, sleep_frames=0)
     simulation = ClothSimulation(
@@ -253,7 +258,7 @@ def hang(
 def elongations(
     shape: HungShape, material: Material, substeps: int | None = SUBSTEPS, pictures: int = 0
 ) -> tuple[Array, Array]:
-    """(k,) of the hangs from all starts, and `pictures` of the last one."""
+    """Elongations (k,) of the hangs from all starts, and `pictures` of the last one."""
     found, shots = [], np.zeros((0, 0, 3))
     for start in range(len(shape.starts)):
         last = start == len(shape.starts) - 1
@@ -274,12 +279,11 @@ def calibrate_shear(
     tell: Callable[[str], None] = lambda line: None,
     edge: float = EDGE,
 ) -> ShearCalibration:
-    """The hang drop with which the virtual garment elongates as the real one: (L1 - L2) / L2.
+    """Find the hang drop with which the virtual garment elongates like the real one: (L1 - L2) / L2.
 
-    template: (k, 2) outline [m] at nominal size; it is scaled so that its laid length is l2. edge: of the mesh
-    [m], best the one that predicts this garment's folds.
-    Raises ConfigurationError when l2 does not fit the garment, when it cannot be hung by that point, or when the
-    stretch cannot be reached.
+    template: (k, 2) outline [m] at nominal size; it is scaled to the laid length l2. edge: mesh edge [m],
+    preferably that of the predictions of this garment's folds. Raises ConfigurationError if l2 does not fit the
+    garment, if the garment cannot hang by that point, or if the stretch cannot be reached.
     """
     wanted = stretch_fraction(l1, l2)
     pair = clip_and_lowest(template, keypoints, held)
@@ -288,17 +292,17 @@ def calibrate_shear(
     if not size_range[0] <= scale <= size_range[1]:
         names = keypoints[pair[0]], keypoints[pair[1]]
         raise ConfigurationError(
-            f"L2 = {l2:g} m, but {names[0]} and {names[1]} of this garment lie {nominal:.3f} m apart",
-            f"{size_range[0] * nominal:.3f} to {size_range[1] * nominal:.3f} m fit; hang it by {names[0]}",
+            f"L2 = {l2:g} m, but {names[0]} and {names[1]} of this garment are {nominal:.3f} m apart",
+            f"give {size_range[0] * nominal:.3f} to {size_range[1] * nominal:.3f} m; hang it by {names[0]}",
             l2=l2, nominal_m=nominal,
         )  # fmt: skip
     _check_clip(scale * template, keypoints, pair)
     shape = hung_shape(scale * template, pair, layers, material.thickness, edge)
-    hung, tries = _search(shape, material, wanted, tell)
+    hung, fabrics = _search(shape, material, wanted, tell)
     if abs(hung.elongation - wanted) > ACCEPTED:
         reached = 100 * hung.elongation
         raise ConfigurationError(
-            f"no stiffness of the virtual garment gives {100 * wanted:.2f} %; nearest {reached:.2f} %",
+            f"no stiffness of the virtual garment gives {100 * wanted:.2f} %; the nearest is {reached:.2f} %",
             _advice(hung.strip),
             wanted=wanted, reached=hung.elongation,
         )  # fmt: skip
@@ -308,7 +312,7 @@ def calibrate_shear(
         simulated=hung.elongation,
         spread=float(np.ptp(hung.hangs)),
         l2=shape.rest_length,
-        simulations=tries * len(hung.hangs),
+        simulations=fabrics * len(hung.hangs),
         shape=shape,
         pictures=frozen(hung.pictures),
         times=frozen(np.linspace(0.0, SETTLE_S, len(hung.pictures))),
@@ -316,17 +320,17 @@ def calibrate_shear(
 
 
 def _advice(strip: float) -> str:
-    """What to do when the nearest fabric, by its strip's elongation, is not near enough."""
+    """Hint for a search that failed. strip: elongation of the strip of the nearest fabric."""
     if strip <= STIFFEST:
         return "the simulation resolves no stiffer cloth on this mesh: measure again, or hang it by another point"
     if strip >= LIMPEST:
         return "no cloth is so stretchy: measure again"
-    return "it hangs now one way, now another: hang it by another point"
+    return "the garment settles in different ways: hang it by another point"
 
 
 @dataclass(frozen=True, eq=False)
 class _Hung:
-    """A fabric, by the elongation of its strip, and how it hung."""
+    """A fabric, given by the elongation of its strip, and the results of its hangs."""
 
     strip: float
     hangs: Array
@@ -341,7 +345,7 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
     """The fabric with which the garment elongates most nearly as wanted, and how many were tried."""
     strip, best = wanted / 2.0, None
     tried: list[tuple[float, float]] = []
-    for _ in range(TRIES):
+    for _ in range(MAX_FABRICS):
         hung = _Hung(strip, *elongations(shape, replace(material, stretch_fraction=strip), pictures=121))
         got = hung.elongation
         tried.append((strip, got))
@@ -357,9 +361,9 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
 
 
 def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None:
-    """In the middle between two fabrics that hang too little and too much, the nearest of these. They differ
-    least there, and what is between hangs from some of its starts in the one way and from some in the other. None
-    without such a pair, or when they differ by less than NO_WIDER."""
+    """The middle of the narrowest bracket: two neighbouring fabrics with too little and too much elongation. At a
+    jump of the elongation a fabric between them settles in one way from some starts and in the other way from the
+    rest. None if there is no bracket or if it is narrower than NO_WIDER."""
     rising = sorted(near)
     crossing = [
         (b[0] - a[0], 0.5 * (a[0] + b[0]))
@@ -371,18 +375,20 @@ def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None
 
 
 def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
-    """The next strip's elongation to try. Elongation is nearly proportional to it: as all tries near the wanted
-    one say on the mean, then between those on either side of it where it jumps, then as each of them says, the
-    nearest first, then beside that; before there are two by a secant on the logarithms. None when all of these
-    were tried."""
+    """The next strip elongation to try; None if all candidates were tried.
+
+    The garment's elongation is nearly proportional to the strip's. With two or more fabrics near the wanted
+    elongation, the candidates are, in this order: the mean of their ratios, the middle of a bracket at a jump,
+    each of their ratios (nearest first), and neighbours of the mean. With fewer, a secant step on the logarithms.
+    """
     near = sorted((t for t in tried if abs(t[1] / wanted - 1.0) < NEAR), key=lambda t: abs(t[1] - wanted))
     if len(near) > 1:
         ratios = [got / strip for strip, got in near]
         mean = float(np.mean(ratios))
-        said = [float(np.clip(wanted / r, STIFFEST, LIMPEST)) for r in (mean, *ratios, *(mean * BESIDE))]
-        new = [s for s in said if all(abs(s / t - 1.0) > DISTINCT for t, _ in tried)]
+        candidates = [float(np.clip(wanted / r, STIFFEST, LIMPEST)) for r in (mean, *ratios, *(mean * BESIDE))]
+        new = [s for s in candidates if all(abs(s / t - 1.0) > DISTINCT for t, _ in tried)]
         jump = _within_jump(near, wanted)
-        if jump is not None and (not new or new[0] != said[0]):
+        if jump is not None and (not new or new[0] != candidates[0]):
             return jump
         return new[0] if new else None
     strip, got = tried[-1]

@@ -1,9 +1,8 @@
-"""One error tree for the whole cell: what happened, why, and what the operator can do.
+"""Errors and failures of the whole cell. Each states what happened and what the operator can do.
 
-Skills do not raise for what a cell has to expect (a missed grasp, an unreachable target): they return
-an `Outcome` that carries a `Failure`. Exceptions are for what should not have happened: a broken
-driver, bad configuration, a bug. Both name the same `FailureKind`, so that recovery, reports and
-injected faults speak of one list.
+Skills do not raise for failures that a cell has to expect (a missed grasp, an unreachable target). They return an
+`Outcome` that carries a `Failure`. Exceptions are for unexpected errors: a broken driver, a wrong configuration, a
+bug. Both use the same list of `FailureKind`, as do recovery, reports and injected faults.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ __all__ = [
 
 
 class FailureKind(StrEnum):
-    """Everything that can go wrong in a fold, by name."""
+    """All kinds of failure of a fold."""
 
     # seeing
     NO_GARMENT = "no_garment"
@@ -69,20 +68,20 @@ class FailureKind(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """An expected failure, as a value: its kind, what was seen, and what helps."""
+    """An expected failure as a value. what: what happened; hint: what the operator can do."""
 
     kind: FailureKind
     what: str
     hint: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """The figures behind it (JSON-able, SI units in the key), for the journal and the report."""
+    """Figures for the journal and the report: JSON values, SI units in the keys."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}" + (f" ({self.hint})" if self.hint else "")
 
 
 class CellError(Exception):
-    """Root of the tree. `what` happened, with its values; `hint` says what the operator can do."""
+    """Base class. what: what happened; hint: what the operator can do; values: figures."""
 
     def __init__(self, what: str, hint: str = "", **values: Any) -> None:
         super().__init__(what)
@@ -95,18 +94,18 @@ class CellError(Exception):
 
 
 class ConfigurationError(CellError):
-    """A file or an argument that the user gave is wrong. Nothing moved; nothing was written."""
+    """A file or an argument of the user is wrong. Nothing moved; nothing was written."""
 
 
 class DriverError(CellError):
-    """The hardware (or its simulation) refused or went silent. `kind` says which failure it is."""
+    """The hardware (or its simulation) refused a command or does not answer. kind: the failure."""
 
     def __init__(self, kind: FailureKind, what: str, hint: str = "", **values: Any) -> None:
         super().__init__(what, hint, **values)
         self.kind = kind
 
     def failure(self) -> Failure:
-        """The same fact as a value, for the executive's table."""
+        """The error as a value, for the recovery table."""
         return Failure(self.kind, self.what, self.hint, self.values)
 
 
@@ -115,8 +114,8 @@ class StorageError(CellError):
 
 
 class RecordError(CellError):
-    """The journal took no more lines while the cell was at work. The arms are held; the journal ends before."""
+    """The journal could not be written during a run. The arms are held. The journal lacks the last events."""
 
 
 class InternalError(CellError):
-    """A broken invariant of our own: always a bug. Not a failure of the garment or the robot."""
+    """A broken invariant of this program. It is always a bug, not a failure of the garment or the robot."""

@@ -1,7 +1,7 @@
-"""A two-armed robot as the motion skills see it: kinematics, collision geometry, limits, named poses.
+"""Model of a two-armed robot for the motion skills: kinematics, collision geometry, limits and named poses.
 
-A robot package (robots/baxter) makes the value; the skills take it and never import the package. The
-value holds models only; working memory (`pinocchio.Data`) belongs to whoever computes with it.
+A robot package (robots/baxter) creates the value. The skills receive it and never import the package. The value
+holds models only; its users own the working memory (`pinocchio.Data`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 class JointLimits:
     """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
 
-    Raises ConfigurationError for a range that is empty and for limits that are not positive.
+    Raises ConfigurationError for an empty range and for limits that are not positive.
     """
 
     lower: Array
@@ -32,7 +32,7 @@ class JointLimits:
     jerk: Array
 
     def __post_init__(self) -> None:
-        if not np.all(self.upper > self.lower):  # says so of what is no number, too
+        if not np.all(self.upper > self.lower):  # also true for NaN
             joint = int(np.flatnonzero(~(self.upper > self.lower))[0])
             raise ConfigurationError(
                 f"joint {joint}: the upper position limit {self.upper[joint]} does not exceed the lower one "
@@ -47,7 +47,7 @@ class JointLimits:
                 )
 
     def scaled(self, factor: float) -> JointLimits:
-        """The same positions, with velocity, acceleration and jerk times `factor`."""
+        """The same position range, with velocity, acceleration and jerk multiplied by `factor`."""
         return JointLimits(
             self.lower, self.upper, self.velocity * factor, self.acceleration * factor, self.jerk * factor
         )
@@ -55,10 +55,10 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class ArmChain:
-    """One arm as seven revolute joints about their own z.
+    """One arm as seven revolute joints about their own z axes.
 
-    rotation (8, 3, 3), translation (8, 3): the fixed placement before each joint, the first one from the
-    base frame, the eighth from the last joint to the tool frame.
+    rotation (8, 3, 3), translation (8, 3): fixed placement before each joint. The first is relative to the base
+    frame; the eighth leads from the last joint to the tool frame.
     """
 
     rotation: Array
@@ -67,14 +67,14 @@ class ArmChain:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """What the skills know of a robot. Vectors of 14 are ordered left arm, right arm (robots.ports).
+    """A robot as the skills know it. Vectors of 14 are ordered left arm, right arm (robots.ports).
 
-    pin_model: the whole robot, other joints included. collision_model: its geometry with the pairs that
-    have to be checked. joint_index: (14,) where each arm joint stands in a configuration of pin_model.
-    q_rest: (nq,) what the other joints are taken to be. tool_frame: name of the tool's frame. planning:
-    what planned motions keep to; commissioning: the slow set; protective: what the hardware may be asked
-    for in a protective stop. q_park: (14,) both arms out of the camera's view. fingertips: per arm, the
-    collision objects that may touch the table in a grasp. base_links: objects that do not move.
+    pin_model: the whole robot, including other joints. collision_model: its geometry with the pairs to check.
+    joint_index: (14,) index of each arm joint in a configuration of pin_model. q_rest: (nq,) assumed positions of
+    the other joints. tool_frame: name of each arm's tool frame. planning: limits of planned motions;
+    commissioning: the slow limits; protective: limits of the hardware in a protective stop. q_park: (14,) both
+    arms out of the camera's view [rad]. head_pan: nominal angle of the head [rad]. floor: height of the floor in
+    the base frame [m]. fingertips: collision objects of each arm that may touch the table in a grasp.
     """
 
     name: str
@@ -94,7 +94,8 @@ class RobotModel:
     fingertips: Mapping[Side, tuple[str, ...]]
 
     def limits(self, accelerations: str = "planning", velocity_scale: float | None = None) -> JointLimits:
-        """The named set, 'planning' or 'commissioning', with velocities as a share of the joints' own limits."""
+        """The set 'planning' or 'commissioning'. velocity_scale: replaces its velocities by this fraction of the
+        joints' own limits."""
         chosen = {"planning": self.planning, "commissioning": self.commissioning}[accelerations]
         if velocity_scale is None:
             return chosen
@@ -119,7 +120,7 @@ class RobotModel:
 
 
 def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> ArmChain:
-    """The chain of seven joints that ends in `tool_frame`. Raises ValueError when it is not one."""
+    """The chain of seven joints that ends in `tool_frame`. Raises ValueError if the joints form no such chain."""
     ids = [model.getJointId(name) for name in joints]
     for before, joint in zip([0, *ids], ids, strict=False):
         if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:

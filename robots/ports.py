@@ -1,22 +1,22 @@
-"""What a cell's hardware is, seen from above: the ports and the values that pass them.
+"""The ports of a cell's hardware and the values that pass through them.
 
 Units: metres, radians, seconds, newtons, kilograms. Stamps are seconds of the cell's own clock.
 
 Frames
 ------
 base    the robot's base frame: x forward, y left, z up.
-table   parallel to base, its origin on the table's top right below the base origin: a point on the
-        table has z = 0. Garments, fold plans and tool paths are stated in it. `T_base_table` maps
-        table coordinates to base coordinates (`p_base = T_base_table @ p_table`).
-camera  OpenCV's: z along the view, x right, y down.
-tool    origin between the pads' tips (the tool centre point); z out of the hand (down when it points
-        at the table), y along which the pads close, x along the pads' width: the line that holds.
+table   parallel to base, with its origin on the table top directly below the base origin: a point on the
+        table has z = 0. Garments, fold plans and tool paths are in this frame. `T_base_table` maps table
+        coordinates to base coordinates (`p_base = T_base_table @ p_table`).
+camera  OpenCV's convention: z along the view, x right, y down.
+tool    origin between the tips of the pads (the tool centre point); z out of the hand (down when the hand
+        points at the table), y in the closing direction of the pads, x along the width of the pads.
 
-Joint vectors have 14 entries: the left arm's seven, then the right arm's seven, each from shoulder to
-wrist. Arrays inside a value are read-only.
+Joint vectors have 14 entries: the left arm's seven, then the right arm's seven, each from shoulder to wrist.
+Arrays inside a value are read-only.
 
-Every value carries its stamp; a getter never blocks, never raises for being late, never makes a value
-up: who reads it judges its age.
+Every value carries its stamp. A getter never blocks, never raises because a value is late and never invents a
+value. The reader judges its age.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ Array = NDArray[np.float64]
 
 
 def frozen(a: NDArray) -> NDArray:
-    """`a` as a read-only array (copied only if someone else could write it)."""
+    """`a` as a read-only array. It is copied only if it is writeable."""
     a = np.array(a) if a.flags.writeable else a
     a.setflags(write=False)
     return a
 
 
 class Side(StrEnum):
-    """Which arm. The robot's left is +y."""
+    """An arm. The robot's left is +y."""
 
     LEFT = "left"
     RIGHT = "right"
@@ -76,7 +76,7 @@ class Side(StrEnum):
 
 
 def arm_slice(side: Side) -> slice:
-    """Where an arm's seven joints stand in a 14-joint vector."""
+    """The slice of an arm's seven joints in a vector of 14."""
     return slice(0, 7) if side is Side.LEFT else slice(7, 14)
 
 
@@ -100,8 +100,8 @@ class Intrinsics:
 class CameraFrame:
     """One RGB-D picture.
 
-    rgb: (H, W, 3) uint8. depth: (H, W) float32 [m] along the optical axis, NaN where the sensor saw
-    nothing. sequence: counts pictures, so that a frozen camera can be told from a still scene.
+    rgb: (H, W, 3) uint8. depth: (H, W) float32 along the optical axis [m], NaN where the sensor has no value.
+    sequence: number of the picture. It distinguishes a frozen camera from a still scene.
     """
 
     stamp: float
@@ -124,7 +124,7 @@ class JointState:
 
 @dataclass(frozen=True, eq=False)
 class JointSetpoint:
-    """What a driver really sent: q, qd (14,) after its own clipping, and whether it clipped."""
+    """The set-point that a driver sent: q, qd (14,) [rad], [rad/s] after clipping, and whether it clipped."""
 
     stamp: float
     q: Array
@@ -134,10 +134,10 @@ class JointSetpoint:
 
 @dataclass(frozen=True, eq=False)
 class ArmTrajectory:
-    """A motion of both arms on one clock, as a table over time.
+    """A synchronous motion of both arms as a table over time.
 
-    t: (n,) [s] from 0, strictly increasing; q, qd, qdd: (n, 14). Between samples q is the cubic Hermite
-    interpolant. Planners make it; the runner checks it and streams it.
+    t: (n,) [s] from 0, strictly increasing; q, qd, qdd: (n, 14) [rad], [rad/s], [rad/s2]. Between samples q is the
+    cubic Hermite interpolant.
     """
 
     t: Array
@@ -165,9 +165,9 @@ class ArmTrajectory:
 
 @dataclass(frozen=True)
 class GripperState:
-    """opening: between the pads [m]; force: between the pads as the gripper measures it [N]. stamp: when that was
-    read or heard [s], however long ago; what was commanded since does not renew it. in_error: it refuses what it
-    is told until it is calibrated anew."""
+    """opening: distance between the pads [m]; force: grip force measured by the gripper [N]. stamp: time of that
+    measurement [s]; later commands do not renew it. in_error: the gripper refuses commands until it is calibrated
+    again."""
 
     stamp: float
     side: Side
@@ -182,8 +182,8 @@ class GripperState:
 class TactileReading:
     """Normal force on each cell of both pads: (2, rows, columns) [N].
 
-    pads 0 and 1 face each other along the tool's +y and -y; row 0 is at the tips. `tip`: force along
-    the tool's z on the two fingertips, (2,) [N]: what meets the table or the cloth in a descent.
+    Pads 0 and 1 face each other along the tool's +y and -y; row 0 is at the tips. tip: (2,) force along the tool's
+    z on the two fingertips, from contact with the table or the cloth in a descent [N].
     """
 
     stamp: float
@@ -193,13 +193,13 @@ class TactileReading:
 
     @property
     def grip(self) -> float:
-        """The force that both pads feel [N]: the smaller of their sums."""
+        """The grip force that both pads measure: the smaller of their sums [N]."""
         return float(self.cells.sum(axis=(1, 2)).min())
 
 
 @dataclass(frozen=True)
 class StopState:
-    """Whether the robot is held by its protective or emergency stop, and why."""
+    """Whether a protective or emergency stop holds the robot, and the reason."""
 
     stamp: float
     stopped: bool
@@ -207,7 +207,7 @@ class StopState:
 
 
 class Clock(Protocol):
-    """The cell's time. In simulation only `sleep_until` lets the world go on."""
+    """The cell's time. A simulated world advances only in `sleep_until`."""
 
     def now(self) -> float: ...
 
@@ -215,9 +215,9 @@ class Clock(Protocol):
 
 
 class Arms(Protocol):
-    """Both arms as one device of 14 joints, position controlled, commanded at 100 Hz.
+    """Both arms as one position-controlled device of 14 joints, commanded at 100 Hz.
 
-    A command holds for `command_timeout` seconds; without a new one the arms hold where they are.
+    A command is valid for `command_timeout` seconds. Without a new one the arms hold their position.
     """
 
     command_timeout: float
@@ -225,14 +225,14 @@ class Arms(Protocol):
     def state(self) -> JointState: ...
 
     def enable(self) -> None:
-        """Clear faults and switch the motors on. Raises DriverError when the robot refuses."""
+        """Clear faults and switch the motors on. Raises DriverError if the robot refuses."""
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Send one set-point (14,), (14,); returns what was really sent."""
+        """Send one set-point q, qd (14,) [rad], [rad/s]. Returns the set-point after clipping."""
 
 
 class Head(Protocol):
-    """The head carries the camera. Its angle is read in `JointState.head_pan`."""
+    """The head, which carries the camera. `JointState.head_pan` reports its angle."""
 
     def command_pan(self, angle: float) -> None: ...
 
@@ -246,13 +246,13 @@ class Gripper(Protocol):
     def calibrate(self) -> None: ...
 
     def command(self, opening: float, force: float) -> None:
-        """Move the pads to `opening` [m] apart, squeezing with at most `force` [N]. Returns at once."""
+        """Move the pads to `opening` [m] with at most `force` [N]. Returns at once."""
 
     def state(self) -> GripperState: ...
 
 
 class Tactile(Protocol):
-    """The pressure cells of one gripper's pads, 100 Hz."""
+    """The pressure cells of one gripper's pads, at 100 Hz."""
 
     side: Side
 
@@ -261,27 +261,27 @@ class Tactile(Protocol):
 
 class Camera(Protocol):
     def capture(self) -> CameraFrame:
-        """Take a still picture now, its depth the mean of some exposures (robots/depth_averaging.py): what is
-        looked at has to lie still. Raises DriverError(CAMERA_FAULT) when the camera does not answer."""
+        """Take a still picture now. Its depth is the mean of several exposures (robots/depth_averaging.py), so the
+        scene has to be still. Raises DriverError(CAMERA_FAULT) if the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:
-        """A picture for show, without waiting: None where there is none yet, and then one is asked for. What a
-        motion under way may ask for between two set-points. Raises DriverError as `capture`."""
+        """A picture for display, without waiting. Returns None if there is none yet, and requests one. It may be
+        called between two set-points of a motion. Raises DriverError as `capture` does."""
 
 
 class Stop(Protocol):
-    """The stop circuit: out of band, callable from any thread and from a signal handler."""
+    """The stop circuit. It may be called from any thread and from a signal handler."""
 
     def trigger(self, reason: str) -> None: ...
 
     def state(self) -> StopState: ...
 
     def reset(self) -> None:
-        """Leave the stop. Only ever called for an operator; the arms stay disabled until `enable`."""
+        """Leave the stop. Only an operator's request may call this. The arms stay disabled until `enable`."""
 
 
 class BoardPlace(StrEnum):
-    """Where the calibration board is."""
+    """Places of the calibration board."""
 
     AWAY = "away"
     SHOWN = "shown"  # held before the camera
@@ -290,18 +290,18 @@ class BoardPlace(StrEnum):
 
 
 class Attendant(Protocol):
-    """The person at the cell, for what the robot cannot do itself."""
+    """The person at the cell, who does what the robot cannot do itself."""
 
     def lay_garment(self) -> None:
-        """Ask for the garment to be laid flat on the empty table; returns when it lies there."""
+        """Ask for the garment to be laid flat on the empty table. Returns when it lies there."""
 
     def bring_board(self, place: BoardPlace) -> None:
-        """Ask for the calibration board; returns when it is there. SHOWN again means: in another pose."""
+        """Ask for the calibration board. Returns when it is in place. Each SHOWN asks for another pose."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """All that an executive can see and touch of a cell."""
+    """All ports of a cell that the executive uses."""
 
     driver: str
     simulated: bool

@@ -1,4 +1,4 @@
-"""What a driver makes of a set-point before it sends it: within the joints' ranges, no further than they go."""
+"""Clipping of a set-point by a driver, to the joints' ranges and to the distance that they can travel."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from robots.ports import Array, JointSetpoint, frozen
 __all__ = ["JUMP_TIME", "clip_setpoint"]
 
 JUMP_TIME = 0.04
-"""A set-point may lie as far from the last one as the joints travel in this time at full speed [s]."""
+"""Largest step between set-points, as travel time of the joints at full speed [s]."""
 
 
 def clip_setpoint(
     q: Array, qd: Array, before: Array, stands: Array, limits: JointLimits, stamp: float
 ) -> JointSetpoint:
-    """q, qd: (14,) as asked for [rad], [rad/s]. before: (14,) the set-point that holds now. stands: (14,) where
-    the joints were read: a set-point there, or on the way there, is no jump however far `before` is.
+    """Clip a set-point. q, qd: (14,) requested [rad], [rad/s]. before: (14,) present set-point [rad]. stands:
+    (14,) measured joints [rad]. A set-point between `before` and `stands` is never a jump, however far apart they
+    are.
 
-    A joint that stands outside of its range goes no further out; it may stay, and it comes back no faster than any
-    joint goes. It is never sent to the range at once: that would be a jump, and nobody asked for it.
+    A joint outside its range moves no further out. It may stay, or return at no more than its full speed. It is
+    not moved into its range at once, because that would be an unrequested jump.
     """
     reach = limits.velocity * JUMP_TIME
     lower, upper = np.minimum(limits.lower, before), np.maximum(limits.upper, before)

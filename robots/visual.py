@@ -1,4 +1,4 @@
-"""How a robot is drawn: the model that a viewer loads, and which of its joints the ports' values move."""
+"""Visual model of a robot: the model that a viewer loads, and the joints that the ports' values move."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["RobotVisual"]
 
 @dataclass(frozen=True)
 class RobotVisual:
-    """A robot for the eye only.
+    """Visual model of a robot.
 
-    urdf: a file whose meshes a viewer can load. joint_names: the URDF's names of the 14 joints, in the
-    order of `JointState.q`. head_joint: moved by `JointState.head_pan`, None when the head is fixed.
-    finger_joints: per side (joint name, travel [m] per metre of opening), signed as the URDF's axes. floor: its
-    height in the base frame [m].
+    urdf: a file whose meshes a viewer can load. joint_names: the URDF's names of the 14 joints, in the order of
+    `JointState.q`. head_joint: moved by `JointState.head_pan`; None if the head is fixed. finger_joints: for each
+    side (joint name, travel [m] per metre of opening), with the sign of the URDF's axis. floor: height of the
+    floor in the base frame [m].
     """
 
     urdf: Path

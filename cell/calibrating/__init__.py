@@ -1,1 +1,2 @@
-"""Running calibration procedures (calibration/) with a cell: the same checks, stop and journal as a fold."""
+"""Run calibration procedures (calibration/) on a cell, with the same checks, stop circuit and journal as a
+fold."""

@@ -1,4 +1,4 @@
-"""Performs a procedure's effects, one by one, with intent and result in the journal."""
+"""Perform the effects of a procedure one by one, with intent and result in the journal."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
-"""Failures found in planning, before anything moved: a procedure may try something else. All others end it."""
+"""Failures of planning, before any motion. A procedure may try something else after them; all others end it."""
 
 T = TypeVar("T")
 
 
 class ProcedureRunner:
-    """One procedure with one cell. say(t, text): progress; keep(name, picture): into the run's folder."""
+    """Runs one procedure on one cell. say(t, text): shows progress at cell time t [s]. keep(name, picture): saves
+    a picture (h, w, 3) in the run folder."""
 
     def __init__(
         self,
@@ -43,9 +44,9 @@ class ProcedureRunner:
         say: Callable[[float, str], None],
         keep: Callable[[str, NDArray[np.uint8]], None],
     ) -> None:
-        self._empty_handed = self._cell = cell
+        self._cell_without_board = self._cell = cell
         self._journal, self._say, self._keep = journal, say, keep
-        self._deeds: Mapping[type, Callable[[Any], Outcome[Any]]] = {
+        self._performers: Mapping[type, Callable[[Any], Outcome[Any]]] = {
             Look: self._look,
             Reach: lambda effect: reach(self._cell, effect),
             Touch: lambda effect: touch_table(self._cell, effect),
@@ -56,10 +57,10 @@ class ProcedureRunner:
 
     @property
     def holds_board(self) -> bool:
-        return self._cell is not self._empty_handed
+        return self._cell is not self._cell_without_board
 
     def run(self, procedure: Procedure[T]) -> Outcome[T]:
-        """To the procedure's end, or to the first failure that is not for it to answer."""
+        """Run to the end of the procedure or to the first failure that it cannot handle."""
         try:
             effect = next(procedure)
             while True:
@@ -72,7 +73,7 @@ class ProcedureRunner:
             return end.value
 
     def take_board(self) -> None:
-        """Have the attendant take the board out of a hand. Raises DriverError."""
+        """Ask the attendant to take the board out of the hand. Raises DriverError."""
         self._bring(Bring(BoardPlace.AWAY))
 
     def _perform(self, effect: Effect) -> Outcome[Any]:
@@ -84,8 +85,8 @@ class ProcedureRunner:
             return Outcome(failure=failure)
         intent = self._journal.intent(clock.now(), STATE, type(effect).__name__.lower(), {"effect": effect})
         try:
-            answer = self._deeds[type(effect)](effect)
-        except Exception as e:  # it ends the procedure, but the journal says how the effect ended
+            answer = self._performers[type(effect)](effect)
+        except Exception as e:  # it ends the procedure; the journal still needs a result for the intent
             crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}")
             failure = e.failure() if isinstance(e, DriverError) else crash
             self._journal.result(intent, clock.now(), _record(Outcome(failure=failure)))
@@ -113,16 +114,16 @@ class ProcedureRunner:
         readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
 
         def gather(_: object) -> Failure | None:
-            for side, heard in readings.items():
+            for side, recorded in readings.items():
                 reading = cell.ports.tactile[side].reading()
-                if not heard or reading.stamp > heard[-1].stamp:
-                    heard.append(reading)
+                if not recorded or reading.stamp > recorded[-1].stamp:
+                    recorded.append(reading)
             return None
 
         failure = wait(cell.loop, max(effect.seconds, TICK_S), gather)
         if failure:
             return Outcome(failure=failure)
-        return Outcome(Heard({side: tuple(heard) for side, heard in readings.items()}))
+        return Outcome(Heard({side: tuple(recorded) for side, recorded in readings.items()}))
 
     def _grip(self, effect: Grip) -> Outcome[bool]:
         cell = self._cell
@@ -131,13 +132,13 @@ class ProcedureRunner:
         return Outcome(failure=failure) if failure else Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:
-        """The cell plans with the board from before it is in the hand until after it is out of it."""
+        """Planning includes the board from before it is put into the hand until after it is removed."""
         side = IN_HAND.get(effect.place)
         if side is not None:
-            self._cell = with_board(self._empty_handed, side)
+            self._cell = with_board(self._cell_without_board, side)
         self._cell.ports.attendant.bring_board(effect.place)
         if side is None:
-            self._cell = self._empty_handed
+            self._cell = self._cell_without_board
         return Outcome(True)
 
 

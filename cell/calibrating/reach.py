@@ -1,4 +1,4 @@
-"""Free motion of one tool to a pose, also with the calibration board in a hand."""
+"""Free motion of one tool to a pose, with or without the calibration board in the hand."""
 
 from __future__ import annotations
 
@@ -28,15 +28,16 @@ from skills.vocabulary import Outcome
 __all__ = ["holding_board", "reach", "settled_joints", "with_board"]
 
 CARD = 0.006
-"""Thickness that the board is given for collisions [m]."""
+"""Thickness of the board's collision shape [m]."""
 SETTLE_S = 0.3
 READINGS = 16
-WAYS = 2
-"""Arm postures to which a way is looked for."""
+MAX_POSTURES = 2
+"""Number of arm postures for which a path is planned."""
 
 
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
-    """To the nearest arm posture with that tool pose to which a free way is found; the joints (14,) there."""
+    """Move to the nearest arm posture with that tool pose and a free path. Returns the joints (14,) there
+    [rad]."""
     parked = park_other(cell, effect.side)
     state = fresh_state(cell.ports, cell.execution)
     if parked or state.failure:
@@ -53,17 +54,17 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
         if contact is None:
             goals.append(goal)
         failure = failure or (_touching(effect.side, str(contact)) if contact else None)
-    for goal in goals[:WAYS]:
-        way = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
-        failure = failure or way.failure
-        if way.ok:
-            failure = move(cell, way.unwrap())
+    for goal in goals[:MAX_POSTURES]:
+        path = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
+        failure = failure or path.failure
+        if path.ok:
+            failure = move(cell, path.unwrap())
             return Outcome(failure=failure) if failure else Outcome(goal)
-    return Outcome(failure=failure or _beyond(effect))
+    return Outcome(failure=failure or _unreachable(effect))
 
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
-    """The joints (14,) once the arms have come to rest, averaged over some readings."""
+    """The joints (14,) of the arms at rest, as a mean of READINGS readings [rad]."""
     failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
     if failure:
         return Outcome(failure=failure)
@@ -77,7 +78,7 @@ def settled_joints(cell: Workcell) -> Outcome[Array]:
 
 
 def with_board(cell: Workcell, side: Side) -> Workcell:
-    """The cell with the board as part of that hand, for planning and for the check of what is executed."""
+    """The cell with the board as part of that hand, for planning and for the checks during execution."""
     robot = holding_board(cell.robot, side)
     execution_checker = CollisionChecker(
         robot, cell.table, body_margin=BODY_MARGIN - SLACK, table_margin=TABLE_MARGIN - SLACK,
@@ -89,7 +90,7 @@ def with_board(cell: Workcell, side: Side) -> Workcell:
 
 
 def holding_board(robot: RobotModel, side: Side) -> RobotModel:
-    """The robot with a card of the board's size between the pads, that may touch nothing but its own hand."""
+    """The robot with a card of the board's size between the pads. The card may touch only its own hand."""
     frame = robot.pin_model.frames[robot.pin_model.getFrameId(robot.tool_frame[side])]
     width, height = BOARD.size
     shape = coal.Box(width, height + 2 * BOARD.tab, CARD)
@@ -105,17 +106,18 @@ def holding_board(robot: RobotModel, side: Side) -> RobotModel:
 
 
 def _subtree(model: pin.Model, joint: int) -> set[int]:
-    """The joint and those that hang from it."""
+    """The joint and its descendants."""
     return {int(j) for j in model.subtrees[joint]}
 
 
 def _touching(side: Side, pair: str) -> Failure:
-    return Failure(FailureKind.IN_COLLISION, f"the {side} hand there comes too near: {pair}", "", {"pair": pair})
+    what = f"at that pose the {side} hand would come too close: {pair}"
+    return Failure(FailureKind.IN_COLLISION, what, "", {"pair": pair})
 
 
-def _beyond(effect: Reach) -> Failure:
+def _unreachable(effect: Reach) -> Failure:
     where = [round(float(v), 3) for v in effect.T_base_tool[:3, 3]]
     return Failure(
-        FailureKind.UNREACHABLE, f"the {effect.side} arm does not reach the pose at {where} (base frame, m)", "",
+        FailureKind.UNREACHABLE, f"the {effect.side} arm cannot reach the pose at {where} (base frame, m)", "",
         {"where_m": where},
     )  # fmt: skip

@@ -1,4 +1,5 @@
-"""How far a calibration is from what is really so in a simulated cell: for the record, never for a decision."""
+"""Errors of a calibration against the ground truth of a simulated cell, for the record only. No decision uses
+them."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ def table_error(found: TableCalibration, truth: Truth) -> dict[str, float]:
 
 
 def intrinsics_error(found: IntrinsicsCalibration, truth: Truth) -> dict[str, float]:
-    """Of each figure, and the largest error of where a point of the picture is seen [px]."""
+    """Error of each intrinsic parameter, and the largest resulting error of an image point [px]."""
     a, b = found.intrinsics, truth.intrinsics
     out = {f"{name}_error_px": round(getattr(a, name) - getattr(b, name), 4) for name in ("fx", "fy", "cx", "cy")}
-    u, v = np.meshgrid([0.0, b.width], [0.0, b.height])  # errors are linear in the picture: largest at a corner
+    u, v = np.meshgrid([0.0, b.width], [0.0, b.height])  # the error is linear, so it is largest at a corner
     du = (u - b.cx) / b.fx * a.fx + a.cx - u
     dv = (v - b.cy) / b.fy * a.fy + a.cy - v
     return out | {"corner_error_px": round(float(np.hypot(du, dv).max()), 4)}
@@ -32,19 +33,21 @@ def intrinsics_error(found: IntrinsicsCalibration, truth: Truth) -> dict[str, fl
 def hand_eye_error(
     found: HandEyeCalibration, believed: Intrinsics, table: Table, truth: Truth
 ) -> dict[str, float]:
-    """Of the camera's pose, and of where points of the table are seen in the base frame with all that is believed:
-    lens, pose and the table's height."""
+    """Error of the camera's pose, and error of table points in the base frame as computed with the believed lens,
+    camera pose and table height."""
     T_base_table = np.eye(4)
     T_base_table[2, 3] = truth.table_height
     true = T_base_table @ truth.T_table_camera
     gap = np.linalg.inv(true) @ found.T_base_camera
-    off = [_seen_off(np.array([x, y]), true, found.T_base_camera, believed, table, truth) for x, y in _grid(table)]
+    errors = [
+        _point_error(np.array([x, y]), true, found.T_base_camera, believed, table, truth) for x, y in _grid(table)
+    ]
     angle = np.arccos(np.clip(0.5 * (np.trace(gap[:3, :3]) - 1.0), -1.0, 1.0))
     return {
         "camera_error_mm": round(1e3 * float(np.linalg.norm(gap[:3, 3])), 4),
         "camera_error_deg": round(float(np.rad2deg(angle)), 4),
-        "on_table_mean_mm": round(1e3 * float(np.mean(off)), 4),
-        "on_table_max_mm": round(1e3 * float(np.max(off)), 4),
+        "on_table_mean_mm": round(1e3 * float(np.mean(errors)), 4),
+        "on_table_max_mm": round(1e3 * float(np.max(errors)), 4),
     }
 
 
@@ -55,8 +58,8 @@ def _grid(table: Table) -> list[tuple[float, float]]:
     ]
 
 
-def _seen_off(xy: Array, true: Array, found: Array, believed: Intrinsics, table: Table, truth: Truth) -> float:
-    """How far from itself a point of the table is believed to lie [m]."""
+def _point_error(xy: Array, true: Array, found: Array, believed: Intrinsics, table: Table, truth: Truth) -> float:
+    """Distance between a point of the table and its computed position [m]."""
     p = np.linalg.inv(true) @ np.array([*xy, truth.table_height, 1.0])
     pixel = truth.intrinsics.matrix @ (p[:3] / p[2])
     ray = found[:3, :3] @ np.linalg.solve(believed.matrix, pixel)
@@ -65,7 +68,7 @@ def _seen_off(xy: Array, true: Array, found: Array, believed: Intrinsics, table:
 
 
 def tactile_error(found: TactileCalibration, truth: Truth) -> dict[str, float]:
-    """Of the noise, as a share of what the world draws with, worst hand."""
+    """Relative error of the noise figures against the simulated noise, for the worse hand."""
     noise = load_noise().tactile
     pairs = {"cell_noise": noise.noise, "tip_noise": noise.tip_noise}
     return {

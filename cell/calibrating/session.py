@@ -1,4 +1,4 @@
-"""One calibration from a request to a result: open the cell, prepare, perform, make safe, close."""
+"""One calibration from request to result: open the cell, prepare, run the procedure, make safe, close."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ Script = Callable[[OpenCell], None]
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """name: what is calibrated. say: takes progress lines."""
+    """name: name of the calibration. say: receives progress lines."""
 
     name: str
     seed: int
@@ -70,7 +70,7 @@ class CalibrationRequest:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationEnd(Generic[T]):
-    """How it ended. truth: what is really so in a simulated cell, for the record only."""
+    """Result of a calibration. truth: ground truth of a simulated cell, for the record only."""
 
     run_id: str
     run_dir: Path
@@ -114,13 +114,14 @@ def calibrate(
     figures: Callable[[T, Truth | None], Mapping[str, Any]],
     script: Script | None = None,
 ) -> CalibrationEnd[T]:
-    """Run one procedure. figures: what is kept with the run of a value. script: gets the cell first (tests).
+    """Run one procedure. figures: the figures of a result that are stored with the run. script: called with the
+    cell before the procedure (for tests).
 
     Raises ConfigurationError and StorageError before anything moves.
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
-    if not is_simulated(request.driver):  # somebody has to say that the board is there
+    if not is_simulated(request.driver):  # an operator has to confirm that the board is in place
         check_terminal(sys.stdin)
     with (
         owned_cell(request.logs) as (interrupts, journal),
@@ -128,9 +129,9 @@ def calibrate(
     ):
         write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
         end = _with_cell(request, run, procedure, script, began, interrupts)
-        kept = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
-        run.end(end.result, kept)
-        write_whole(run.directory / "result.json", json.dumps(to_json(kept), indent=1) + "\n")
+        report = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
+        run.end(end.result, report)
+        write_whole(run.directory / "result.json", json.dumps(to_json(report), indent=1) + "\n")
     return end
 
 
@@ -142,29 +143,29 @@ def _with_cell(
     began: float,
     interrupts: Interrupts,
 ) -> CalibrationEnd[T]:
-    robot, commands, asking = load_robot(request.settings), CommandQueue(), CalibrationPrompts(request.say)
+    robot, commands, prompts = load_robot(request.settings), CommandQueue(), CalibrationPrompts(request.say)
 
-    def person(stop: Stop) -> PersonAttendant:
-        return PersonAttendant(commands, stop, asking.ask)
+    def attendant(stop: Stop) -> PersonAttendant:
+        return PersonAttendant(commands, stop, prompts.ask)
 
     with (
         compiling_told(lambda text: request.say(f"{'':12}{text}")),
-        opened_cell(request.driver, _simulated(request), request.seed, request.settings, person) as opened,
+        opened_cell(request.driver, _simulated(request), request.seed, request.settings, attendant) as opened,
         ThreadPoolExecutor(1, "skill") as workers,
         interrupts.stop(opened.ports, asked=not opened.ports.simulated),
     ):
         ports = opened.ports
-        asked = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
-        cell = assemble(asked, robot, ports, Recorder.silent(), commands, workers, _unsaid, _unsaid)
+        fold_request = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
+        cell = assemble(fold_request, robot, ports, Recorder.silent(), commands, workers, _ignore, _ignore)
         if not ports.simulated and sys.stdin is not None:
-            TerminalOperator(commands, sys.stdin, sys.stderr, may=asking.may).start()
+            TerminalOperator(commands, sys.stdin, sys.stderr, may=prompts.may).start()
         if script is not None:
             script(opened)
         try:
             outcome, safe = _perform(request, run, cell, procedure)
         except StorageError as e:
             hold_still(cell, RunContext())
-            hint = f"the arms are held where they are: free by hand what they hold. {e.hint}"
+            hint = f"the arms are held where they are: remove by hand what they hold. {e.hint}"
             raise RecordError(e.what, hint) from e
         return CalibrationEnd(
             run_id=run.id,
@@ -180,30 +181,30 @@ def _with_cell(
         )
 
 
-def _unsaid(*_: Any) -> None: ...
+def _ignore(*_: Any) -> None: ...
 
 
 def _perform(
     request: CalibrationRequest, run: RunJournal, cell: Workcell, procedure: Callable[[Workcell], Procedure[T]]
 ) -> tuple[Outcome[T], bool]:
-    """(the procedure's outcome, whether the cell was made safe)."""
+    """Returns the procedure's outcome and whether the cell was made safe."""
 
     def say(t: float, text: str) -> None:
         request.say(f"{t:8.1f} s  {text}")
 
     performer = ProcedureRunner(cell, run, say, lambda name, picture: _keep(run.directory, name, picture))
     say(cell.ports.clock.now(), "preparing")
-    outcome = _caught(lambda: _prepared(cell, run) or performer.run(procedure(cell)))
+    outcome = _catch(lambda: _prepare(cell, run) or performer.run(procedure(cell)))
     if outcome.failure:
         say(cell.ports.clock.now(), str(outcome.failure))
         f = outcome.failure
         run.event(cell.ports.clock.now(), STATE, f.kind.value, {"what": f.what, "hint": f.hint, **f.values})
     say(cell.ports.clock.now(), "making safe")
-    return outcome, _made_safe(cell, run, performer)
+    return outcome, _make_safe(cell, run, performer)
 
 
-def _caught(work: Callable[[], Outcome[T]]) -> Outcome[T]:
-    """Whatever is raised becomes a failure, so that the cell is made safe; but for what the journal raises."""
+def _catch(work: Callable[[], Outcome[T]]) -> Outcome[T]:
+    """Turn every exception into a failure, so that the cell is made safe. StorageError is raised on."""
     try:
         return work()
     except StorageError:
@@ -212,12 +213,12 @@ def _caught(work: Callable[[], Outcome[T]]) -> Outcome[T]:
         return Outcome(failure=e.failure())
     except Exception as e:
         hint = e.hint if isinstance(e, CellError) else "this is a bug: keep the run folder and report it"
-        told = {"traceback": traceback.format_exc()}
-        return Outcome(failure=Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint, told))
+        values = {"traceback": traceback.format_exc()}
+        return Outcome(failure=Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}", hint, values))
 
 
-def _prepared(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
-    """None when the cell is ready, else the failure as an outcome."""
+def _prepare(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
+    """None if the cell is ready, otherwise the failure as an outcome."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "preparing", "prepare")
     result = prepare(cell, RunContext())
@@ -225,8 +226,8 @@ def _prepared(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
     return Outcome(failure=result.context.failure) if result.context.failure else None
 
 
-def _made_safe(cell: Workcell, run: RunJournal, performer: ProcedureRunner) -> bool:
-    """Board out of the hand, arms parked; a stopped robot is left as it stands."""
+def _make_safe(cell: Workcell, run: RunJournal, performer: ProcedureRunner) -> bool:
+    """Remove the board and park the arms. A stopped robot does not move. Returns whether the cell is safe."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "making_safe", "make_safe")
     if cell.ports.stop.state().stopped:
@@ -245,9 +246,11 @@ def _made_safe(cell: Workcell, run: RunJournal, performer: ProcedureRunner) -> b
 
 
 def _keep(folder: Path, name: str, picture: NDArray[np.uint8]) -> None:
-    """A picture (h, w, 3) RGB into the run's folder."""
+    """Save a picture (h, w, 3) RGB in the run folder."""
     if not cv2.imwrite(str(folder / f"{name}.png"), picture[..., ::-1]):
-        raise StorageError(f"cannot write {folder / name}.png", "make room, or choose another folder with --logs")
+        raise StorageError(
+            f"cannot write {folder / name}.png", "free disk space, or choose another folder with --logs"
+        )
 
 
 def _simulated(request: CalibrationRequest) -> SimulationSettings:

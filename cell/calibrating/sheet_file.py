@@ -1,4 +1,4 @@
-"""A page's picture as a file that prints true to scale: PNG that states its resolution, or a PDF of one page."""
+"""Encode a page as a file that prints to scale: a PNG with its resolution, or a PDF of one page."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["SHEET_FORMATS", "pdf_page", "png_page"]
 Picture = NDArray[np.uint8]
 POINT_MM = 25.4 / 72.0
 _IHDR_END = 33
-"""Of a PNG file: its signature and its first chunk [bytes]."""
+"""Length of a PNG file's signature and first chunk [bytes]."""
 
 
 def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """A picture (h, w) of 0 and 255, one bit a pixel, with its resolution. OpenCV does not write the latter."""
+    """PNG of an image (h, w) of 0 and 255, one bit per pixel, with its resolution, which OpenCV does not write."""
     good, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not good:
-        raise InternalError("OpenCV does not write a PNG of the sheet")
+        raise InternalError("OpenCV could not encode the sheet as PNG")
     content = encoded.tobytes()
     body = b"pHYs" + struct.pack(">IIB", 1000 * pixels_per_mm, 1000 * pixels_per_mm, 1)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
@@ -32,7 +32,8 @@ def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
 
 
 def pdf_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """One page as large as the picture (h, w) of 0 and 255; a reader is asked not to scale it for the printer."""
+    """PDF with one page of the size of the image (h, w) of 0 and 255. It asks the viewer to print without
+    scaling."""
     h, w = picture.shape
     wide, high = (n / pixels_per_mm / POINT_MM for n in (w, h))
     pixels = zlib.compress(np.packbits(picture > 127, axis=1).tobytes(), 9)
@@ -69,4 +70,4 @@ def _stream(entries: str, data: bytes) -> bytes:
 
 
 SHEET_FORMATS: Mapping[str, Callable[[Picture, int], bytes]] = {".pdf": pdf_page, ".png": png_page}
-"""By how a file's name ends."""
+"""Encoders by file name suffix."""

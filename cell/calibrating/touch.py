@@ -1,4 +1,4 @@
-"""Touch-off: a closed hand straight down onto the table, pressed slowly, and up again."""
+"""Touch-off: a closed hand moves straight down onto the table, presses slowly and moves up again."""
 
 from __future__ import annotations
 
@@ -32,38 +32,39 @@ from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 __all__ = ["park_other", "touch_table"]
 
 ABOVE = 0.08
-"""Over the believed table, where the way down begins [m]."""
+"""Start height of the descent over the configured table [m]."""
 CLOSING_S = 1.0
 BACK_OFF = 0.003
-"""From the first touch, before the slow press [m]."""
+"""Rise after the first touch, before the slow press [m]."""
 PRESS_SPEED = 0.003
 PRESS_FORCE = 1.5
-"""On one tip, at which a press ends [N]."""
+"""Force on one tip at which a press ends [N]."""
 HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 
 
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
-    """Go there, touch, press slowly, rise to where the way down began. The hand rises after a failure too."""
+    """Move over the point, touch, press slowly and rise to the start height. The hand rises after a failure
+    too."""
     cell.hands.command(effect.side, GripCommand(0.0, cell.grasp.release_force))
     failure = wait(cell.loop, CLOSING_S, cell.hands.recording())
     failure = failure or park_other(cell, effect.side)
     if failure:
         return Outcome(failure=failure)
-    way = _way_down(cell, effect)
-    if way.failure:
-        return Outcome(failure=way.failure)
-    failure = move(cell, way.unwrap().approach)
+    motion = _plan_descent(cell, effect)
+    if motion.failure:
+        return Outcome(failure=motion.failure)
+    failure = move(cell, motion.unwrap().approach)
     if failure:
         return Outcome(failure=failure)
-    pressed = _touch_and_press(cell, effect, way.unwrap().descend[effect.side])
+    pressed = _touch_and_press(cell, effect, motion.unwrap().descend[effect.side])
     if pressed.failure and pressed.failure.kind is FailureKind.STOPPED:
         return pressed
-    risen = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
-    return pressed if pressed.failure or not risen else Outcome(failure=risen)
+    failure = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
+    return pressed if pressed.failure or not failure else Outcome(failure=failure)
 
 
 def park_other(cell: Workcell, side: Side) -> Failure | None:
-    """The arm that is not needed goes out of the way."""
+    """Park the other arm unless it is parked already."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
@@ -72,12 +73,13 @@ def park_other(cell: Workcell, side: Side) -> Failure | None:
         return None
     goal = np.array(q)
     goal[other] = cell.robot.q_park[other]
-    way = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
-    return way.failure or move(cell, way.unwrap())
+    path = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
+    return path.failure or move(cell, path.unwrap())
 
 
-def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
-    """Over the point and straight down, the hand upright, with the first heading and arm posture that is free."""
+def _plan_descent(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
+    """Motion to above the point and straight down with an upright hand. It uses the first heading and arm posture
+    that are free of collision."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return Outcome(failure=state.failure)
@@ -90,76 +92,78 @@ def _way_down(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
         T[:3, :3] = tool_rotation(path.heading, path.pitch, path.roll)[0]
         T[:3, 3] = effect.x, effect.y, cell.table.height + ABOVE
         for hint in ik.solve_seeds(cell.robot, side, T, ik.arm_seeds(cell.robot, side, q)):
-            way = plan_grasp(
+            motion = plan_grasp(
                 cell.robot, cell.checker, cell.table, {only: path}, {side: Posture(only)}, q,
                 limits=cell.limits, approach_height=ABOVE, overtravel=effect.search, q_hint={side: hint},
                 rng=cell.rng(),
             )  # fmt: skip
-            if way.ok and way.unwrap().descend[side].depth[-1] > ABOVE + effect.search - 1e-6:
-                return way
-            failure = failure or way.failure
+            if motion.ok and motion.unwrap().descend[side].depth[-1] > ABOVE + effect.search - 1e-6:
+                return motion
+            failure = failure or motion.failure
     return Outcome(
         failure=failure
         or Failure(
             FailureKind.UNREACHABLE,
-            f"the {side} arm does not reach ({effect.x:.2f}, {effect.y:.2f}) from above",
-            "touch the table nearer to its middle",
+            f"the {side} arm cannot reach ({effect.x:.2f}, {effect.y:.2f}) from above",
+            "touch the table closer to its middle",
         )
     )
 
 
 def _point(x: float, y: float, heading: float) -> ToolPath:
     """A tool path that stays at one point on the table."""
-    none = np.zeros(2)
-    return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), none, none)
+    zero = np.zeros(2)
+    return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), zero, zero)
 
 
-def _touch_and_press(cell: Workcell, effect: Touch, way: Descent) -> Outcome[Touched]:
+def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome[Touched]:
     side, settings = effect.side, cell.grasp
-    zeros = each_hand(cell.loop, cell.hands, {side: start_tare(settings)}, lambda _, r, s: tare(r, s))
-    if zeros.failure:
-        return Outcome(failure=zeros.failure)
-    first = _descend(cell, side, way, settings, zeros.unwrap()[side], -effect.search, [])
+    biases = each_hand(cell.loop, cell.hands, {side: start_tare(settings)}, lambda _, r, s: tare(r, s))
+    if biases.failure:
+        return Outcome(failure=biases.failure)
+    bias = biases.unwrap()[side]
+    first = _descend(cell, side, descent, settings, bias, -effect.search, [])
     if first.failure:
         return Outcome(failure=_explained(first.failure, effect))
     failure = _rise(cell, side, BACK_OFF)
     if failure:
         return Outcome(failure=failure)
     slow = replace(settings, guarded_speed=PRESS_SPEED, approach_speed=PRESS_SPEED, contact_force=PRESS_FORCE)
-    felt: list[HandReading] = []
-    second = _descend(cell, side, way, slow, zeros.unwrap()[side], -effect.search, felt)
+    readings: list[HandReading] = []
+    second = _descend(cell, side, descent, slow, bias, -effect.search, readings)
     if second.failure:
         return Outcome(failure=_explained(second.failure, effect))
     at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[arm_slice(side)])[:2, 3]
-    height = np.array([r.height for r in felt]) + cell.table.height
-    force = np.array([(r.tactile.tip - zeros.unwrap()[side].tip).sum() for r in felt])
+    height = np.array([r.height for r in readings]) + cell.table.height
+    force = np.array([(r.tactile.tip - bias.tip).sum() for r in readings])
     return Outcome(Touched(side, float(at[0]), float(at[1]), height, force))
 
 
 def _descend(
     cell: Workcell,
     side: Side,
-    way: Descent,
+    descent: Descent,
     settings: GraspSettings,
-    zeroed: TactileBias,
+    bias: TactileBias,
     bottom: float,
-    felt: list[HandReading],
+    readings: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
-    """Guarded, slowly all the way where the table may be, to rest; every new tactile reading goes to `felt`."""
+    """Guarded descent to rest, at the slow speed wherever the table may be. Appends each new reading to
+    `readings`."""
     settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
     goal = DescentGoal(contact=0.0, bottom=bottom)
 
     def feel(reading: HandReading) -> None:
-        if not felt or reading.tactile.stamp > felt[-1].tactile.stamp:
-            felt.append(reading)
+        if not readings or reading.tactile.stamp > readings[-1].tactile.stamp:
+            readings.append(reading)
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         q0 = start.q + cell.last_command.offset(start.q)
         above = np.array(q0)
-        above[arm_slice(side)] = way.q[0]
+        above[arm_slice(side)] = descent.q[0]
         top = cell.hands.height(side, above)
-        lowering = Lowering(way, top, JerkLimiter(top - cell.hands.height(side, q0)))
-        state = start_descent(settings, goal, zeroed, cell.hands.read(side, start))
+        lowering = Lowering(descent, top, JerkLimiter(top - cell.hands.height(side, q0)))
+        state = start_descent(settings, goal, bias, cell.hands.read(side, start))
         return guarded_descent(
             cell.hands, cell.last_command, start, {side: GuardedHand(lowering, state)}, settles=True, felt=feel
         )
@@ -168,12 +172,12 @@ def _descend(
 
 
 def _explained(failure: Failure, effect: Touch) -> Failure:
-    """No contact, or one too early, mean another thing here than over a garment."""
+    """Rephrase a missing or an early contact, which over a bare table has another cause than over a garment."""
     if failure.kind is FailureKind.IN_COLLISION:
         return Failure(
             FailureKind.LOW_CONFIDENCE,
-            f"the {effect.side} hand met something at ({effect.x:.2f}, {effect.y:.2f}), more than"
-            f" {1e3 * effect.search:.0f} mm over where cell.yaml has the table",
+            f"the {effect.side} hand touched something at ({effect.x:.2f}, {effect.y:.2f}), more than"
+            f" {1e3 * effect.search:.0f} mm above the table height of cell.yaml",
             "clear the table; if it is clear, correct table.height in cell.yaml and calibrate again",
             failure.values,
         )
@@ -182,8 +186,8 @@ def _explained(failure: Failure, effect: Touch) -> Failure:
     return Failure(
         FailureKind.NO_CONTACT,
         f"the {effect.side} hand felt no table at ({effect.x:.2f}, {effect.y:.2f}), down to"
-        f" {1e3 * effect.search:.0f} mm under where cell.yaml has it",
-        "measure the table's height, correct table.height in cell.yaml, and calibrate again",
+        f" {1e3 * effect.search:.0f} mm below the table height of cell.yaml",
+        "measure the height of the table, correct table.height in cell.yaml, and calibrate again",
         failure.values,
     )
 
@@ -193,7 +197,7 @@ def _height(cell: Workcell, side: Side) -> float:
 
 
 def _rise(cell: Workcell, side: Side, by: float) -> Failure | None:
-    """Straight up by `by` [m], checked as every motion."""
+    """Move straight up by `by` [m]."""
     if by <= 0.0:
         return None
     q = cell.ports.arms.state().q

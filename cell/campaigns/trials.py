@@ -1,7 +1,7 @@
-"""Campaigns: the same garments over many seeds, and what can honestly be said of them.
+"""Campaigns: runs of the same garments over many seeds, and their statistics.
 
-Runs go to any `concurrent.futures` executor. Every run is a function of its request, so the order in which
-they end changes nothing.
+The runs go to any `concurrent.futures` executor. A run depends only on its request, so the order in which runs end
+does not matter.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ __all__ = ["GarmentFigures", "Trial", "run_trials", "tabulate", "wilson_interval
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a campaign and the figures that `foldcell fold --json` gives of it; error: why there are none.
-    performed: False for a run that nobody made or saw to its end, since a worker process died."""
+    """One run of a campaign. figures: output of `foldcell fold --json`; error: reason why there are no figures.
+    performed: False for a run that did not start or did not end because a worker process died."""
 
     garment: str
     seed: int
@@ -35,7 +35,7 @@ class Trial:
 
     @property
     def success(self) -> bool:
-        """Folded by the scorer where there is one, by the cell's own eyes otherwise."""
+        """Whether the scorer passed the fold. Without a scorer: whether the cell claims that it folded."""
         if self.figures is None or self.result != "folded":
             return False
         score = self.figures.get("score")
@@ -44,14 +44,15 @@ class Trial:
 
 @dataclass(frozen=True)
 class GarmentFigures:
-    """One row of the table. interval: Wilson's, 95 %. Times are medians over the runs that were not faults [s]."""
+    """One row of the table. interval: Wilson interval, 95 %. Times are medians over the runs without faults
+    [s]."""
 
     garment: str
     runs: int
     folded: int
     interval: tuple[float, float]
     false_claims: int
-    """Runs that said `folded` where the scorer says no."""
+    """Runs that claimed `folded` although the scorer did not pass them."""
     faults: int
     robot_time_s: float | None
     wall_time_s: float | None
@@ -62,8 +63,8 @@ class GarmentFigures:
 def run_trials(
     work: Callable[[str, int], dict[str, Any]], garments: Sequence[str], seeds: Sequence[int], executor: Executor
 ) -> Generator[Trial, None, None]:
-    """Yields each trial as it ends. `work(garment, seed)` returns a run's figures; what it raises is a fault.
-    A run whose worker process is killed is not performed."""
+    """Yield each trial as it ends. `work(garment, seed)` returns the figures of a run; an exception counts as a
+    fault. A run whose worker process is killed counts as not performed."""
     jobs = {executor.submit(work, g, s): (g, s) for g in garments for s in seeds}
     try:
         for job in as_completed(jobs):
@@ -80,7 +81,7 @@ def run_trials(
 
 
 def tabulate(trials: Iterable[Trial]) -> list[GarmentFigures]:
-    """One row a garment in order of name, then one for all; of the runs that were performed."""
+    """One row for each garment in order of name, then one for all. Only performed runs count."""
     by_garment: dict[str, list[Trial]] = {}
     for trial in (t for t in trials if t.performed):
         by_garment.setdefault(trial.garment, []).append(trial)
@@ -93,7 +94,7 @@ def tabulate(trials: Iterable[Trial]) -> list[GarmentFigures]:
 def wilson_interval(successes: int, runs: int, z: float = 1.959963984540054) -> tuple[float, float]:
     """Confidence interval of a proportion (Wilson 1927), 95 % unless `z` says otherwise.
 
-    Unlike the normal approximation it is right near 0 and 1 and for a handful of runs.
+    Unlike the normal approximation it is accurate near 0 and 1 and for few runs.
     """
     if not 0 <= successes <= runs:
         raise ValueError(f"{successes} of {runs}")
@@ -132,7 +133,7 @@ def _median(values: Iterable[float | None]) -> float | None:
 
 
 def _count(recoveries: object) -> int:
-    """A step's recoveries are told as a number or as a list of them."""
+    """Number of recoveries of a step, which are given as a number or as a list."""
     if isinstance(recoveries, int):
         return recoveries
     return len(recoveries) if isinstance(recoveries, list | tuple) else 0

@@ -1,16 +1,16 @@
-"""Calibration files: what `foldcell calibrate` writes and the cell reads, one file a kind.
+"""Calibration files. `foldcell calibrate` writes them and the cell reads them, one file for each kind.
 
 YAML (or JSON, which is YAML) with `schema: 1` and `kind`:
 
 camera    `intrinsics` (width, height, fx, fy, cx, cy in pixels), `T_table_camera` (4 rows of 4: camera coordinates
-          to table coordinates, metres), `head_pan` [rad], and `table_height`: where the table frame stood in the
-          base frame then [m]; without it, where cell.yaml has it.
-table     `height` of the top in the base frame [m].
+          to table coordinates, metres), `head_pan` [rad], and `table_height`: height of the table frame in the
+          base frame at the time of the calibration [m]; default: the height of cell.yaml.
+table     `height` of the table top in the base frame [m].
 tactile   `contact_force`, `held_force` [N].
 
-`provenance` tells where the values come from: per part when, by what, simulated or not, and the figures. It is
-for people; nothing is decided by it. A matrix that is no rigid motion, or a camera that looks away from the
-table, is refused.
+`provenance` states the origin of the values: for each part the date, the procedure, whether it was simulated, and
+the figures. It is information for people and no decision depends on it. A matrix that is not a rigid transform
+and a camera that looks away from the table are refused.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _File(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_: Literal[1] = Field(alias="schema")
-    provenance: dict[str, dict[str, Any]] = Field(default={}, description="part -> where its values come from")
+    provenance: dict[str, dict[str, Any]] = Field(default={}, description="part -> origin of its values")
 
 
 class _CameraFile(_File):
@@ -82,7 +82,7 @@ class _TactileFile(_File):
 
 @dataclass(frozen=True, eq=False)
 class CameraFile:
-    """A camera file as read. table_height: None where the file does not say."""
+    """A camera file as read. table_height [m]: None if the file does not state it."""
 
     calibration: CameraCalibration
     table_height: float | None
@@ -90,7 +90,7 @@ class CameraFile:
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """Raises ConfigurationError for a file that cannot be used as one."""
+    """Raises ConfigurationError for a file that is not a valid camera calibration."""
     document = read_yaml(path, "camera calibration file")
     file = validated(document, _CameraFile)
     T = np.array(file.T_table_camera)
@@ -100,7 +100,7 @@ def read_camera_file(path: Path) -> CameraFile:
 
 
 def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCalibration:
-    """Read a camera file, its pose stated for `table` as it is believed now. Raises ConfigurationError."""
+    """Read a camera file. The returned pose is relative to the present `table`. Raises ConfigurationError."""
     file = read_camera_file(path)
     if table is None or file.table_height is None:
         return file.calibration
@@ -110,12 +110,12 @@ def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCal
 
 
 def load_table_height(path: Path) -> float:
-    """Of the top in the base frame [m]. Raises ConfigurationError."""
+    """Height of the table top in the base frame [m]. Raises ConfigurationError."""
     return validated(read_yaml(path, "table calibration file"), _TableFile).height
 
 
 def load_tactile_thresholds(path: Path) -> dict[str, float]:
-    """contact_force, held_force [N], by their names in GraspSettings. Raises ConfigurationError."""
+    """contact_force and held_force [N], by their names in GraspSettings. Raises ConfigurationError."""
     file = validated(read_yaml(path, "tactile calibration file"), _TactileFile)
     return {"contact_force": file.contact_force, "held_force": file.held_force}
 
@@ -125,7 +125,7 @@ def calibration_text(
     table_height: float | None = None,
     provenance: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
-    """A camera file's text: what `load_camera_calibration` reads back."""
+    """Text of a camera file, for `load_camera_calibration`."""
     i = calibration.intrinsics
     data: dict[str, Any] = {
         "intrinsics": {
@@ -142,20 +142,20 @@ def calibration_text(
 
 
 def table_text(height: float, provenance: Mapping[str, Mapping[str, Any]] | None = None) -> str:
-    """A table file's text."""
+    """Text of a table file."""
     return _text("table", {"height": float(height)}, provenance)
 
 
 def tactile_text(
     thresholds: Mapping[str, float], provenance: Mapping[str, Mapping[str, Any]] | None = None
 ) -> str:
-    """A tactile file's text."""
+    """Text of a tactile file."""
     return _text("tactile", {name: float(value) for name, value in thresholds.items()}, provenance)
 
 
 def _text(kind: str, data: Mapping[str, Any], provenance: Mapping[str, Mapping[str, Any]] | None) -> str:
-    told = {"provenance": {part: dict(notes) for part, notes in provenance.items()}} if provenance else {}
-    return yaml.safe_dump({"schema": 1, "kind": kind, **data, **told}, sort_keys=False, allow_unicode=True)
+    origin = {"provenance": {part: dict(notes) for part, notes in provenance.items()}} if provenance else {}
+    return yaml.safe_dump({"schema": 1, "kind": kind, **data, **origin}, sort_keys=False, allow_unicode=True)
 
 
 def _check_pose(T: Array, where: str) -> None:
@@ -170,12 +170,12 @@ def _check_pose(T: Array, where: str) -> None:
         raise ConfigurationError(f"{where}: the last row has to be 0, 0, 0, 1", "calibrate the camera again")
     if not 0.1 <= T[2, 3] <= 5.0 or np.abs(T[:2, 3]).max() > 5.0:
         raise ConfigurationError(
-            f"{where}: the camera would stand at ({T[0, 3]:g}, {T[1, 3]:g}, {T[2, 3]:g}) m in the table frame;"
-            " allowed is 0.1 to 5 m above the table",
+            f"{where}: the camera would be at ({T[0, 3]:g}, {T[1, 3]:g}, {T[2, 3]:g}) m in the table frame;"
+            " the allowed height above the table is 0.1 to 5 m",
             "looks like millimetres" if np.abs(T[:3, 3]).max() > 50 else "calibrate the camera again",
         )
     if R[2, 2] > -0.1:
         raise ConfigurationError(
             f"{where}: the camera looks away from the table",
-            "its z axis is the view: give camera to table, with z towards the table",
+            "give the transform from camera to table; the camera's z axis is its viewing direction",
         )

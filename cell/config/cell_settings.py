@@ -1,9 +1,9 @@
-"""What the executive is told about its cell: `cell.yaml` as validated, frozen settings.
+"""Cell settings: `cell.yaml` as validated, frozen values.
 
 Lengths in metres, angles in radians unless a key ends in `_deg`, times in seconds of the cell's clock,
-forces in newtons. The shipped `cell.yaml` beside this file is complete and states every default; a file of
-one's own needs only what differs. An unknown key, a key given twice, or a value out of range is refused
-with a ConfigurationError before anything moves.
+forces in newtons. The shipped `cell.yaml` beside this file states the default of every key. A user's file needs
+only the keys that differ. An unknown key, a repeated key or a value out of range raises ConfigurationError
+before anything moves.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _count(low: int, high: int, about: str) -> Any:
 
 
 def _span(shape: str, about: str) -> Any:
-    """Two lengths, bounded one by one in `_Edge`; told to messages as one range."""
+    """Two lengths. `_Edge` bounds each of them; error messages state the bounds as one range."""
     return Field(
         description=about,
         json_schema_extra={"unit": "m", "range": [-2.0, 2.0], "shape": f"allowed is {shape} within"},
@@ -71,6 +71,16 @@ _Edge = Annotated[float, Field(ge=-2.0, le=2.0, strict=True, allow_inf_nan=False
 
 
 _TOPIC = r"^(/[A-Za-z][A-Za-z0-9_]*)+$"
+
+RENAMED_KEYS = {
+    "perception.lowest_confidence": "min_confidence",
+    "perception.known_iou": "min_template_iou",
+    "motion.state_age": "max_state_age_s",
+    "pressing.tries": "max_attempts",
+    "pressing.above_flat": "min_excess_height",
+    "optimiser.adapt": "learn_friction",
+}
+"""Former keys and their present names, for the error message about a file that still uses a former one."""
 
 
 class _Group(BaseModel):
@@ -86,7 +96,7 @@ class TableConfig(_Group):
     x: tuple[_Edge, _Edge] = _span("[near, far]", "near and far edge in the table frame")
     y: tuple[_Edge, _Edge] = _span("[right, left]", "right and left edge in the table frame")
     calibration: Path | None = Field(
-        description="a table calibration file, relative to this file: its height replaces the one above"
+        description="a table calibration file, relative to this file: its height replaces table.height"
     )
 
     @model_validator(mode="after")
@@ -94,7 +104,7 @@ class TableConfig(_Group):
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if high - low < 0.2:
                 raise ValueError(
-                    f"table.{name} = [{low:g}, {high:g}]: a table goes from less to more, by 0.2 m or more"
+                    f"table.{name} = [{low:g}, {high:g}]: the second edge has to exceed the first by 0.2 m or more"
                 )
         return self
 
@@ -103,63 +113,64 @@ class CameraConfig(_Group):
     """The RGB-D camera over the robot's head."""
 
     calibration: Path | None = Field(
-        description="a camera calibration file, relative to this file; null: the bracket as it was designed"
+        description="a camera calibration file, relative to this file; null: the bracket's design pose"
     )
     reference: Literal["photograph", "none"] = Field(
-        description="photograph the empty table before the garment is laid, or do without"
+        description="whether the empty table is photographed before the garment is laid on it"
     )
 
 
 class PerceptionConfig(_Group):
-    """When the recognised garment is believed (skills.perception.perceive)."""
+    """Thresholds for accepting a recognised garment (skills.perception.perceive)."""
 
     method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
-        description="segmentation: by the empty table's picture, the table's colour, its pattern, or the paper's"
+        description="segmentation: reference (picture of the empty table), plain (table colour), grabcut (table "
+        "pattern) or watershed (method of the paper)"
     )
-    lowest_confidence: float = _number(0.0, 1.0, "", "least confidence of a recognised garment")
-    known_iou: float = _number(0.3, 1.0, "", "overlap with a template below which a garment is unknown")
-    size_tolerance: float = _number(0.02, 1.0, "", "relative difference from a garment's nominal size")
-    flat_height: float = _number(0.002, 0.2, "m", "95th percentile of height up to which a garment lies flat")
+    min_confidence: float = _number(0.0, 1.0, "", "minimum confidence of a recognised garment")
+    min_template_iou: float = _number(0.3, 1.0, "", "template overlap (IoU) below which a garment is unknown")
+    size_tolerance: float = _number(0.02, 1.0, "", "largest relative difference from a garment's nominal size")
+    flat_height: float = _number(0.002, 0.2, "m", "largest 95th percentile of height of a garment that lies flat")
 
     def settings(self) -> PerceptionSettings:
-        """As the skill takes them; what stands in no file keeps the skill's defaults."""
+        """The skill's settings. Thresholds without a key keep the skill's defaults."""
         from skills.perception.perceive import PerceptionSettings
 
         return PerceptionSettings(**self.model_dump())
 
 
 class MotionConfig(_Group):
-    """How fast and how near the arms move."""
+    """Speeds and tolerances of the arms."""
 
     velocity_scale: float = _number(0.05, 1.0, "", "fraction of the joints' velocity limits")
     accelerations: Literal["planning", "commissioning"] = Field(
         description="the robot model's set of acceleration and jerk limits"
     )
-    tool_speed: float = _number(0.02, 1.0, "m/s", "cap of the grippers' speed while they hold a garment")
+    tool_speed: float = _number(0.02, 1.0, "m/s", "maximum speed of a gripper that holds a garment")
     approach_height: float = _number(0.03, 0.4, "m", "height above a grasp from which a gripper descends")
     start_tolerance_deg: float = _number(
-        0.1, 5.0, "degrees", "how far a joint may stand from a trajectory's first point"
+        0.1, 5.0, "degrees", "largest distance of a joint from the first point of a trajectory"
     )
-    tracking_tolerance: float = _number(0.01, 0.5, "rad", "how far a joint may lag behind its set-point")
-    state_age: float = _number(0.02, 1.0, "s", "age from which a joint state is too old to act on")
+    tracking_tolerance: float = _number(0.01, 0.5, "rad", "largest lag of a joint behind its set-point")
+    max_state_age_s: float = _number(0.02, 1.0, "s", "age above which a joint state is too old to act on")
 
 
 class GraspConfig(_Group):
     """Guarded descent, pinch, confirmation (skills.grasping)."""
 
-    approach_speed: float = _number(0.005, 0.3, "m/s", "down to just above the garment")
-    guarded_speed: float = _number(0.002, 0.1, "m/s", "from there to the contact")
-    contact_force: float = _number(0.05, 20.0, "N", "rise of a tip's force that counts as contact")
-    press_force: float = _number(1.0, 60.0, "N", "rise of a tip's force at which a hand goes no deeper to grasp")
-    grip_force: float = _number(1.0, 60.0, "N", "squeeze of the pads")
-    held_force: float = _number(0.05, 20.0, "N", "least mean force on each pad of a grasp that holds")
-    lift_height: float = _number(0.005, 0.15, "m", "how high a grasp is lifted to be confirmed")
+    approach_speed: float = _number(0.005, 0.3, "m/s", "speed of the descent to just above the garment")
+    guarded_speed: float = _number(0.002, 0.1, "m/s", "speed of the descent from there to contact")
+    contact_force: float = _number(0.05, 20.0, "N", "rise of a fingertip's force that counts as contact")
+    press_force: float = _number(1.0, 60.0, "N", "rise of a fingertip's force at which the descent ends")
+    grip_force: float = _number(1.0, 60.0, "N", "grip force of the pads")
+    held_force: float = _number(0.05, 20.0, "N", "minimum mean force on each pad of a grasp that holds")
+    lift_height: float = _number(0.005, 0.15, "m", "height of the lift that confirms a grasp")
     calibration: Path | None = Field(
-        description="a tactile calibration file, relative to this file: its thresholds replace those above"
+        description="a tactile calibration file, relative to this file: its thresholds replace those of this group"
     )
 
     def settings(self) -> GraspSettings:
-        """As the skill takes them; what stands in no file keeps the skill's defaults."""
+        """The skill's settings. Thresholds without a key keep the skill's defaults."""
         from skills.grasping.settings import GraspSettings
 
         values = self.model_dump(exclude={"lift_height", "calibration"})
@@ -169,16 +180,18 @@ class GraspConfig(_Group):
 
 
 class InspectionConfig(_Group):
-    """When an observed fold counts as the predicted one (skills.perception.inspection.inspect)."""
+    """Thresholds for accepting an observed fold (skills.perception.inspection.inspect)."""
 
-    iou: float = _number(0.3, 1.0, "", "least intersection over union of observed and predicted silhouette")
-    drift: float = _number(0.002, 0.2, "m", "largest translation against the prediction")
-    drift_deg: float = _number(0.5, 45.0, "degrees", "largest rotation against the prediction")
+    iou: float = _number(
+        0.3, 1.0, "", "minimum intersection over union of the observed and the predicted silhouette"
+    )
+    drift: float = _number(0.002, 0.2, "m", "largest translation from the prediction")
+    drift_deg: float = _number(0.5, 45.0, "degrees", "largest rotation from the prediction")
     extra_height: float = _number(0.002, 0.1, "m", "largest height above the predicted one")
-    deviation: float = _number(0.002, 0.2, "m", "largest distance of an edge from where it was predicted")
+    deviation: float = _number(0.002, 0.2, "m", "largest distance of an edge from its prediction")
 
     def settings(self, perception: PerceptionConfig) -> InspectionSettings:
-        """As the skill takes them; what stands in no file keeps the skill's defaults."""
+        """The skill's settings. Thresholds without a key keep the skill's defaults."""
         from skills.perception.inspection.inspect import InspectionSettings
 
         values = self.model_dump(exclude={"drift_deg"})
@@ -188,18 +201,17 @@ class InspectionConfig(_Group):
 
 
 class PressingConfig(_Group):
-    """Pressing the crease of a fold that stands high (skills.planning.pressing), where nothing or heights speak
-    against it (skills.perception.inspection.diagnosis.told_by_height)."""
+    """Pressing the crease of a fold that stands high (skills.planning.pressing)."""
 
-    tries: int = _count(0, 5, "how often one fold is pressed, at most; 0: never")
-    above_flat: float = _number(
-        0.001, 0.1, "m", "height over the flat stack, as the camera sees it, from which a fold is pressed"
+    max_attempts: int = _count(0, 5, "how often one fold may be pressed; 0: never")
+    min_excess_height: float = _number(
+        0.001, 0.1, "m", "height over the flat stack, seen by the camera, above which a fold is pressed"
     )
-    force: float = _number(1.0, 60.0, "N", "rise of a tip's force at which a hand presses no further")
+    force: float = _number(1.0, 60.0, "N", "rise of a fingertip's force at which pressing stops")
 
 
 class RecoveryConfig(_Group):
-    """How long the cell tries by itself; what it tries stands in cell/states/recovery_table.py."""
+    """Limits of automatic recovery. cell/states/recovery_table.py lists the recoveries."""
 
     attempts_per_step: int = _count(0, 20, "recoveries in one fold step")
     attempts_per_run: int = _count(0, 100, "recoveries in one run")
@@ -207,43 +219,46 @@ class RecoveryConfig(_Group):
 
 
 class OptimiserConfig(_Group):
-    """Finding a fold's trajectory."""
+    """Optimisation of a fold's trajectory."""
 
     method: Literal["default", "paper", "initial", "two_parameter"] = Field(description="how arcs are found")
-    simulations: int = _count(1, 2000, "budget of one fold step, in cloth simulations")
-    threads: int = _count(1, 64, "simulations at a time")
+    simulations: int = _count(1, 2000, "largest number of cloth simulations for one fold step")
+    threads: int = _count(1, 64, "simulations that run in parallel")
     use_library: bool = Field(strict=True, description="take a stored trajectory where one fits")
-    adapt: bool = Field(strict=True, description="learn the friction from each fold, for the next")
+    learn_friction: bool = Field(
+        strict=True, description="estimate the friction from each fold and use it for the next"
+    )
 
 
 class ComputingConfig(_Group):
-    """Declared costs of computing in simulation [s of cell time]: charged, never measured, so that a run is a
-    function of its seed."""
+    """Cell time that a simulated run charges for each computation [s]. The costs are declared, not measured, so
+    that a run depends on its seed alone."""
 
-    perception_s: float = _number(0.0, 60.0, "s", "segmentation, classification, key points")
+    perception_s: float = _number(0.0, 60.0, "s", "segmentation, classification and key points")
     planning_s: float = _number(0.0, 60.0, "s", "planning the folds")
-    library_s: float = _number(0.0, 60.0, "s", "looking a trajectory up")
+    library_s: float = _number(0.0, 60.0, "s", "looking up a stored trajectory")
     simulation_s: float = _number(0.0, 60.0, "s", "one cloth simulation of the optimiser")
     motion_s: float = _number(0.0, 60.0, "s", "planning and checking one step's motion")
-    inspection_s: float = _number(0.0, 60.0, "s", "judging a fold")
+    inspection_s: float = _number(0.0, 60.0, "s", "inspecting a fold")
 
 
 class RosConfig(_Group):
-    """The robot over ROS (robots.baxter.ros); the master is ROS_MASTER_URI's."""
+    """The robot over ROS (robots.baxter.ros). ROS_MASTER_URI names the ROS master."""
 
     raw_position: bool = Field(
         strict=True,
-        description="set-points without the robot's own collision avoidance, with feed-forward: it follows more "
-        "closely",
+        description="feed-forward, and no collision avoidance by the robot itself; the arms track more closely",
     )
     tactile_rows: int = _count(1, 64, "rows of pressure cells on each pad")
-    camera_settle: float = _number(0.0, 5.0, "s", "how long the camera streams before a picture counts")
-    camera_rgb: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour picture")
-    camera_depth: str = Field(pattern=_TOPIC, strict=True, description="topic of the depth, registered to it")
-    camera_info: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour camera's figures")
+    camera_settle: float = _number(0.0, 5.0, "s", "streaming time before a picture is used")
+    camera_rgb: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour image")
+    camera_depth: str = Field(
+        pattern=_TOPIC, strict=True, description="topic of the depth image, registered to colour"
+    )
+    camera_info: str = Field(pattern=_TOPIC, strict=True, description="topic of the colour camera's intrinsics")
 
     def settings(self) -> RosSettings:
-        """As the driver takes them."""
+        """The driver's settings."""
         from robots.baxter.ros.connection import RosSettings
         from robots.baxter.ros.topics import CameraTopics
 
@@ -252,20 +267,20 @@ class RosConfig(_Group):
 
 
 class RecorderConfig(_Group):
-    """What a run's report shows."""
+    """Contents of a run's report."""
 
     key_frames: int = _count(2, 24, "pictures of a fold in the report")
 
 
 class CellSettings(_Group):
-    """All settings of a cell; made by `load_settings`."""
+    """All settings of a cell. `load_settings` reads them from a file."""
 
     schema_: Literal[1] = Field(alias="schema", description="version of this file's layout: 1")
     robot: Literal["baxter"] = Field(description="the robot's folder under robots/")
     surface: str = Field(
         pattern=r"^[a-z][a-z0-9_]{0,40}$",
         strict=True,
-        description="name of the table's covering: garment files state their friction by it",
+        description="name of the table's surface: garment files state one friction for each surface",
     )
     table_: TableConfig = Field(alias="table")
     camera: CameraConfig
@@ -282,19 +297,19 @@ class CellSettings(_Group):
 
     @property
     def table(self) -> Table:
-        """The table as the skills know it: at its calibrated height where a file is named."""
+        """The table for the skills, at its calibrated height if a calibration file is named."""
         if self.table_.calibration is None:
             return self.drawn_table
         return Table(load_table_height(self.table_.calibration), self.table_.x, self.table_.y)
 
     @property
     def drawn_table(self) -> Table:
-        """The table as this file states it, calibrated or not."""
+        """The table at the height that the settings file states, without calibration."""
         return Table(self.table_.height, self.table_.x, self.table_.y)
 
     @property
     def calibrations(self) -> dict[str, Path]:
-        """The calibration files that are named, by group."""
+        """The named calibration files by settings group."""
         named = {
             "table": self.table_.calibration,
             "camera": self.camera.calibration,
@@ -304,15 +319,14 @@ class CellSettings(_Group):
 
     @property
     def calibrated(self) -> bool:
-        """Whether any calibration file is named."""
         return bool(self.calibrations)
 
     def as_yaml(self) -> str:
-        """The exact settings as a `cell.yaml`, to be kept with a run."""
+        """The complete settings as the text of a `cell.yaml`, to store with a run."""
         return yaml.safe_dump(self.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)
 
     def fingerprint(self) -> str:
-        """Hash of every value: equal settings have equal fingerprints, in any order of keys."""
+        """Hash of all keys and values. It does not depend on the order of the keys."""
         canonical = json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True)
         return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 
@@ -323,9 +337,9 @@ def default_settings_path() -> Path:
 
 
 def load_settings(path: Path | None = None) -> CellSettings:
-    """The settings of `path` over the shipped ones, or the shipped ones alone.
+    """The shipped settings, overridden by those of `path` if it is given.
 
-    Raises ConfigurationError: unreadable file, unknown or repeated key, value out of range, and a
+    Raises ConfigurationError for an unreadable file, an unknown or repeated key, a value out of range, and a
     calibration file that is named but cannot be used.
     """
     default = read_yaml(default_settings_path(), "cell settings file")
@@ -333,7 +347,7 @@ def load_settings(path: Path | None = None) -> CellSettings:
         return validated(default, CellSettings)
     document = read_yaml(path, "cell settings file")
     merged = merge(default.data, document.data)
-    settings = _with_absolute_paths(validated(document, CellSettings, merged), path.resolve().parent)
+    settings = _with_absolute_paths(validated(document, CellSettings, merged, RENAMED_KEYS), path.resolve().parent)
     _check_files(settings, document.where)
     return settings
 
@@ -341,17 +355,19 @@ def load_settings(path: Path | None = None) -> CellSettings:
 def overlaid(
     settings: CellSettings, over: Mapping[str, Any], path: Path, lines: Mapping[Key, int]
 ) -> CellSettings:
-    """`settings` with what a part of another file, `path`, says instead. lines: of its keys there. Raises
-    ConfigurationError as `load_settings`."""
+    """`settings` overridden by `over`, a part of the file `path`. lines: line numbers of its keys in that file.
+
+    Raises ConfigurationError as `load_settings` does.
+    """
     document = Document(path, over, lines)
     merged = merge(settings.model_dump(mode="json", by_alias=True), over)
-    laid = _with_absolute_paths(validated(document, CellSettings, merged), path.resolve().parent)
-    _check_files(laid, document.where)
-    return laid
+    result = _with_absolute_paths(validated(document, CellSettings, merged, RENAMED_KEYS), path.resolve().parent)
+    _check_files(result, document.where)
+    return result
 
 
 def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
-    """File names of a settings file are relative to that file, not to where the command was typed."""
+    """File names in a settings file are relative to that file, not to the working directory."""
 
     def absolute(name: Path | None) -> Path | None:
         return name and (folder / name.expanduser()).resolve()

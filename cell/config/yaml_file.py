@@ -1,7 +1,8 @@
-"""Reading a YAML file of the user's into validated values, with errors that a person can act on.
+"""Read a user's YAML file into validated values.
 
-Strict where YAML is lax: a key given twice is an error, only `true` and `false` are truth values, and
-`1e-3` is a number. Every error names file and line, key, value, what is allowed, and often what was meant.
+The reader is stricter than YAML 1.1: a repeated key is an error, only `true` and `false` are truth values, and
+`1e-3` is a number. Every error names file, line, key, value and the allowed values, and often
+suggests a correction.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar, get_args
 
 import yaml
@@ -26,31 +28,31 @@ M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
 
 LARGEST_FILE = 4 * 2**20
-"""Bytes. No configuration of a cell is longer; what is longer is another kind of file."""
+"""Size limit [bytes]. No configuration of a cell comes near it."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """A YAML mapping as read: where it came from, its data, and the line of every key."""
+    """A YAML mapping as read: its file, its data and the line number of every key."""
 
     path: Path
     data: Mapping[str, Any]
     lines: Mapping[Key, int]
 
     def where(self, key: Key) -> str:
-        """`cell.yaml:12`, or the path alone for a key that the file does not have."""
+        """Location of a key, as in `cell.yaml:12`. The path alone for a key that is not in the file."""
         while key and key not in self.lines:
             key = key[:-1]
         return f"{self.path}:{self.lines[key]}" if key else str(self.path)
 
 
 def read_yaml(path: Path, what: str = "configuration file") -> Document:
-    """Read one YAML mapping. Raises ConfigurationError for whatever is wrong with the file."""
+    """Read one YAML mapping from a file. Raises ConfigurationError if it is unreadable or malformed."""
     return parse_yaml(_read_text(path, what), path, what)
 
 
 def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Document:
-    """One YAML mapping, from its text. path: where it stands, or what to call it. Raises ConfigurationError."""
+    """Parse one YAML mapping. path: file name for error messages. Raises ConfigurationError."""
     try:
         loader = _StrictLoader(text)
         try:
@@ -64,25 +66,33 @@ def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Docum
         raise _syntax_error(path, what, e) from e
     except RecursionError as e:
         raise ConfigurationError(f"{path}: the {what} is nested too deep", path=str(path)) from e
-    except (ValueError, OverflowError) as e:  # what only looks like a date or a number
+    except (ValueError, OverflowError) as e:  # text that resembles a date or a number
         raise ConfigurationError(f"{path}: not a valid {what}: {e}", path=str(path)) from e
     if not isinstance(data, dict):
         raise ConfigurationError(
-            f"{path}: a {what} is a list of 'key: value' lines, this holds {_shown(data)}", path=str(path)
+            f"{path}: a {what} is a list of 'key: value' lines; this file contains {_shown(data)}", path=str(path)
         )
     return Document(path, data, lines)
 
 
-def validated(document: Document, model: type[M], data: Mapping[str, Any] | None = None) -> M:
-    """`data` (the document's own unless given) as a `model`. Raises ConfigurationError with every fault."""
+def validated(
+    document: Document,
+    model: type[M],
+    data: Mapping[str, Any] | None = None,
+    renamed: Mapping[str, str] = MappingProxyType({}),
+) -> M:
+    """Validate `data` (default: the document's) as a `model`.
+
+    renamed: dotted former key -> present name of its last part. Raises ConfigurationError that lists every fault.
+    """
     try:
         return model.model_validate(document.data if data is None else data)
     except ValidationError as e:
-        _raise_configuration(document, model, e)
+        _raise_configuration(document, model, e, renamed)
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with what `over` says instead, mapping by mapping; lists and values are replaced whole."""
+    """`base` overridden by `over`. Mappings are merged recursively; lists and scalar values are replaced."""
     merged = dict(base)
     for key, value in over.items():
         old = merged.get(key)
@@ -95,7 +105,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML 1.2's core schema instead of 1.1's surprises (`no`, `on`, `1:30`, dates), and unique keys."""
+    """The core schema of YAML 1.2, and unique keys. In YAML 1.1 `no`, `on`, `1:30` and dates are special."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
@@ -110,7 +120,10 @@ class _StrictLoader(yaml.SafeLoader):
                 )
             if key in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' stands twice, first in line {seen[key]}", key_node.start_mark
+                    None,
+                    None,
+                    f"the key '{key}' is repeated; its first use is in line {seen[key]}",
+                    key_node.start_mark,
                 )
             seen[key] = line
         return super().construct_mapping(node, deep)
@@ -130,7 +143,7 @@ for _tag, _pattern, _first in (
         _StrictLoader.yaml_implicit_resolvers.setdefault("" if _c == "\0" else _c, []).append(
             (f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"))
         )
-# `010` is ten to a person; YAML 1.1's constructor would read it as eight.
+# `010` is ten. The constructor of YAML 1.1 would read it as octal eight.
 _StrictLoader.add_constructor(
     "tag:yaml.org,2002:int",
     lambda _, node: int(node.value, 16 if node.value.lower().startswith("0x") else 10),
@@ -140,14 +153,16 @@ _StrictLoader.add_constructor(
 def _read_text(path: Path, what: str) -> str:
     try:
         if path.is_dir():
-            raise ConfigurationError(f"{path}: a {what} is expected, this is a folder", path=str(path))
+            raise ConfigurationError(f"{path}: this is a folder; a {what} is expected", path=str(path))
         if path.stat().st_size > LARGEST_FILE:
-            raise ConfigurationError(f"{path}: too long for a {what}", path=str(path))
+            raise ConfigurationError(f"{path}: the file is too large for a {what}", path=str(path))
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as e:
         raise ConfigurationError(f"{path}: there is no such {what}", _similar_file(path), path=str(path)) from e
     except UnicodeDecodeError as e:
-        raise ConfigurationError(f"{path}: not a text file (UTF-8), so not a {what}", path=str(path)) from e
+        raise ConfigurationError(
+            f"{path}: the file is not UTF-8 text, so it is not a {what}", path=str(path)
+        ) from e
     except OSError as e:
         raise ConfigurationError(
             f"{path}: cannot read the {what}: {e.strerror}", "check the path and its permissions", path=str(path)
@@ -170,7 +185,7 @@ def _syntax_error(path: Path, what: str, error: yaml.YAMLError) -> Configuration
 
 
 def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int], depth: int = 0) -> None:
-    """Line numbers by key path. Aliases are followed a few levels only: a circle would never end."""
+    """Record line numbers by key path. The depth is limited because aliases can form a cycle."""
     if node is None or depth > 32:
         return
     if isinstance(node, yaml.MappingNode):
@@ -183,34 +198,40 @@ def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int], depth: 
             _note_lines(v, (*key, i), lines, depth + 1)
 
 
-# saying what is wrong
+# error messages
 
 
-def _raise_configuration(document: Document, model: type[BaseModel], error: ValidationError) -> NoReturn:
+def _raise_configuration(
+    document: Document, model: type[BaseModel], error: ValidationError, renamed: Mapping[str, str]
+) -> NoReturn:
     faults = error.errors(include_url=False)
     lines: list[str] = []
     hints: dict[str, list[str]] = {}
     for fault in faults:
-        line, hint = _explain(document, model, fault)
+        line, hint = _explain(document, model, fault, renamed)
         lines.append(line)
         if hint:
             hints.setdefault(hint, []).append(_dotted(fault["loc"]))
-    said = [hint if len(faults) == 1 else f"{', '.join(keys)}: {hint}" for hint, keys in hints.items()]
+    hint_lines = [hint if len(faults) == 1 else f"{', '.join(keys)}: {hint}" for hint, keys in hints.items()]
     first = faults[0]
     raise ConfigurationError(
         "\n".join(lines),
-        "\n  ".join(said),
+        "\n  ".join(hint_lines),
         path=str(document.path),
         key=_dotted(first["loc"]),
         value=_shown(first["input"]),
     ) from None
 
 
-def _explain(document: Document, model: type[BaseModel], fault: ErrorDetails) -> tuple[str, str]:
-    """(what is wrong, hint) of one of pydantic's faults."""
+def _explain(
+    document: Document, model: type[BaseModel], fault: ErrorDetails, renamed: Mapping[str, str]
+) -> tuple[str, str]:
+    """(message, hint) for one fault that pydantic reports."""
     loc: Key = fault["loc"]
     where, key, value, kind = document.where(loc), _dotted(loc), fault["input"], fault["type"]
     owner, field = _field(model, loc)
+    if kind == "extra_forbidden" and key in renamed:
+        return f"{where}: unknown key '{key}'", f"it was renamed to '{renamed[key]}'"
     if kind == "extra_forbidden":
         return f"{where}: unknown key '{key}'", _known_keys(owner, str(loc[-1]))
     if kind == "missing" and isinstance(loc[-1], int):
@@ -220,7 +241,7 @@ def _explain(document: Document, model: type[BaseModel], fault: ErrorDetails) ->
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         known = ", ".join(_names(owner)) if owner else ""
         return f"{where}: {key} = {_shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
-    if kind == "value_error" and not _allowed(field):  # a rule over several keys says itself which
+    if kind == "value_error" and not _allowed(field):  # the message of a rule over several keys names them
         return f"{where}: {_message(fault)}", ""
     allowed = _allowed(field) or _message(fault)
     hint = _unit_hint(field, value) or _number_hint(value) or _about(field)
@@ -245,7 +266,8 @@ def _message(fault: ErrorDetails) -> str:
 
 
 def _field(model: type[BaseModel], loc: Key) -> tuple[type[BaseModel] | None, FieldInfo | None]:
-    """The model that owns the last named key of `loc` (or that `loc` names itself), and that key's field."""
+    """The model that owns the last named key of `loc`, and the field of that key. If `loc` names a group, the
+    model is that group."""
     owner: type[BaseModel] | None = model
     field: FieldInfo | None = None
     for part in loc:
@@ -321,7 +343,7 @@ def _about(field: FieldInfo | None) -> str:
 
 
 def _unit_hint(field: FieldInfo | None, value: Any) -> str:
-    """What was probably meant when a number is off by exactly a unit."""
+    """A suggestion for a number that would be in range in another unit."""
     numbers = value if isinstance(value, list) else [value]
     if not numbers or any(isinstance(n, bool) or not isinstance(n, int | float) for n in numbers):
         return ""
@@ -333,16 +355,16 @@ def _unit_hint(field: FieldInfo | None, value: Any) -> str:
         return any(not low <= n <= high for n in numbers) and all(low <= n * scale <= high for n in numbers)
 
     unit = str(_extra(field).get("unit", ""))
-    meant = {
+    units = {
         "m": (("centimetres", 0.01), ("millimetres", 0.001)),
         "rad": (("degrees", 0.017453292519943295),),
         "s": (("milliseconds", 0.001),),
         "m/s": (("millimetres per second", 0.001),),
     }.get(unit, ())
-    # A length of several hundreds is millimetres even where centimetres would fit as well.
+    # A length of 100 or more is taken for millimetres, even where centimetres would be in range.
     if unit == "m" and max(abs(n) for n in numbers) >= 100:
-        meant = (("millimetres", 0.001), ("centimetres", 0.01))
-    for name, scale in meant:
+        units = (("millimetres", 0.001), ("centimetres", 0.01))
+    for name, scale in units:
         if fits(scale):
             suggestion = ", ".join(f"{n * scale:.4g}" for n in numbers)
             suggestion = f"[{suggestion}]" if isinstance(value, list) else suggestion
@@ -358,5 +380,5 @@ def _unit_hint(field: FieldInfo | None, value: Any) -> str:
 
 def _number_hint(value: Any) -> str:
     if isinstance(value, str) and re.match(r"^\s*[-+]?[0-9.]+\s*(mm|cm|m|deg|rad|s|N)\s*$", value):
-        return "give the plain number, without a unit: metres, radians (degrees in a key ending in _deg), seconds"
+        return "give a plain number, without a unit: metres, radians (degrees if the key ends in _deg), seconds"
     return ""

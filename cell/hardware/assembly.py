@@ -120,5 +120,5 @@ def _execution(settings: CellSettings) -> ExecutionLimits:
     return ExecutionLimits(
         start=float(np.deg2rad(motion.start_tolerance_deg)),
         tracking=motion.tracking_tolerance,
-        stale_s=motion.state_age,
+        stale_s=motion.max_state_age_s,
     )

@@ -1,7 +1,7 @@
-"""Where the RGB-D camera sits on Baxter: on a bracket over the head panel, turning with the head.
+"""Mount of the RGB-D camera on Baxter: a bracket over the head panel that turns with the head.
 
-The bracket holds it in front of the panel's upper edge (which reaches x = 0.216, z = 0.765 in the base
-frame): from further back the panel would hide the table's near half.
+The bracket holds the camera in front of the panel's upper edge, which reaches x = 0.216, z = 0.765 in the base
+frame. From further back the panel would hide the near half of the table.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = [
 ]
 
 FIELD_OF_VIEW = np.radians((58.0, 45.0))
-"""Of a PrimeSense Xtion, horizontal and vertical [rad]."""
+"""Field of view of a PrimeSense Xtion, horizontal and vertical [rad]."""
 
 INTRINSICS = Intrinsics(
     width=640,
@@ -32,14 +32,15 @@ INTRINSICS = Intrinsics(
 )
 
 HEAD_ORIGIN = (0.06, 0.0, 0.686)
-"""Of the URDF's head_pan joint in the base frame [m]; it turns about z."""
+"""Position of the URDF's head_pan joint in the base frame [m]. It rotates about z."""
 
 EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
-"""The camera's place and what it looks at when the head looks ahead, base frame [m]."""
+"""The camera's position and the point that it looks at with the head straight ahead, base frame [m]."""
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> Array:
-    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target`, its up towards base x."""
+    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target` with its up direction towards base
+    x."""
     z = np.subtract(target, eye)
     z = z / np.linalg.norm(z)
     right = np.cross(z, (1.0, 0.0, 0.0))
@@ -59,7 +60,7 @@ def T_base_head(pan: float) -> Array:
 
 
 T_HEAD_CAMERA = frozen(np.linalg.inv(T_base_head(0.0)) @ look_at(EYE, TARGET))
-"""(4, 4) the bracket as it was designed: camera to head link."""
+"""(4, 4) design pose of the camera relative to the head link."""
 
 
 def T_base_camera(pan: float = 0.0) -> Array:

@@ -1,9 +1,9 @@
-"""Baxter's visual meshes made ready for a viewer: COLLADA in, binary glTF out, cached on disk.
+"""Convert Baxter's visual meshes for a viewer: from COLLADA to binary glTF, cached on disk.
 
-The wheel's DAE files mix up axes and materials, which viewers read differently (Rerun places them wrongly
-without an error); they also have ten times the triangles that a picture of the cell needs. Each mesh is
-therefore loaded once with its scene transforms applied, thinned, coloured and written as GLB, and a URDF
-is written beside them that names the GLB files and has visuals only.
+The wheel's DAE files mix axes and materials, which viewers interpret differently (Rerun misplaces them without an
+error). They also have ten times the triangles that a picture of the cell needs. Each mesh is therefore loaded once
+with its scene transforms applied, simplified, coloured and written as GLB. A URDF with visuals only names the GLB
+files.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from robots.visual import RobotVisual
 __all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
 
 FORMAT = 4
-"""Raised whenever what is written changes, so that an old cache is not taken for a new one."""
+"""Version of the output format. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.0035
-"""Vertices nearer than this are merged: below a pixel when the whole robot is in the picture [m]."""
+"""Grid size of the vertex clustering [m]. It is below a pixel when the whole robot is in view."""
 CREASE = np.radians(35.0)
-"""Edges sharper than this keep their facets apart in the shading [rad]."""
+"""Angle above which an edge is shaded as sharp [rad]."""
 RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 173)
-"""Baxter's plastics, sRGB. The files' own colours are near black once a viewer's light is applied."""
+"""Colours of Baxter's plastics, sRGB. The colours in the files look nearly black in a viewer's light."""
 
 
 def baxter_visual() -> RobotVisual:
-    """Baxter for a viewer. Raises StorageError when its meshes cannot be cached."""
+    """Baxter's visual model. Raises StorageError if its meshes cannot be cached."""
     return RobotVisual(
         urdf=visual_glb_urdf(),
         joint_names=JOINT_NAMES,
@@ -44,15 +44,15 @@ def baxter_visual() -> RobotVisual:
 
 
 def visual_glb_urdf() -> Path:
-    """Path of a URDF of Baxter whose visuals are GLB files (absolute paths); made once, then cached.
+    """Path of a cached URDF of Baxter whose visuals are GLB files (absolute paths).
 
-    Raises StorageError when the cache cannot be written.
+    Raises StorageError if the cache cannot be written.
     """
     return cached_urdf("baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals)
 
 
 def write_visuals(folder: Path, final: Path) -> None:
-    """Write the GLB files and the URDF into `folder`; the URDF names them where they will lie, in `final`."""
+    """Write the GLB files and the URDF into `folder`. The URDF names their later paths in `final`."""
     tree = ET.parse(baxter_urdf_path())
     root = tree.getroot()
     for link in root.iter("link"):
@@ -77,7 +77,7 @@ def write_visuals(folder: Path, final: Path) -> None:
 
 
 def convert(path: Path) -> bytes:
-    """One COLLADA file as GLB, in the link's frame [m], thinned and coloured."""
+    """Convert one COLLADA file to GLB in the link's frame [m], simplified and coloured."""
     scene = trimesh.load_scene(path)
     out = trimesh.Scene()
     for number, part in enumerate(scene.dump(concatenate=False)):
@@ -91,7 +91,7 @@ def convert(path: Path) -> bytes:
 
 
 def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:
-    """The plastic nearest to what the file means."""
+    """The plastic closest to the colour in the file."""
     given = getattr(getattr(part.visual, "material", None), "baseColorFactor", None)
     rgb = np.array((90, 90, 90) if given is None else given, dtype=int)[:3]
     if rgb[0] > 2 * rgb[1] + 20:

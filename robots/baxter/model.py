@@ -1,7 +1,7 @@
 """Baxter: kinematics, collision geometry and limits, from the URDF of the example-robot-data wheel.
 
-The URDF's frames `left_gripper` and `right_gripper` are the tool frames as they stand: origin between
-the fingertips, z out of the hand, and the fingers' prismatic joints move along its y; no rotation is added.
+The URDF's frames `left_gripper` and `right_gripper` are used as tool frames without a rotation: origin between the
+fingertips, z out of the hand, y along the fingers' prismatic joints.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
 JOINT_NAMES = tuple(f"{side}_{joint}" for side in Side for joint in ARM_JOINTS)
 FINGER_JOINTS = {side: (f"{side[0]}_gripper_l_finger_joint", f"{side[0]}_gripper_r_finger_joint") for side in Side}
 FINGER_OPEN = 0.0104
-"""Taken for collision checks: each finger this far out [m], half its stroke."""
+"""Position of each finger in collision checks: half its stroke [m]."""
 
 FLOOR = -0.924
-"""Of the base frame [m]."""
+"""Height of the floor in the base frame [m]."""
 
 URDF_VELOCITY = np.array([1.5, 1.5, 1.5, 1.5, 4.0, 4.0, 4.0] * 2)
 POSITION_MARGIN = 0.02
-"""Planned motions keep this far from the hard stops [rad]."""
+"""Distance of planned motions from the hard stops [rad]."""
 
 PARK_LEFT = np.array([0.31, -0.75, -0.98, 1.73, 0.85, 1.60, 0.72])
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-"""The right arm is the left one's mirror image: what turns about z and along the links changes sign."""
+"""Signs of the joints of the mirrored right arm: rotations about z and about the link axes change sign."""
 
 Q_PARK = np.concatenate([PARK_LEFT, PARK_LEFT * MIRROR])
-"""Hands beside the table's near corners, 0.2 m over it, out of the camera's view with 20 mm to spare
-(tested), and about 1.1 s from where folds of a towel begin and end."""
+"""Parked arms: hands beside the near corners of the table, 0.2 m above it, at least 20 mm outside the camera's
+view (tested), about 1.1 s from the start and end of a towel's folds."""
 
 
 def package_root() -> Path:
-    """The folder that `package://example-robot-data` is a child of."""
+    """The parent folder of `package://example-robot-data`."""
     try:
         wheel = distribution("example-robot-data")
     except PackageNotFoundError as error:
@@ -62,7 +62,7 @@ def package_root() -> Path:
 
 
 def baxter_urdf_path() -> Path:
-    """The URDF as the wheel ships it (its meshes are `package://` URIs)."""
+    """The wheel's URDF. Its meshes are `package://` URIs."""
     return package_root() / "example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 
 
@@ -72,7 +72,7 @@ def baxter_srdf_path() -> Path:
 
 @lru_cache(maxsize=1)
 def load_model() -> RobotModel:
-    """Baxter with both electric grippers. Reads the wheel's files once a process (about 0.1 s)."""
+    """Baxter with both electric grippers. The wheel's files are read once per process (about 0.1 s)."""
     model = pin.buildModelFromUrdf(str(baxter_urdf_path()))
     index = np.array([model.joints[model.getJointId(name)].idx_q for name in JOINT_NAMES])
     q_rest = pin.neutral(model)
@@ -112,8 +112,8 @@ def _limits(
     jerk: float,
     wrist: float = 2.0,
 ) -> JointLimits:
-    """velocity is a share of the URDF's; acceleration [rad/s2], jerk [rad/s3] of shoulder and elbow, the
-    wrist's joints `wrist` times as much."""
+    """velocity: fraction of the URDF's limit. acceleration [rad/s2], jerk [rad/s3]: for shoulder and elbow. wrist:
+    factor for the wrist joints. margin: reduction of the position range at both ends [rad]."""
     share = np.array([1.0, 1.0, 1.0, 1.0, wrist, wrist, wrist] * 2)
     return JointLimits(
         lower=frozen(model.lowerPositionLimit[index] + margin),
@@ -132,7 +132,7 @@ def _fingertips(side: Side) -> tuple[str, ...]:
 
 
 def _collision_model(model: pin.Model) -> pin.GeometryModel:
-    """Every pair that the SRDF does not exclude; torso and pedestal, meshes, as their convex hulls."""
+    """Geometry with all pairs that the SRDF does not exclude. Meshes (torso, pedestal) become convex hulls."""
     geometry = pin.buildGeomFromUrdf(
         model, str(baxter_urdf_path()), pin.GeometryType.COLLISION, package_dirs=[str(package_root())]
     )

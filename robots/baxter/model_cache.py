@@ -1,5 +1,4 @@
-"""Models of Baxter made once from the wheel's files and kept in the user's cache, and how meshes are thinned for
-them."""
+"""Cache of converted models of Baxter in the user's cache folder, and mesh simplification for them."""
 
 from __future__ import annotations
 
@@ -25,11 +24,11 @@ URDF = "baxter.urdf"
 
 
 def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
-    """Path of the URDF in the cache folder `name`; made by `write` where it is not there yet.
+    """Path of the URDF in the cache folder `name`. `write` creates it if it is missing.
 
-    made_with: what else than the wheel's URDF the result hangs on: another text is another folder. write(build,
-    folder): puts `URDF` and its meshes into `build`, naming them as they will lie in `folder`. Raises StorageError
-    when the cache cannot be written.
+    made_with: text that identifies the parameters of the conversion; another text uses another folder.
+    write(build, folder): writes `URDF` and its meshes into `build`, with paths that refer to `folder`. Raises
+    StorageError if the cache cannot be written.
     """
     digest = hashlib.sha256(baxter_urdf_path().read_bytes() + made_with.encode()).hexdigest()[:12]
     folder = Path(platformdirs.user_cache_dir("foldcell")) / f"{name}-{digest}"
@@ -47,14 +46,14 @@ def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) 
     except OSError as error:
         raise StorageError(
             f"the robot's model cannot be cached in {folder.parent}: {error.strerror}",
-            "make the folder writable, or point XDG_CACHE_HOME at one that is",
+            "make the folder writable, or set XDG_CACHE_HOME to a writable folder",
             path=str(folder),
         ) from error
     return urdf
 
 
 def _publish(build: Path, folder: Path) -> None:
-    """A finished folder appears at once; losing the race to another process is as good as winning it."""
+    """Rename the finished folder atomically. If another process was faster, its result is used."""
     build.chmod(0o755)
     try:
         os.rename(build, folder)
@@ -64,7 +63,8 @@ def _publish(build: Path, folder: Path) -> None:
 
 
 def thinned(vertices: Array, faces: NDArray, cell: float) -> trimesh.Trimesh:
-    """Vertex clustering: vertices (n, 3) in one grid cell [m] become their mean; collapsed faces go."""
+    """Simplify by vertex clustering: the vertices (n, 3) in one grid cell [m] are replaced by their mean, and
+    collapsed faces are removed."""
     _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
     cluster = cluster.ravel()
     count = np.bincount(cluster)

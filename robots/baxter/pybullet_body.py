@@ -1,8 +1,8 @@
-"""Baxter as a body in a PyBullet world: loaded, driven by position, read back.
+"""Baxter as a position-controlled body in a PyBullet world.
 
-Self-collision is on with the SRDF's filter and between links of one rigid group off: without both, PyBullet
-pushes neighbouring links apart and the arms explode. Fingers collide with nothing here: what they touch is
-soft, and belongs to whoever simulates it.
+Self-collision is on, except for the pairs that the SRDF disables and for links of one rigid group. Otherwise
+PyBullet pushes neighbouring links apart and the arms become unstable. Fingers collide with nothing, because the
+cloth that they touch is simulated elsewhere.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from robots.baxter.pybullet_files import moving_urdf, srdf_disabled_pairs
 from robots.baxter.suppress_output import suppress_output
 from robots.ports import Array, Side
 
-with suppress_output():  # it prints when it was built
+with suppress_output():  # PyBullet prints its build date
     import pybullet as pb
 
 __all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map", "pb"]
 
 ARM_EFFORT = 150.0
-"""[Nm] The URDF's 50 Nm leave out the springs that carry the upper arm at S1: with them it sags 0.23 rad."""
+"""Motor torque of the arm joints [Nm]. The URDF's 50 Nm ignore the springs at S1 that carry the upper arm: with
+50 Nm the arm sags by 0.23 rad."""
 FINGER_STROKE = 0.0208
-"""Of one finger [m]."""
+"""Stroke of one finger [m]."""
 MAX_OPENING = 2 * FINGER_STROKE
 PAD_THICKNESS = 0.008
-"""The URDF's bare fingertips stay 16 mm apart when closed: a tactile pad on each fills that gap [m]."""
+"""Thickness of each tactile pad [m]. The pads fill the gap of 16 mm between the URDF's closed bare fingertips."""
 POSITION_GAIN, VELOCITY_GAIN = 0.2, 1.0
-"""Of PyBullet's motor: worst error 0.9 mrad at 0.3 rad/s and 240 Hz."""
+"""Gains of PyBullet's motor. The largest error is 0.9 mrad at 0.3 rad/s and 240 Hz."""
 
 
 def joint_map(body: int, client: int) -> dict[str, int]:
-    """Joint name -> PyBullet index, moving joints only."""
+    """PyBullet indices of the moving joints by name."""
     count = pb.getNumJoints(body, physicsClientId=client)
     infos = [pb.getJointInfo(body, i, physicsClientId=client) for i in range(count)]
     return {info[1].decode(): info[0] for info in infos if info[2] != pb.JOINT_FIXED}
@@ -46,12 +47,12 @@ def base_pose(body: int, link: int, client: int) -> tuple[Array, Array]:
 
 
 class BaxterBody:
-    """Both arms, head and fingers in PyBullet world `client`, its base at the origin. One thread only."""
+    """Both arms, head and fingers in the PyBullet world `client`, with the base at the origin. Not thread-safe."""
 
     def __init__(self, client: int) -> None:
         self._client = client
         flags = pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_USE_SELF_COLLISION
-        with suppress_output():  # it warns of links without mass, which are only frames
+        with suppress_output():  # PyBullet warns of links without mass, which are only frames
             self._body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, flags=flags, physicsClientId=client)
         joints = joint_map(self._body, client)
         self._arms = [joints[name] for name in JOINT_NAMES]
@@ -69,7 +70,7 @@ class BaxterBody:
         return {"base": -1, **links}
 
     def _rigid_group(self, link: int) -> int:
-        """The moving link that `link` is fixed to."""
+        """The moving link to which `link` is fixed."""
         while link >= 0:
             info = pb.getJointInfo(self._body, link, physicsClientId=self._client)
             if info[2] != pb.JOINT_FIXED:
@@ -98,13 +99,13 @@ class BaxterBody:
                 )
 
     def let_fingers_through(self, other: int) -> None:
-        """No collision between the fingers and body `other`."""
+        """Disable collisions between the fingers and body `other`."""
         for name, link in self._links.items():
             if "finger" in name:
                 pb.setCollisionFilterPair(self._body, other, link, -1, 0, physicsClientId=self._client)
 
     def place(self, q: Array, head_pan: float, opening: Mapping[Side, float]) -> None:
-        """Put the body where it is told, at rest: the start of a world, never a motion."""
+        """Set the initial state at rest: q (14,), head_pan [rad], openings [m]. Not for motions."""
         for joint, position in zip(self._driven, self._targets(q, head_pan, opening), strict=True):
             pb.resetJointState(self._body, joint, position, 0.0, physicsClientId=self._client)
 
@@ -128,17 +129,17 @@ class BaxterBody:
         return [*q.tolist(), head_pan, *fingers]
 
     def read(self) -> tuple[Array, Array, Array, float]:
-        """q, qd, effort (14,) [rad], [rad/s], [Nm] and head_pan [rad], without any sensor's error."""
+        """True q, qd, effort (14,) [rad], [rad/s], [Nm] and head_pan [rad], without sensor errors."""
         states = pb.getJointStates(self._body, [*self._arms, self._head], physicsClientId=self._client)
         q, qd, _, effort = zip(*states, strict=True)
         return np.array(q[:14]), np.array(qd[:14]), np.array(effort[:14]), float(q[14])
 
     def tool_pose(self, side: Side) -> tuple[Array, Array]:
-        """T_base_tool as position (3,) and rotation (3, 3); see robots.ports for the tool's axes."""
+        """T_base_tool as position (3,) [m] and rotation (3, 3). robots.ports defines the tool's axes."""
         return base_pose(self._body, self._tool[side], self._client)
 
     def touches(self, other: int | None = None) -> tuple[tuple[str, str], ...]:
-        """Names of links in contact with each other, or with body `other` (its name is then '')."""
+        """Pairs of names of links in contact with each other, or with body `other` (the second name is '')."""
         target = self._body if other is None else other
         found = pb.getContactPoints(self._body, target, physicsClientId=self._client) or ()
         name = {index: name for name, index in self._links.items()}

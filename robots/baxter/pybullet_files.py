@@ -1,7 +1,7 @@
-"""Baxter's URDF as PyBullet reads it, cached on disk: once to move, once to be seen.
+"""Baxter's URDF for PyBullet, cached on disk in two versions: one for motion, one for rendering.
 
-PyBullet does not know `package://`, loads every mesh that the file names, and renders every triangle. So
-the body that moves has no visuals, and the body that is seen has thinned OBJ meshes and nothing else.
+PyBullet does not support `package://`, loads every mesh that the file names and renders every triangle. The moving
+body therefore has no visuals, and the rendered body has only simplified OBJ meshes.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from robots.baxter.model_cache import cached_urdf, thinned
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
 FORMAT = 6
-"""Raised whenever what is written changes, so that an old cache is not taken for a new one."""
+"""Version of the output format. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.006
-"""Vertices of the arms nearer than this are merged: two or three pixels as seen from the head [m]."""
+"""Grid size of the vertex clustering for the arms [m]: two or three pixels in the head camera."""
 COARSE_CELL = 0.020
-"""The same for torso and pedestal, of which the camera sees little more than their shadow [m]."""
+"""Grid size for torso and pedestal, of which the camera sees little more than the shadow [m]."""
 MADE_WITH = f"{FORMAT} {CELL} {COARSE_CELL}"
 RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56, 0.58, 1.0)
 
 
 def moving_urdf() -> Path:
-    """Collision shapes and inertias, no visuals. Raises StorageError when the cache cannot be written."""
+    """URDF with collision shapes and inertias, without visuals. Raises StorageError if the cache is not
+    writable."""
     return cached_urdf("baxter-bullet-moving", MADE_WITH, _write_moving)
 
 
 def seen_urdf() -> Path:
-    """Thinned visuals, no collision shapes. Raises StorageError when the cache cannot be written."""
+    """URDF with simplified visuals, without collision shapes. Raises StorageError if the cache is not writable."""
     return cached_urdf("baxter-bullet-seen", MADE_WITH, _write_seen)
 
 
 def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
-    """Pairs of links that the SRDF says need no collision check."""
+    """Pairs of links that the SRDF excludes from collision checks."""
     root = ET.parse(baxter_srdf_path()).getroot()
     return frozenset(
         frozenset((pair.attrib["link1"], pair.attrib["link2"])) for pair in root.iter("disable_collisions")
@@ -47,7 +48,7 @@ def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
 
 
 def _urdf_without(*tags: str) -> ET.Element:
-    """The wheel's URDF, those elements of its links left out."""
+    """The wheel's URDF without the elements `tags` of its links."""
     root = ET.parse(baxter_urdf_path()).getroot()
     for link in root.iter("link"):
         for tag in tags:
@@ -62,7 +63,7 @@ def _urdf_without(*tags: str) -> ET.Element:
 def _write_moving(build: Path, folder: Path) -> None:
     root = _urdf_without("visual")
     for mesh in root.iter("mesh"):
-        # copied: the cache outlives the installation that wrote it
+        # copied, because the cache may outlive the installation
         source = package_root() / mesh.attrib["filename"].removeprefix("package://")
         shutil.copyfile(source, build / source.name)
         mesh.set("filename", str(folder / source.name))
@@ -90,7 +91,7 @@ def _write_seen(build: Path, folder: Path) -> None:
 
 
 def _thinned_obj(source: Path) -> str:
-    """A COLLADA file as one OBJ in the link's frame, its vertices clustered on a grid."""
+    """Convert a COLLADA file to one OBJ in the link's frame, with vertices clustered on a grid."""
     cell = COARSE_CELL if source.stem in ("PEDESTAL", "base_link") else CELL
     mesh = trimesh.load_scene(source).to_mesh()
     thin = thinned(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)

@@ -1,6 +1,6 @@
-"""Keeping PyBullet's C printing off the terminal: it writes to the file descriptors, past Python.
+"""Suppress the output of PyBullet's C code, which writes directly to the file descriptors.
 
-A result that is printed as the last line of standard output must not have somebody else's words before it.
+The program prints results on standard output, which must contain no other text.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ __all__ = ["suppress_output"]
 
 @contextmanager
 def suppress_output() -> Iterator[None]:
-    """Standard output and error go nowhere meanwhile. What Python has buffered is written out before."""
+    """Discard standard output and standard error inside the context. Python's buffers are flushed before."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
-    kept = [(fd, os.dup(fd)) for fd in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    saved = [(fd, os.dup(fd)) for fd in (1, 2)]
+    null = os.open(os.devnull, os.O_WRONLY)
     try:
-        for fd, _ in kept:
-            os.dup2(nowhere, fd)
+        for fd, _ in saved:
+            os.dup2(null, fd)
         yield
     finally:
-        for fd, copy in kept:
+        for fd, copy in saved:
             os.dup2(copy, fd)
             os.close(copy)
-        os.close(nowhere)
+        os.close(null)

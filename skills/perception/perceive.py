@@ -56,7 +56,7 @@ class PerceptionSettings:
     """What else lies on the table may cover this share of the garment's area;"""
     intruder: float = 0.02
     """and what reaches into the picture from its edge, this one."""
-    known_iou: float = 0.80
+    min_template_iou: float = 0.80
     """A silhouette that overlaps no template better than this is of an unknown garment."""
     polygon_iou: float = 0.91
     """Nor is one known that the straight lines between its key points overlap no better than this,"""
@@ -71,7 +71,7 @@ class PerceptionSettings:
     flat_height: float = 0.025
     """95th percentile of height over a garment that lies flat."""
     border: float = 0.006
-    lowest_confidence: float = 0.6
+    min_confidence: float = 0.6
     dark_level: float = 6.0
     white_level: float = 254.0
     depth_holes: float = 0.5
@@ -213,7 +213,7 @@ def _perceive_by(
         "garment_height_m": top,
         "least_turn": registration.least_turn,
     }
-    if confidence < settings.lowest_confidence:
+    if confidence < settings.min_confidence:
         return failed(
             Failure(
                 FailureKind.LOW_CONFIDENCE,
@@ -405,7 +405,7 @@ def _choose(
         return None, None
     best = max(matches, key=lambda m: m.iou)
     values = {"best": best.name, "best_iou": best.iou, "scale": best.scale}
-    if best.iou < settings.known_iou:
+    if best.iou < settings.min_template_iou:
         return None, Failure(
             FailureKind.UNKNOWN_GARMENT,
             f"the silhouette is of no known garment (nearest {best.name}, overlap {best.iou:.2f})",

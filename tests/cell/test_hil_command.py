@@ -46,7 +46,7 @@ def test_hil_reports_passing_scripts_and_a_failing_one(tmp_path: Path, capsys: p
     assert no_garment["passed"] and no_garment["end"] == "not_folded"
     assert aborted["passed"] and aborted["end"] == "not_folded", "the script after one that failed is performed"
     assert stopped["end"] == "stopped" and len(stopped["broken"]) == 2
-    assert "the button" in stopped["broken"][0] and "never came to pass" in stopped["broken"][1]
+    assert "the button" in stopped["broken"][0] and "never happened" in stopped["broken"][1]
     for script in figures["scripts"]:
         folder = Path(script["run_dir"])
         assert (folder / "report.html").exists()

@@ -172,7 +172,7 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "not been heard of for 0.2 s": arms.COMMAND_TIMEOUT == 0.2,
         "one tick, 10 ms": ticks.TICK_S == 0.010,
         "on the path 0.6 s more": timing.STOP_TIME == 0.6,
-        "`motion.state_age`, 0.1 s": shipped.motion.state_age == 0.1,
+        "`motion.max_state_age_s`, 0.1 s": shipped.motion.max_state_age_s == 0.1,
         "0.002 rad off": checks.ExecutionLimits().altered == 0.002,
         "no further from the last one than the joints go in 40 ms at full speed": setpoint.JUMP_TIME == 0.040,
         "after one of more than 50 ms it runs up from rest": ticks.STALL_S == 0.050,

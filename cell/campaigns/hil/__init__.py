@@ -1,1 +1,2 @@
-"""Scripted runs of a cell, simulated or not: what is let go wrong or said when, and what has to come of it."""
+"""Scripted runs of a cell, simulated or real. A script states faults and commands with their times, and the
+expected results."""

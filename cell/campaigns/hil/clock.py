@@ -1,4 +1,4 @@
-"""A cell's clock on whose way things happen."""
+"""A cell's clock that carries out scheduled actions."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ __all__ = ["Schedule", "ScheduledClock"]
 
 
 class Schedule(Protocol):
-    """What is to happen when, in cell time [s]."""
+    """Actions scheduled in cell time [s]."""
 
     def next_due(self) -> float | None: ...
 
     def carry_out(self, now: float) -> None:
-        """Do all that is due by now."""
+        """Carry out every action that is due at `now` [s]."""
 
 
 class ScheduledClock:
-    """The clock of a cell, which stops on its way at what is due and has it carried out: between two set-points
-    of a motion as well as while somebody waits."""
+    """A cell's clock that wakes at each scheduled action and carries it out, also between two set-points of a
+    motion."""
 
-    def __init__(self, clock: Clock, agenda: Schedule) -> None:
-        self._clock, self._agenda = clock, agenda
+    def __init__(self, clock: Clock, schedule: Schedule) -> None:
+        self._clock, self._schedule = clock, schedule
 
     def now(self) -> float:
         return self._clock.now()
 
     def sleep_until(self, t: float) -> None:
         while True:
-            self._agenda.carry_out(self._clock.now())
-            due = self._agenda.next_due()
+            self._schedule.carry_out(self._clock.now())
+            due = self._schedule.next_due()
             if due is None or due >= t:
                 break
             self._clock.sleep_until(due)
         self._clock.sleep_until(t)
-        self._agenda.carry_out(self._clock.now())
+        self._schedule.carry_out(self._clock.now())

@@ -1,9 +1,9 @@
-"""Does to a run what its script says, when it says so, and remembers what came of it.
+"""The director carries out a script during a run and records the results.
 
-A director stands beside the machine as any observer does, and on the clock that the executive sleeps by. It holds
-nothing that the executive could not meet on its own: commands go into the one queue, a stop into the stop circuit,
-faults into the simulated world. While the cell does not sleep by this clock (an attendant lays the garment), what
-is due has to wait until it does, or enters its next state.
+A director is an observer of the state machine and a schedule on the executive's clock. It acts only through the
+usual inputs: commands go into the command queue, a stop into the stop circuit, faults into the simulated world.
+While the cell does not sleep on this clock (for example while an attendant lays the garment), due actions wait
+until the next sleep or the next state.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from robots.ports import Array, Ports
 
 __all__ = ["Director", "Seen"]
 
-HUNG = "the script's time is over"
-GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": HUNG})
-"""What is done to a run that does not come to its end, and to one that does not heed that."""
+OVERTIME = "the script's time is over"
+GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": OVERTIME})
+"""Actions for a run that exceeds its time limit: GIVE_UP first, HALT if the run still does not end."""
 GRACE_S = 60.0
-"""Of cell time between the two [s]."""
-HUNG_FACTOR = 3.0
-"""A cell whose clock stands still is stopped after so many times that on the wall."""
+"""Cell time between GIVE_UP and HALT [s]."""
+WALL_FACTOR = 3.0
+"""A cell whose clock has stopped is halted after this multiple of the time limit, by the wall clock."""
 AT_REST = 0.02
-"""Arms this near to the rest pose are parked [rad]."""
+"""Largest joint distance of parked arms from the rest pose [rad]."""
 OPEN = 0.01
-"""Pads this far apart hold nothing [m]."""
+"""Smallest opening of pads that hold nothing [m]."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What came of a run beside its result.
+    """Observations of a run, beside its result.
 
-    states: in the order in which they were entered; failures: likewise. parked: arms at rest and hands open at
-    the end. missed: actions that were never due, faults that never happened and commands that nobody took.
-    overdue: it was told to end for its length. trouble: what kept the script from being carried out.
+    states, failures: in order of time. parked: arms at rest and hands open at the end. missed: actions that were
+    never due, faults that never happened and commands that were never taken. overdue: the run was aborted at its
+    time limit. trouble: errors while the script was carried out.
     """
 
     states: tuple[State, ...]
@@ -59,11 +59,11 @@ class Seen:
 
 
 class Director:
-    """One script, for one run: `begin` before the first effect, then an observer of the runner."""
+    """Carries out one script in one run. Call `begin` before the first effect; then it observes the runner."""
 
     def __init__(self, script: Script, rest: Array, tell: Callable[[str], None]) -> None:
-        """rest: (14,) the arms' rest pose [rad]. tell: says a line to the person at the cell."""
-        self._waiting = list(script.do)
+        """rest: (14,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
+        self._pending = list(script.do)
         self._due: list[tuple[float, Action]] = []
         self._faults: list[tuple[Fault, Action]] = []
         self._rest, self._tell = rest, tell
@@ -74,35 +74,36 @@ class Director:
         self._failures: list[FailureKind] = []
         self._parked = False
         self._said: list[tuple[QueuedCommand, Action]] = []
-        self._late: list[Action] = []
+        self._dropped: list[Action] = []
         self._missed: tuple[Action, ...] = script.do
         self._limit = script.limit_s
         self._overdue = False
         self._trouble: list[str] = []
-        self._guard: threading.Timer | None = None
+        self._wall_timer: threading.Timer | None = None
 
     def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
-        """The ports as the executive gets them: the same, with a clock on whose way the script is carried out."""
+        """Start the script. Returns the ports for the executive, with a clock that carries out the script."""
         ports = cell.ports
         self._cell, self._commands, self._began = cell, commands, ports.clock.now()
         self._schedule(lambda action: action.when.time_s)
         self._due += [(self._began + self._limit, GIVE_UP), (self._began + self._limit + GRACE_S, HALT)]
-        self._guard = threading.Timer(HUNG_FACTOR * (self._limit + GRACE_S), ports.stop.trigger, [HUNG])
-        self._guard.daemon = True
-        self._guard.start()
+        wall_limit = WALL_FACTOR * (self._limit + GRACE_S)
+        self._wall_timer = threading.Timer(wall_limit, ports.stop.trigger, [OVERTIME])
+        self._wall_timer.daemon = True
+        self._wall_timer.start()
         self.carry_out(self._began)
         return replace(ports, clock=ScheduledClock(ports.clock, self))
 
     def close(self) -> None:
-        """The run is over: nothing is to be stopped any more."""
-        if self._guard is not None:
-            self._guard.cancel()
+        """End the supervision of a run that is over."""
+        if self._wall_timer is not None:
+            self._wall_timer.cancel()
 
     def seen(self) -> Seen:
         states, failures = tuple(self._states), tuple(self._failures)
         return Seen(states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble))
 
-    # an agenda
+    # Schedule
 
     def next_due(self) -> float | None:
         return min((t for t, _ in self._due), default=None)
@@ -110,41 +111,41 @@ class Director:
     def carry_out(self, now: float) -> None:
         self._carry_out(now, lambda action: True)
 
-    def _carry_out(self, now: float, which: Callable[[Action], bool]) -> None:
+    def _carry_out(self, now: float, selected: Callable[[Action], bool]) -> None:
         for t, action in sorted(self._due, key=lambda item: item[0]):
-            if t <= now and which(action):
+            if t <= now and selected(action):
                 self._due.remove((t, action))
                 self._without_raising(partial(self._do, t, action))
 
-    # an observer
+    # observer
 
     def entered(self, t: float, step: Step) -> None:
         left = [(due, action) for due, action in self._due if action.when.state is not None and due > t]
-        self._due = [item for item in self._due if item not in left]  # it would meet another state
-        self._late += [action for _, action in left]
+        self._due = [item for item in self._due if item not in left]  # the state that they refer to has ended
+        self._dropped += [action for _, action in left]
         visit = self._states.count(step.target) + 1
         self._states.append(step.target)
 
         def moment(action: Action) -> float | None:
-            it_is = action.when.state is step.target and action.when.visit == visit
-            return t - self._began + action.when.after_s if it_is else None
+            matches = action.when.state is step.target and action.when.visit == visit
+            return t - self._began + action.when.after_s if matches else None
 
         self._schedule(moment)
-        # what is said before a question was asked does not answer it: that waits until the effect has begun
+        # a command before the question does not answer it, so commands wait until the effect has begun
         self._carry_out(t, lambda action: action.say is None)
         if step.target in TERMINAL:
-            self._without_raising(self._look_at_the_end)
+            self._without_raising(self._observe_end)
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         if result.event in FAILING and result.context.failure is not None:
             self._failures.append(result.context.failure.kind)
 
     def _schedule(self, moment: Callable[[Action], float | None]) -> None:
-        """Put down what is due at a moment [s] since the run began that is known now."""
-        for action in tuple(self._waiting):
+        """Schedule the pending actions for which `moment` returns a time since the start of the run [s]."""
+        for action in tuple(self._pending):
             at = moment(action)
             if at is not None:
-                self._waiting.remove(action)
+                self._pending.remove(action)
                 self._due.append((self._began + at, action))
 
     def _do(self, t: float, action: Action) -> None:
@@ -153,7 +154,7 @@ class Director:
             fault = action.fault.at(t)
             self._faults.append((fault, action))
             if self._cell.simulated is None:
-                raise InternalError("only a simulated cell can be made to fail")
+                raise InternalError("faults need a simulated cell")
             self._cell.simulated.faults.add(fault)
         elif action.say is not None:
             self._overdue = self._overdue or action is GIVE_UP
@@ -163,25 +164,26 @@ class Director:
         elif action.tell is not None:
             self._tell(action.tell)
 
-    def _look_at_the_end(self) -> None:
+    def _observe_end(self) -> None:
         assert self._cell is not None
         ports, simulated = self._cell.ports, self._cell.simulated
-        astray = float(np.abs(ports.arms.state().q - self._rest).max())
+        distance = float(np.abs(ports.arms.state().q - self._rest).max())
         openings = [gripper.state().opening for gripper in ports.grippers.values()]
-        self._parked = astray < AT_REST and min(openings) > OPEN
+        self._parked = distance < AT_REST and min(openings) > OPEN
         happened = [fault for _, fault in simulated.truth.now().faults] if simulated and self._faults else []
-        not_so = []
-        for fault, action in self._faults:  # equal ones are told apart by their number
+        absent = []
+        for fault, action in self._faults:  # equal faults are counted
             if fault in happened:
                 happened.remove(fault)
             else:
-                not_so.append(action)
-        still = [action for _, action in self._due] + [action for said, action in self._said if not said.taken]
-        missed = (*self._waiting, *self._late, *still, *not_so)
+                absent.append(action)
+        due = [action for _, action in self._due]
+        not_taken = [action for command, action in self._said if not command.taken]
+        missed = (*self._pending, *self._dropped, *due, *not_taken, *absent)
         self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)
 
     def _without_raising(self, act: Callable[[], None]) -> None:
-        """The run must not end by its script's trouble; the script has failed then."""
+        """An error in the script must not end the run. It is recorded, and the script fails."""
         try:
             act()
         except Exception as e:

@@ -1,4 +1,4 @@
-"""The results of scripts as a JUnit file, which build servers show as tests."""
+"""Results of scripts as a JUnit file, which build servers display as tests."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from cell.campaigns.hil.script_run import ScriptResult
 
 __all__ = ["junit_text"]
 
-NO_LETTERS = "\ufffe\uffff"
+NONCHARACTERS = "\ufffe\uffff"
 
 
-def junit_text(performances: Sequence[ScriptResult], left: Sequence[Script] = ()) -> bytes:
-    """One test case a script, with what was not as expected and the run's folder. left: scripts that were not
-    performed any more, as skipped."""
-    failed = sum(not p.passed for p in performances)
-    seconds = sum(p.seconds for p in performances)
+def junit_text(results: Sequence[ScriptResult], left: Sequence[Script] = ()) -> bytes:
+    """One test case for each script, with its broken expectations and the run folder. left: scripts that were not
+    run; they are reported as skipped."""
+    failed = sum(not p.passed for p in results)
+    seconds = sum(p.seconds for p in results)
     suite = ElementTree.Element(
-        "testsuite", name="foldcell hil", tests=str(len(performances) + len(left)), failures=str(failed),
+        "testsuite", name="foldcell hil", tests=str(len(results) + len(left)), failures=str(failed),
         skipped=str(len(left)), time=f"{seconds:.1f}",
     )  # fmt: skip
-    for p in performances:
+    for p in results:
         case = ElementTree.SubElement(
             suite, "testcase", classname="hil", name=_plain(p.script.name), time=f"{p.seconds:.1f}"
         )
@@ -33,13 +33,13 @@ def junit_text(performances: Sequence[ScriptResult], left: Sequence[Script] = ()
             ElementTree.SubElement(case, "system-out").text = _plain(p.result.run_dir)
     for script in left:
         case = ElementTree.SubElement(suite, "testcase", classname="hil", name=_plain(script.name))
-        ElementTree.SubElement(case, "skipped", message="interrupted before it was performed")
+        ElementTree.SubElement(case, "skipped", message="interrupted before it was run")
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _plain(text: str) -> str:
-    """With a question mark in place of what XML cannot hold: control characters, halves of a character."""
+    """Replace characters that XML does not allow (control characters, surrogates) by question marks."""
     return "".join(
-        c if c in "\n\t" or " " <= c < "\ud800" or "\ue000" <= c not in NO_LETTERS else "?" for c in text
+        c if c in "\n\t" or " " <= c < "\ud800" or "\ue000" <= c not in NONCHARACTERS else "?" for c in text
     )

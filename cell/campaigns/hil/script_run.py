@@ -1,4 +1,4 @@
-"""Scripts performed one after the other, each in a run of its own."""
+"""Run a script in a run of its own."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["ScriptResult", "check_script", "run_script"]
 
 @dataclass(frozen=True)
 class ScriptResult:
-    """A script that was performed. broken: what was not as expected; result: None where there was no run."""
+    """Result of a script. broken: expectations that were not met; result: None if there was no run."""
 
     script: Script
     broken: tuple[str, ...]
@@ -37,7 +37,7 @@ class ScriptResult:
 
     @property
     def faulty(self) -> bool:
-        """Whether the cell ended in a fault, or did not begin, without the script having asked for it."""
+        """Whether the run ended in a fault that the script does not expect, or did not start."""
         if self.result is None:
             return True
         return self.result.state == State.FAULT and State.FAULT not in self.script.expect.end
@@ -53,11 +53,11 @@ class ScriptResult:
 
 
 def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
-    """The settings of the script's run. Raises ConfigurationError for a script that cannot be performed."""
+    """The settings for the script's run. Raises ConfigurationError for a script that this driver cannot run."""
     if script.needs_simulation and not is_simulated(driver):
         raise ConfigurationError(
-            f"{script.path}: only a simulated cell can be made to fail, and is scored",
-            "use `tell` to have a person do it, leave `passed` out, or use --driver sim or emulator",
+            f"{script.path}: only a simulated cell has faults and is scored",
+            "use `tell` to ask a person instead, leave out `passed`, or use --driver sim or emulator",
         )
     own = overlaid(settings, script.cell, script.path, script.setting_lines)
     if script.garment != "auto":
@@ -76,8 +76,8 @@ def run_script(
     realtime: bool = False,
     tell: Callable[[str], None] = print,
 ) -> ScriptResult:
-    """One run in `logs`, with what the script does to it. What keeps the run from beginning is a broken
-    expectation like any other: the next script is performed all the same."""
+    """Run the script in `logs`. If the run cannot start, that counts as a broken expectation, so that the next
+    script can still run."""
     from cell.runs.fold_run import fold_once
 
     began = time.monotonic()

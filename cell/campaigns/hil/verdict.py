@@ -1,4 +1,4 @@
-"""Whether a run came to what its script expects."""
+"""Compare a run with the expectations of its script."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ __all__ = ["broken_expectations"]
 
 
 def broken_expectations(script: Script, result: FoldResult, seen: Seen) -> tuple[str, ...]:
-    """What is not as expected, one sentence each; empty when the script passed. What a script does and never came
-    to pass is broken too: it would have shown nothing."""
+    """The broken expectations, one sentence each; empty if the script passed. An action that was never carried out
+    also counts as broken, because the script then tests nothing."""
     return tuple(_broken(script, result, seen))
 
 
 def _broken(script: Script, result: FoldResult, seen: Seen) -> Iterator[str]:
     expect = script.expect
     if seen.overdue:
-        yield f"was still going after {script.limit_s:g} s (limit_s)"
+        yield f"was still running after {script.limit_s:g} s (limit_s)"
     for what in seen.trouble:
         yield f"the script could not be carried out: {what}"
     if result.state not in expect.end:
         why = f": {result.failure['what']}" if result.failure else ""
         yield f"ended {result.state}{why}; expected {_words(expect.end, ' or ')}"
     if not _in_order(expect.failures, seen.failures):
-        yield f"met {_words(seen.failures)}; expected the failures {_words(expect.failures)} in this order"
+        yield f"had the failures {_words(seen.failures)}; expected {_words(expect.failures)} in this order"
     others = [kind for kind in dict.fromkeys(seen.failures) if kind not in expect.failures]
     if expect.only_failures and others:
-        yield f"met {_words(others)} besides; expected no other failures than {_words(expect.failures)}"
+        yield f"also had the failures {_words(others)}; expected none but {_words(expect.failures)}"
     if not _in_order(expect.through, seen.states):
         left = _first_missing(expect.through, seen.states)
-        yield f"never came to {left.value} as expected (through {_words(expect.through)})"
+        yield f"never entered {left.value} as expected (through {_words(expect.through)})"
     for state in expect.not_through:
         if state in seen.states:
-            yield f"came to {state.value}, which was not expected"
+            yield f"entered {state.value}, which was not expected"
     made = sum(bool(step["done"]) for step in result.steps)
     if expect.folds is not None and made != expect.folds:
         yield f"made {made} folds; expected {expect.folds}"
@@ -46,11 +46,11 @@ def _broken(script: Script, result: FoldResult, seen: Seen) -> Iterator[str]:
     if expect.passed is not None and result.score is None:
         yield "there is no score"
     elif expect.passed is not None and result.score is not None and bool(result.score["passed"]) != expect.passed:
-        yield f"the score {'passed' if result.score['passed'] else 'did not pass'}; expected otherwise"
+        yield f"the scorer {'passed' if result.score['passed'] else 'did not pass'} the run, unexpectedly"
     if expect.parked is not None and seen.parked != expect.parked:
         yield "the arms were not parked with open hands at the end" if expect.parked else "the arms were parked"
     for action in seen.missed:
-        yield f"{action} ({action.when}) never came to pass"
+        yield f"{action} ({action.when}) never happened"
 
 
 def _in_order(wanted: Sequence[StrEnum], found: Sequence[StrEnum]) -> bool:

@@ -1,8 +1,8 @@
-"""Building a trajectory library: every fold of every garment, on any executor, kept as it comes.
+"""Build a trajectory library: every fold of every garment, on any executor. Finished entries are saved at once.
 
-The searches run here, on threads; each simulation is sent to the executor. What comes out depends on neither: a
-step begins from what its predecessor's *entry* makes of the garment, so that a build that was killed and goes on
-from its kept entries ends with the same library, bit for bit, as one that ran through.
+The searches run on threads of this process; each simulation is sent to the executor. The result depends on
+neither. A step starts from the garment as the *entry* of the previous step folds it. A build that was killed and
+continues from its saved entries therefore ends with the same library, bit for bit, as an uninterrupted build.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NOTHING = Library()
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """What became of one step while a library was built: its entry, or why there is none. kept: from before."""
+    """Result of one step of a build: its entry or a failure. kept: the entry comes from an earlier build."""
 
     garment: str
     step: str
@@ -42,7 +42,8 @@ class BuiltStep:
 
 @dataclass(frozen=True)
 class BuildProgress:
-    """done of at most `total` simulations; what was simulated last and its best D so far [m]."""
+    """Number of simulations done, of at most `total`; the garment and step simulated last, and its smallest
+    dissimilarity so far [m]."""
 
     done: int
     total: int
@@ -64,17 +65,17 @@ def build_library(
     progress: Callable[[BuildProgress], None] | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Library:
-    """Optimise every step of every garment, laid in the middle of its poses, each after the steps before it.
+    """Optimise every step of every garment, laid in the middle of its poses, in the order of the plan.
 
-    executor: where simulations run, any of `concurrent.futures` (default: here, one after the other); `predict`
-    has to reach its workers. at_once: garments whose searches run side by side. finished: entries of a build with
-    the same budget and lift that was cut short; those that belong here are taken over. A garment ends at the first
-    step that cannot be optimised. lift_height: of the straight lift before each arc [m].
-    report: told of each step as it ends, progress: of each simulation; never two calls at a time. What they raise
+    executor: runs the simulations, any executor of `concurrent.futures` (default: one after the other in this
+    process); `predict` has to be available to its workers. at_once: number of garments searched in parallel.
+    finished: entries of an interrupted build with the same budget and lift; matching ones are reused. The first
+    step that cannot be optimised ends its garment. lift_height: of the straight lift before each arc [m]. report:
+    called after each step; progress: called after each simulation; the calls never overlap. An exception in either
     ends the build.
     """
     if at_once < 1:
-        raise ValueError(f"at_once = {at_once}: at least one garment at a time")
+        raise ValueError(f"at_once = {at_once}: build at least one garment at a time")
     garments = tuple(garments)
     each = budget or METHODS[method][1]
     with _workers(executor) as simulations, ThreadPoolExecutor(at_once, "garment") as searches:
@@ -94,12 +95,12 @@ def build_library(
 
 
 class _Cancelled(Exception):
-    """Another garment's search, or whoever asked for the build, has ended it."""
+    """The search of another garment failed, or the caller ended the build."""
 
 
 @dataclass(eq=False)
 class _Build:
-    """One build under way. `total` and `done` count simulations."""
+    """A build in progress. `total` and `done` count simulations."""
 
     method: str
     budget: int
@@ -115,7 +116,7 @@ class _Build:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def planned(self, garment: Garment) -> int:
-        """Simulations that the searches of a garment may take."""
+        """Largest number of simulations for the searches of a garment."""
         return self.budget * sum(self._kept(garment, s.name) is None for s in garment.plan)
 
     def garment(self, garment: Garment) -> list[LibraryEntry]:
@@ -197,7 +198,7 @@ def _predict(
 
 
 def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:
-    """Whether an entry is what this program would make of a garment as its file is now."""
+    """Whether this version of the program would build the entry from the present file of the garment."""
     return (
         (entry.garment, entry.category, entry.method, entry.version)
         == (garment.name, garment.category, method, metadata.version("foldcell"))

@@ -1,4 +1,4 @@
-"""What builds of a trajectory library that have not ended leave beside it, so that they can go on."""
+"""The entries of unfinished library builds, stored beside the library so that a build can continue."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["UnfinishedBuild"]
 
 
 class UnfinishedBuild:
-    """The entries so far of a build of some garments. What other builds have left in the file stays there.
+    """The entries built so far for some garments. Entries of other builds in the same file are kept.
 
-    lift_height: before each arc [m]. A damaged entry counts as not yet built, and so do those of a garment that is
-    planned or lifted otherwise by now.
+    lift_height: of the straight lift before each arc [m]. Damaged entries count as not built, and so do the
+    entries of a garment whose plan or lift height has changed.
     """
 
     def __init__(self, library: Path, garments: Iterable[Garment], lift_height: float = LIFT_HEIGHT) -> None:
@@ -37,9 +37,9 @@ class UnfinishedBuild:
         self._write(self.library.entries)
 
     def end(self) -> None:
-        """The library itself is written: nothing of these garments is left to go on from."""
+        """Remove the entries of these garments, after the library itself was written."""
         self.library = Library()
-        with suppress(StorageError):  # then it is gone on from once more, to the same end
+        with suppress(StorageError):  # a later build would only repeat the last step, with the same result
             self._write(())
 
     def _write(self, own: tuple[LibraryEntry, ...]) -> None:
@@ -55,7 +55,7 @@ class UnfinishedBuild:
 
 
 def _load(path: Path) -> tuple[Library, dict[str, str]]:
-    """The entries that can be trusted, and what their garments' plans were: name -> digest."""
+    """The valid entries, and the digests of their garments' plans by name."""
     try:
         text = path.read_text(encoding="utf-8")
         plans = json.loads(text)["plans"]
@@ -65,6 +65,6 @@ def _load(path: Path) -> tuple[Library, dict[str, str]]:
 
 
 def _digest(garment: Garment, lift_height: float) -> str:
-    """Of all that decides how a garment's folds are planned and begun."""
+    """Digest of everything that determines the plan and the start of a garment's folds."""
     plan = (garment.plan, garment.layers, garment.keypoints, garment.template.tolist(), garment.poses, lift_height)
     return hashlib.sha256(repr(plan).encode()).hexdigest()

@@ -33,7 +33,7 @@ def adapt(
     """The garment with the material learned from this fold, and figures for the journal."""
     contour, view, noise = inspection.contour, inspection.view, Noise()
     garment, predicted = plan.garment, attempt.predicted
-    if not cell.settings.optimiser.adapt or index + 1 >= len(plan.steps):  # no fold is left to use it
+    if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold is left to use it
         return garment, {}
     residual = outline_residual(contour, _on_table(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:

@@ -104,10 +104,10 @@ def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, 
     """Whether the fold was seen to stand higher than its layers, and pressing may help."""
     settings, before = cell.settings.pressing, attempt.pressed
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
-    if attempt.unpressed or attempt.press_tries >= settings.tries or in_vain:
+    if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
         return False
     flat_height = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
-    return bool(inspection.height_m > flat_height + settings.above_flat)
+    return bool(inspection.height_m > flat_height + settings.min_excess_height)
 
 
 def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
@@ -119,7 +119,7 @@ def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
 
 def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) -> tuple[tuple[Dab, ...], float]:
     """Where to press, and the garment's observed height [m]. step, plan: moved by the observed drift."""
-    mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.above_flat
+    mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.min_excess_height
     found = standing(inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above)
     if len(found.places) == 0:
         return (), 0.0

@@ -1,5 +1,5 @@
-"""A Baxter for whoever asks over ROS: any cell's ports served on the topics of its SDK 1.2, with an openni2
-camera and the cells of its pads."""
+"""Emulator of a Baxter over ROS. It serves the ports of any cell on the topics of SDK 1.2, with an openni2 camera
+and tactile pads."""
 
 from __future__ import annotations
 

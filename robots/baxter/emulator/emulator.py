@@ -1,7 +1,7 @@
-"""The loop that serves a cell's ports as a Baxter: each tick it lets the cell's time go on, does what was asked
-for over the topics, and publishes what the ports tell.
+"""The loop that serves a cell's ports as a Baxter. Each tick advances the cell's time, executes the commands from
+the topics, and publishes the state of the ports.
 
-Ports belong to one thread: what topics hear waits for the next tick, except for the stop.
+The ports belong to one thread. Messages therefore wait for the next tick, except for the stop.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ USE_SIM_TIME = "/use_sim_time"
 VERSION = "/rethink/software_version"
 EMULATED = "1.2.0"
 
-PICTURE_EVERY = 0.2
-"""[s]"""
-GRIPPERS_EVERY = 0.05
-"""Baxter says at 20 Hz what its grippers do, and all else at 100 Hz [s]."""
+PICTURE_PERIOD = 0.2
+"""Period of the camera's pictures [s]."""
+GRIPPER_PERIOD = 0.05
+"""Period of the grippers' states [s]. Baxter publishes them at 20 Hz and everything else at 100 Hz."""
 CALIBRATION_S = 5.0
-"""Longer than that no gripper takes."""
-BEHIND = 2 * TICK
-"""Further behind the wall clock than this, the time is lost and not caught up with [s]."""
+"""Longest time that a gripper takes to calibrate [s]."""
+MAX_LAG = 2 * TICK
+"""Lag behind the wall clock above which the loop does not catch up [s]."""
 TURNING = 0.01
-"""The head turns when it is faster than this [rad/s]."""
-PATIENCE = 100
-"""Messages of a topic that wait to be read, where each one counts."""
-FULLY = 1e-6  # of a tick
+"""Speed above which the head counts as turning [rad/s]."""
+QUEUE = 100
+"""Queue length of topics on which every message matters."""
+ROUNDING = 1e-6  # of a tick
 
 T = TypeVar("T")
 
 
 class Emulator:
-    """A cell's ports as a Baxter on ROS, with the clock of the cell on /clock.
+    """A cell's ports as a Baxter on ROS, with the cell's clock on /clock.
 
-    pace: the cell's time goes at most this many times as fast as the wall's; None: as fast as it can. patience:
-    for so long after a command, on the wall [s], time waits for the next one, so that a program on a busy machine
-    is not late. A robot has none. tell: is told, once each, of messages that are not
-    obeyed. past: what others have left; the ports' time goes on until it is so, before anybody hears of the robot.
-    `perform`, `press_button` and `release_button` are callable from any thread.
+    pace: largest ratio of cell time to wall time; None: no limit. patience: wall time for which the loop waits for
+    the next command after a command [s], so that a program on a busy machine is not late; a real robot does not
+    wait. tell: called once for each kind of message that is not obeyed. past: state that an earlier program left;
+    the ports' time advances until it is reached, before the topics open. `perform`, `press_button` and
+    `release_button` may be called from any thread.
     """
 
     def __init__(
@@ -76,13 +76,13 @@ class Emulator:
         self._ports, self._node, self._camera, self._tell, self._pace = ports, node, camera, tell, pace
         self._patience, self._past = patience, past
         self._commanded = dict.fromkeys(Side, (-math.inf, -math.inf))
-        """When each arm's newest command came: cell time and the wall's [s]."""
+        """Arrival of each arm's latest command: cell time and wall time [s]."""
         self._command_came = Condition()
         self._messages = load_messages()
         self._motors = Motors(ports.arms, ports.stop)
         self._limbs = {side: Limb(side, past) for side in Side}
         self._grippers = {side: ElectricGripper(port, past) for side, port in ports.grippers.items()}
-        self._errands = LoopTasks()
+        self._tasks = LoopTasks()
         self._heard: deque[Callable[[], None]] = deque()
         self._told: set[str] = set()
         self._publishers: dict[str, Publisher] = {}
@@ -90,41 +90,41 @@ class Emulator:
         self._pan = math.nan
         self._next_picture = self._next_grippers = -math.inf
         self._origin: tuple[float, float] | None = None
-        node.set_parameter(USE_SIM_TIME, True)  # before anybody is told that there is a robot
+        node.set_parameter(USE_SIM_TIME, True)  # before any topic announces the robot
         node.set_parameter(VERSION, EMULATED)
 
     def run(self, until: Event) -> None:
-        """Serve until `until` is set, in this thread; then time is no longer simulated. The topics are the node's
+        """Serve in this thread until `until` is set, then end the simulated time. The topics belong to the node
         and stay open."""
         try:
-            self._grow_old()
+            self._set_initial_state()
             self._open_topics()
             while not until.is_set():
                 self._tick()
-                if self._errands.run():  # it let time pass as it liked, or set it back
+                if self._tasks.run():  # a task may have changed the time
                     self._now, self._origin = self._ports.clock.now(), None
                     self._next_picture = self._next_grippers = -math.inf
                 self._wait_for_commands()
                 self._keep_pace(until)
         finally:
-            self._errands.end()
-            with contextlib.suppress(OSError):  # the master is gone, and its parameters with it
+            self._tasks.end()
+            with contextlib.suppress(OSError):  # the master and its parameters are gone
                 self._node.delete_parameter(USE_SIM_TIME)
 
     def perform(self, work: Callable[[], T]) -> Future[T]:
-        """Have something done with the ports between two ticks; its future is resolved once the topics tell of it.
-        Cancelled when the loop ends before that."""
-        return self._errands.ask(work)
+        """Run `work` with the ports between two ticks. The future is resolved once the topics show its effect. It
+        is cancelled if the loop ends before that."""
+        return self._tasks.ask(work)
 
     def press_button(self) -> None:
-        """The red one."""
+        """Press the red emergency button."""
         self._motors.press()
 
     def release_button(self) -> None:
         self._motors.release()
 
-    def _grow_old(self) -> None:
-        """What others have left, as far as the ports have to move for it."""
+    def _set_initial_state(self) -> None:
+        """Bring the ports into the initial state."""
         past, ports = self._past, self._ports
         if past.head_pan is not None:
             ports.head.command_pan(past.head_pan)
@@ -142,10 +142,10 @@ class Emulator:
             self._motors.enable()
         self._now = ports.clock.now()
 
-    # what it hears -----------------------------------------------------------------------------------
+    # subscriptions -----------------------------------------------------------------------------------
 
     def _open_topics(self) -> None:
-        """Publishers first: who sees a command's listener sees the robot's state."""
+        """Publishers open first, so that the robot's state is available when a command topic has a subscriber."""
         m = self._messages
         published = {
             topics.JOINT_STATES: m.joint_state,
@@ -159,9 +159,9 @@ class Emulator:
             topics.CLOCK: m.clock,
         }
         self._publishers = {topic: self._node.publisher(topic, kind) for topic, kind in published.items()}
-        self._node.subscribe(topics.STOP, m.empty, self._stop, PATIENCE)
-        self._node.subscribe(topics.RESET, m.empty, self._hear_reset, PATIENCE)
-        self._hear(topics.ENABLE, m.bool, self._enable, PATIENCE)
+        self._node.subscribe(topics.STOP, m.empty, self._stop, QUEUE)
+        self._node.subscribe(topics.RESET, m.empty, self._hear_reset, QUEUE)
+        self._hear(topics.ENABLE, m.bool, self._enable, QUEUE)
         self._hear(topics.HEAD_COMMAND, m.head_pan_command, self._command_head)
         for side, limb in self._limbs.items():
             self._hear_limb(side, limb)
@@ -169,7 +169,7 @@ class Emulator:
             self._hear_gripper(side, gripper)
 
     def _hear(self, topic: str, kind: Any, obey: Callable[[Any], None], queue: int = 1) -> None:
-        """`obey` is called with each message in the next tick."""
+        """Call `obey` with each message in the next tick."""
         self._node.subscribe(topic, kind, lambda message: self._heard.append(lambda: obey(message)), queue)
 
     def _hear_limb(self, side: Side, limb: Limb) -> None:
@@ -179,7 +179,7 @@ class Emulator:
             self._say(topic, limb.hear(message.mode, message.names, message.command, at, self._now))
 
         def heard(message: Any) -> None:
-            at = self._now  # as it comes: it grows old while the loop is busy
+            at = self._now  # time of arrival; the message ages while the loop is busy
             self._heard.append(lambda: obey(message, at))
             with self._command_came:
                 self._commanded[side] = at, time.monotonic()
@@ -199,10 +199,10 @@ class Emulator:
         def heard(m: Any) -> None:
             gripper.hear(m.id, m.command, m.args, m.sender, m.sequence)
 
-        self._hear(topics.gripper_command(side), self._messages.end_effector_command, heard, PATIENCE)
+        self._hear(topics.gripper_command(side), self._messages.end_effector_command, heard, QUEUE)
 
     def _stop(self, _: Any) -> None:
-        """At once, on the topic's thread."""
+        """Stop at once, on the topic's thread."""
         self._motors.stop(f"told so on {topics.STOP}")
 
     def _hear_reset(self, _: Any) -> None:
@@ -236,11 +236,11 @@ class Emulator:
             self._told.add(text)
             self._tell(text)
 
-    # what it does ------------------------------------------------------------------------------------
+    # the tick ----------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
         clock = self._ports.clock
-        clock.sleep_until((math.floor(clock.now() / TICK + FULLY) + 1) * TICK)
+        clock.sleep_until((math.floor(clock.now() / TICK + ROUNDING) + 1) * TICK)
         self._now = clock.now()
         for _ in range(len(self._heard)):
             self._heard.popleft()()
@@ -257,32 +257,33 @@ class Emulator:
             self._motors.command(q, qd)
 
     def _wait_for_commands(self) -> None:
-        """Of the arms that were told something of late."""
+        """Wait up to `patience` for the next command of each arm that was commanded recently."""
 
-        def left() -> float:
+        def remaining() -> float:
             waited = [time.monotonic() - wall for at, wall in self._commanded.values() if at < self._now]
             return max((self._patience - w for w in waited), default=0.0)
 
         with self._command_came:
-            while (seconds := left()) > 0.0:
+            while (seconds := remaining()) > 0.0:
                 self._command_came.wait(seconds)
 
     def _keep_pace(self, until: Event) -> None:
         if self._pace is None:
-            time.sleep(0.0)  # let the topics' threads go on
+            time.sleep(0.0)  # yield to the topics' threads
             return
         wall = time.monotonic()
         if self._origin is None:
             self._origin = wall, self._now
         due = self._origin[0] + (self._now - self._origin[1]) / self._pace
-        if wall - due > BEHIND:
+        if wall - due > MAX_LAG:
             self._origin = wall, self._now
         until.wait(max(0.0, due - wall))
 
-    # what it tells -----------------------------------------------------------------------------------
+    # publications ------------------------------------------------------------------------------------
 
     def _publish(self) -> None:
-        """The clock last: who waits for it has the states of its time, or has them at once."""
+        """Publish the states, then the clock, so that a program that waits for the clock has the states of its
+        time."""
         m, tell, ports = self._messages, self._publishers, self._ports
         joints = ports.arms.state()
         tell[topics.JOINT_STATES].tell(message_conversion.joint_state(m, joints))
@@ -290,8 +291,8 @@ class Emulator:
         self._pan = joints.head_pan
         tell[topics.HEAD_STATE].tell(m.head_state(joints.head_pan, turning, False, True))
         tell[topics.ROBOT_STATE].tell(message_conversion.assembly_state(m, self._motors.state()))
-        if self._now >= self._next_grippers - FULLY * TICK:
-            self._next_grippers = self._now + GRIPPERS_EVERY
+        if self._now >= self._next_grippers - ROUNDING * TICK:
+            self._next_grippers = self._now + GRIPPER_PERIOD
             for side, gripper in self._grippers.items():
                 tell[topics.gripper_state(side)].tell(message_conversion.gripper_state(m, gripper.report()))
         for side, tactile in ports.tactile.items():
@@ -300,11 +301,11 @@ class Emulator:
         tell[topics.CLOCK].tell(m.clock(message_conversion.ros_time(m, self._now)))
 
     def _publish_picture(self) -> None:
-        """As openni2 does: only while somebody listens to the colour picture."""
+        """Publish only while the colour picture has a subscriber, as openni2 does."""
         colour = self._publishers[self._camera.rgb]
-        if not colour.listeners or self._now < self._next_picture - FULLY * TICK:
+        if not colour.listeners or self._now < self._next_picture - ROUNDING * TICK:
             return
-        self._next_picture = self._now + PICTURE_EVERY
+        self._next_picture = self._now + PICTURE_PERIOD
         try:
             frame = self._ports.camera.glimpse()
         except DriverError:

@@ -1,4 +1,4 @@
-"""How an electric gripper takes EndEffectorCommands, over any gripper's port."""
+"""Emulation of an electric gripper that receives EndEffectorCommands, on top of any gripper port."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ __all__ = ["ElectricGripper", "GripperReport"]
 
 NO_OP = "no_op"
 GRIPPING = 3.0
-"""More force than this between resting pads is a grip [%]."""
+"""Force between resting pads above which the gripper reports a grip [%]."""
 
 
 @dataclass(frozen=True)
 class GripperReport:
-    """An EndEffectorState's values. stamp: cell time [s]; position, force [%]; refusal: why the last command was
-    not done, or what is wrong until a reset, else empty; command, sender, sequence: of the last one that was
-    handled."""
+    """Values of an EndEffectorState. stamp: cell time [s]; position, force [%]; refusal: reason why the last
+    command was refused, or the error until a reset, otherwise empty; command, sender, sequence: of the last
+    handled command."""
 
     stamp: float
     calibrated: bool
@@ -50,17 +50,17 @@ class GripperReport:
 
     @property
     def state(self) -> str:
-        """JSON."""
+        """The error as JSON."""
         return json.dumps({"error": self.refusal} if self.refusal else {})
 
 
 class _RefusedError(Exception):
-    """Says why."""
+    """The reason why a command is refused."""
 
 
 class ElectricGripper:
-    """One gripper. A command with the sender and the sequence of the last one is that one again: it is not done
-    twice. past: what others have left of it; that its port is calibrated is for `Emulator` to see to."""
+    """One gripper. A command with the sender and the sequence of the last one is a repetition and is not executed
+    again. past: initial state; `Emulator` calibrates the port."""
 
     def __init__(self, port: Gripper, past: InitialState = NEW) -> None:
         self._port = port
@@ -69,12 +69,12 @@ class ElectricGripper:
         self._command = ""
         self._refusal = ""
         self._error = past.error
-        """What is wrong with it until it is reset."""
+        """Error until the next reset."""
         self._cleared = False
-        """Whether the calibration that the port has was cleared."""
+        """Whether the port's calibration was cleared."""
         self._calibrating = False
-        """Whether the port may still have the calibration from before."""
-        self._done: Mapping[str, Callable[[str], None]] = {
+        """Whether the port may still report its former calibration."""
+        self._handlers: Mapping[str, Callable[[str], None]] = {
             CALIBRATE: lambda _: self._calibrate(),
             CLEAR_CALIBRATION: lambda _: self._clear(),
             CONFIGURE: self._configure,
@@ -85,16 +85,16 @@ class ElectricGripper:
         }
 
     def hear(self, hardware: int, command: str, arguments: str, sender: str, sequence: int) -> None:
-        """A command for another hardware is ignored; one that is refused counts as handled."""
+        """Handle a command. One for another hardware id is ignored; a refused one counts as handled."""
         if hardware != HARDWARE_ID or (sender, sequence) == self._last:
             return
         self._last, self._command, self._refusal = (sender, sequence), command, ""
         try:
-            if command not in self._done:
-                raise _RefusedError(f"no command of this gripper: {command!r}")
+            if command not in self._handlers:
+                raise _RefusedError(f"unknown command: {command!r}")
             if self._error and command in (CALIBRATE, CONFIGURE, GO):
                 raise _RefusedError(f"in error: {self._error}")
-            self._done[command](arguments)
+            self._handlers[command](arguments)
         except DriverError as error:
             self._refusal = error.what
         except _RefusedError as error:
@@ -119,15 +119,15 @@ class ElectricGripper:
         )
 
     def _configure(self, arguments: str) -> None:
-        told = _values(arguments)
-        known = {name: _percent(told[name], name) for name in PARAMETERS if name in told}
+        values = _values(arguments)
+        known = {name: _percent(values[name], name) for name in PARAMETERS if name in values}
         self._parameters.update(known)
 
     def _go(self, arguments: str) -> None:
-        told = _values(arguments)
-        if "position" not in told:
-            raise _RefusedError(f"go where? {arguments}")
-        position = _percent(told["position"], "position")
+        values = _values(arguments)
+        if "position" not in values:
+            raise _RefusedError(f"go without a position: {arguments}")
+        position = _percent(values["position"], "position")
         if not self._calibrated():
             raise _RefusedError("not calibrated")
         self._port.command(position / 100.0 * self._port.max_opening, self._holding())
@@ -153,7 +153,7 @@ class ElectricGripper:
             self._port.command(state.opening, self._holding())
 
     def _holding(self) -> float:
-        """[N]"""
+        """Holding force [N]."""
         return self._parameters["holding_force"] / 100.0 * FULL_FORCE
 
 
@@ -163,15 +163,15 @@ def _share(value: float, full: float) -> float:
 
 def _values(arguments: str) -> dict[str, Any]:
     try:
-        told = json.loads(arguments)
+        values = json.loads(arguments)
     except ValueError:
-        told = None
-    if not isinstance(told, dict):
-        raise _RefusedError(f"no JSON of arguments: {arguments!r}")
-    return told
+        values = None
+    if not isinstance(values, dict):
+        raise _RefusedError(f"the arguments are not a JSON object: {arguments!r}")
+    return values
 
 
 def _percent(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _RefusedError(f"{name} is no number: {value!r}")
+        raise _RefusedError(f"{name} is not a number: {value!r}")
     return min(max(float(value), 0.0), 100.0)

@@ -1,4 +1,4 @@
-"""What whoever was at the robot before has left of it: a program finds a used robot, not a new one."""
+"""Initial state of the emulated robot: new, or as an earlier program left it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["NEW", "USED", "InitialState"]
 
 @dataclass(frozen=True)
 class InitialState:
-    """Of the grippers: whether they are calibrated; error: what is wrong with them until they are reset, empty for
-    nothing; parameters [%]; echo: sender and sequence of the last order that each has handled, if any.
+    """Grippers: calibrated; error: their error until a reset, empty for none; parameters [%]; echo: sender and
+    sequence of the last command that each has handled, if any.
 
-    enabled: the motors are on. stopped: the red button was pressed and released, and nobody has reset the robot.
-    head_pan: where the head was turned to [rad], if anywhere. timeout: for so long a joint command holds [s].
-    speed_ratio: of moves in position mode.
+    enabled: the motors are on. stopped: the red button was pressed and released, and the robot was not reset.
+    head_pan: angle of the head [rad], if it was moved. timeout: validity of a joint command [s]. speed_ratio: of
+    moves in position mode.
     """
 
     calibrated: bool = False
@@ -32,7 +32,7 @@ class InitialState:
 
 
 NEW = InitialState()
-"""As it comes from the factory, just switched on."""
+"""A new robot after power-on."""
 USED = InitialState(
     calibrated=True,
     parameters={"velocity": 20.0, "moving_force": 100.0, "holding_force": 100.0, "dead_zone": 10.0},

@@ -1,4 +1,5 @@
-"""How an arm takes JointCommands: which it obeys, for how long, and what set-point it follows meanwhile."""
+"""Emulation of an arm that receives JointCommands: accepted commands, their validity, and the resulting
+set-point."""
 
 from __future__ import annotations
 
@@ -16,17 +17,17 @@ from robots.ports import Array, Side, arm_slice
 __all__ = ["TICK", "Limb"]
 
 TICK = 0.01
-"""Of the emulated robot [s]."""
-APART = 0.05
-"""Set-points further apart than this are no motion with a velocity [s]."""
-LATE = 2 * TICK
-"""A command that was due so long ago is followed no further [s]."""
+"""Period of the emulated robot [s]."""
+MAX_INTERVAL = 0.05
+"""Largest interval between commands from which a velocity is computed [s]."""
+MAX_DELAY = 2 * TICK
+"""Delay of the next command up to which the last one is extrapolated [s]."""
 ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class _Command:
-    """at: when it was heard [s]; q: (7,) [rad] in our order; mode: POSITION or RAW_POSITION."""
+    """at: time of arrival [s]; q: (7,) in the order of ARM_JOINTS [rad]; mode: POSITION or RAW_POSITION."""
 
     at: float
     q: Array
@@ -34,8 +35,8 @@ class _Command:
 
 
 class Limb:
-    """One arm's intake. All times are cell time [s]. timeout: for so long a command holds; speed_ratio: the share
-    of their speed with which the joints go to a set-point in position mode."""
+    """Command input of one arm. All times are cell time [s]. timeout: validity of a command; speed_ratio: fraction
+    of full speed at which the joints move to a set-point in position mode."""
 
     def __init__(self, side: Side, past: InitialState = NEW) -> None:
         self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
@@ -44,19 +45,19 @@ class Limb:
         self.forget()
 
     def forget(self) -> None:
-        """No command is under way and none is remembered: the motors were off."""
+        """Forget all commands, after the motors were off."""
         self._heard = -math.inf
         self._held: Array | None = None
         self._newest: _Command | None = None
         self._before: _Command | None = None
         self._there: tuple[float, Array] | None = None
-        """When it was last asked for a set-point [s], and what that was."""
+        """Time [s] and value of the last set-point."""
 
     def hear(self, mode: int, names: Sequence[str], values: Sequence[float], at: float, now: float) -> str | None:
-        """Take a JointCommand that came at time `at`; -> why it is not obeyed, None if it is.
+        """Take a JointCommand that arrived at time `at`. Returns the reason why it is not obeyed, or None.
 
-        One in a mode that this robot has not makes the arm hold; a malformed one changes nothing, nor does one
-        that has run out before it was read.
+        A command in an unsupported mode makes the arm hold. A malformed command and one that expired before it was
+        read change nothing.
         """
         if len(names) != len(values) or sorted(names) != sorted(self._names):
             return f"a command of {len(values)} values for {', '.join(names) or 'no joints'}"
@@ -77,53 +78,55 @@ class Limb:
         return None
 
     def hear_timeout(self, seconds: float) -> str | None:
-        """-> why it is not obeyed, None if it is."""
+        """Returns the reason why the message is not obeyed, or None."""
         if not (math.isfinite(seconds) and seconds > 0.0):
             return f"a command timeout of {seconds} s"
         self.timeout = seconds
         return None
 
     def hear_speed_ratio(self, ratio: float) -> str | None:
-        """-> why it is not obeyed, None if it is."""
+        """Returns the reason why the message is not obeyed, or None."""
         if not 0.0 < ratio <= 1.0:
             return f"a speed ratio of {ratio}"
         self.speed_ratio = ratio
         return None
 
     def fresh(self, now: float) -> bool:
-        """Whether a command holds."""
+        """Whether a command is valid."""
         return now - self._heard <= self.timeout + ROUNDING
 
     def set_point(self, now: float, standing: Array) -> tuple[Array, Array]:
-        """(7,), (7,) where the arm is to be and how fast; standing: (7,) where it is, for want of a command.
+        """Position and velocity (7,), (7,) of the set-point [rad], [rad/s]. standing: (7,) measured position, used
+        if there is no command.
 
-        A command that is late by a tick or two is carried on by its velocity; after that it is held. In position
-        mode the arm is on its way to it, no faster than it was told, and stays when the command has run out.
+        If the next command is late by a tick or two, the last one is extrapolated with its velocity; after that
+        the arm holds. In position mode the arm moves to the command at no more than its speed ratio, and stops
+        when the command expires.
         """
         q, qd = self._wanted(now, standing)
         if self._newest is not None and self._newest.mode == POSITION:
             then, before = self._there or (now - TICK, np.array(standing))
             fastest = self.speed_ratio * self._fastest if self.fresh(now) else np.zeros(7)
-            reach = fastest * min(now - then, APART)
+            reach = fastest * min(now - then, MAX_INTERVAL)
             q, qd = np.clip(q, before - reach, before + reach), np.clip(qd, -fastest, fastest)
         self._there = now, q
         return q, qd
 
     def _wanted(self, now: float, standing: Array) -> tuple[Array, Array]:
-        """(7,), (7,) as it was told, whatever its speed."""
+        """The commanded position and velocity (7,), (7,), without a speed limit."""
         if self._held is None:
             self._held = np.array(standing)
         late = now - self._heard - TICK
-        if self._newest is None or late > LATE + ROUNDING or not self.fresh(now):
+        if self._newest is None or late > MAX_DELAY + ROUNDING or not self.fresh(now):
             return self._held, np.zeros(7)
         qd = self._velocity()
         return self._held + max(late, 0.0) * qd, qd
 
     def _velocity(self) -> Array:
-        """(7,) [rad/s] by the last two commands, never more than the joints can."""
+        """(7,) velocity from the last two commands, clipped to the joints' limits [rad/s]."""
         if self._newest is None or self._before is None:
             return np.zeros(7)
-        apart = self._newest.at - self._before.at
-        if apart > APART + ROUNDING:
+        interval = self._newest.at - self._before.at
+        if interval > MAX_INTERVAL + ROUNDING:
             return np.zeros(7)
-        return np.clip((self._newest.q - self._before.q) / apart, -self._fastest, self._fastest)
+        return np.clip((self._newest.q - self._before.q) / interval, -self._fastest, self._fastest)

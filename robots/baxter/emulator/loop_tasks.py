@@ -1,4 +1,4 @@
-"""What others ask to be done on the loop's thread, between two ticks."""
+"""Tasks of other threads that run on the loop's thread, between two ticks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 __all__ = ["SETTLE", "LoopTasks"]
 
 SETTLE = 5
-"""Ticks between the work and its future: by then every topic tells of it."""
+"""Ticks between a task and the resolution of its future. By then every topic shows its effect."""
 
 T = TypeVar("T")
 
 
 class LoopTasks:
-    """`ask` is callable from any thread, the rest belongs to the loop's."""
+    """`ask` may be called from any thread; all other methods belong to the loop's thread."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -27,7 +27,7 @@ class LoopTasks:
         self._ended = False
 
     def ask(self, work: Callable[[], T]) -> Future[T]:
-        """Cancelled at once when the loop has ended."""
+        """Queue a task. Its future is cancelled at once if the loop has ended."""
         future: Future[T] = Future()
         with self._lock:
             if self._ended:
@@ -37,7 +37,7 @@ class LoopTasks:
         return future
 
     def run(self) -> bool:
-        """Settle what is due, then do all that was asked for; -> whether anything was done."""
+        """Resolve the futures that are due, then run all queued tasks. Returns whether any task ran."""
         self._ticks += 1
         while self._settling and self._settling[0][0] <= self._ticks:
             self._settling.popleft()[2]()
@@ -50,7 +50,7 @@ class LoopTasks:
         return done
 
     def end(self) -> None:
-        """What was done is told, what was not is cancelled."""
+        """Resolve the futures of finished tasks and cancel the others."""
         with self._lock:
             self._ended = True
         while self._settling:
@@ -60,7 +60,7 @@ class LoopTasks:
 
 
 def _outcome(work: Callable[[], T], future: Future[T]) -> Callable[[], None]:
-    """Do the work; -> what tells its future of it."""
+    """Run the task. Returns a function that resolves its future."""
     try:
         result = work()
     except Exception as error:

@@ -1,4 +1,4 @@
-"""The ports' values as the messages that Baxter, its camera and its pads publish."""
+"""Conversion of the ports' values to the messages that Baxter, its camera and its pads publish."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["assembly_state", "gripper_state", "header", "joint_state", "picture"
 
 NOD, PAN = "head_nod", "head_pan"
 PUBLISHED = (NOD, PAN, *(f"{side}_{joint}" for side in Side for joint in sorted(ARM_JOINTS)))
-"""Baxter's order of names is the alphabet's."""
+"""Baxter orders the names alphabetically."""
 INDEX = [JOINT_NAMES.index(name) for name in PUBLISHED[2:]]
 OPTICAL_FRAME = "camera_rgb_optical_frame"
 
@@ -32,7 +32,7 @@ def header(messages: Messages, t: float, frame: str = "") -> Any:
 
 
 def joint_state(messages: Messages, state: JointState) -> Any:
-    """JointState of arms and head, as the robot orders them."""
+    """JointState of arms and head, in the robot's order."""
     return messages.joint_state(
         header=header(messages, state.stamp),
         name=list(PUBLISHED),
@@ -94,7 +94,7 @@ def tactile_state(messages: Messages, reading: TactileReading) -> Any:
 
 
 def picture(messages: Messages, frame: CameraFrame) -> tuple[Any, Any, Any]:
-    """Colour (rgb8), depth (32FC1 [m], NaN where nothing was seen) and CameraInfo, stamped alike."""
+    """Colour (rgb8), depth (32FC1 [m], NaN where there is no value) and CameraInfo, with the same stamp."""
     h, w = frame.depth.shape
     top = header(messages, frame.stamp, OPTICAL_FRAME)
     k = frame.intrinsics.matrix

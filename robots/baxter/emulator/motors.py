@@ -1,4 +1,4 @@
-"""Whether the motors are on: enabling, the stop, its reset and the red button."""
+"""State of the motors: enabling, the stop, its reset and the red button."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Button", "MotorState", "Motors"]
 
 
 class Button(Enum):
-    """The emergency button. RELEASED: it was pressed, and nobody has reset the robot since."""
+    """The emergency button. RELEASED: it was pressed, and the robot has not been reset since."""
 
     UNPRESSED = auto()
     PRESSED = auto()
@@ -28,7 +28,7 @@ class MotorState:
 
 
 class Motors:
-    """The arms' motors and the stop circuit. `stop`, `press` and `release` are callable from any thread; the lock
+    """The arms' motors and the stop circuit. `stop`, `press` and `release` may be called from any thread. The lock
     is never held for long."""
 
     def __init__(self, arms: Arms, stop: Stop) -> None:
@@ -56,7 +56,7 @@ class Motors:
 
     @property
     def stops(self) -> int:
-        """How often it was stopped: a reset that was heard before the last stop must not lift it."""
+        """Number of stops. A reset that arrived before the last stop must not lift it."""
         return self._stops
 
     def state(self) -> MotorState:
@@ -69,7 +69,7 @@ class Motors:
         return MotorState(self._enabled, stopped, self._button)
 
     def enable(self) -> bool:
-        """-> whether they went on by this: a stopped robot refuses."""
+        """Switch the motors on. Returns whether this call did so; a stopped robot refuses."""
         with self._lock:
             state = self._state()
             if state.enabled or state.stopped:
@@ -86,7 +86,7 @@ class Motors:
             self._enabled = False
 
     def reset(self, stops: int) -> None:
-        """Leave the stop, motors off. stops: how many there were when it was asked for."""
+        """Leave the stop with the motors off. stops: number of stops when the reset was requested."""
         with self._lock:
             if self._button is Button.PRESSED or stops != self._stops:
                 return
@@ -95,7 +95,7 @@ class Motors:
             self._stop.reset()
 
     def command(self, q: Array, qd: Array) -> None:
-        """(14,), (14,) to the arms, if the motors are on. What the arms refuse shows in the state."""
+        """Send q, qd (14,) to the arms if the motors are on. A refusal by the arms switches the motors off."""
         with self._lock:
             if not self._state().enabled:
                 return

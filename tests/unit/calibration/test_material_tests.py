@@ -144,7 +144,7 @@ def test_a_stretch_within_a_jump_is_found_between_its_two_sides(monkeypatch, mid
     [
         (lambda strip: 0.03 + 0.2 * strip, "no stiffer cloth"),
         (lambda strip: 0.01 * strip, "so stretchy"),
-        (lambda strip: 0.012 if strip < 0.01 else 0.03, "now one way"),
+        (lambda strip: 0.012 if strip < 0.01 else 0.03, "different ways"),
     ],
 )
 def test_a_stretch_that_cannot_be_reached_is_refused_with_the_reason(monkeypatch, elongation, said):

@@ -130,7 +130,7 @@ def test_a_threshold_above_the_press_is_reported_as_such() -> None:
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
-    assert "was not noticed: 1.4" in refused.what and all(np.isfinite(v) for v in refused.values.values())
+    assert "was not detected: 1.4" in refused.what and all(np.isfinite(v) for v in refused.values.values())
 
 
 @pytest.mark.parametrize("first", [1e-3, 2e-3, 0.01, 0.02])

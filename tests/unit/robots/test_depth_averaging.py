@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.depth_averaging import APART, mean_depth
+from robots.depth_averaging import MAX_SPREAD, mean_depth
 
 SHAPE = (40, 50)
 
@@ -34,8 +34,8 @@ def test_depth_beside_an_edge_is_never_between_the_two_surfaces() -> None:
     for seen, near in ((8, 3), (8, 4), (7, 3), (6, 3), (5, 2)):
         exposures = noisy(8)
         for k, exposure in enumerate(exposures):
-            exposure[5, :] = np.nan if k >= seen else exposure[5, :] - (4.0 * APART if k < near else 0.0)
-        off = np.abs(mean_depth(exposures)[5] - np.array([[1.1], [1.1 - 4.0 * APART]])).min(axis=0)
+            exposure[5, :] = np.nan if k >= seen else exposure[5, :] - (4.0 * MAX_SPREAD if k < near else 0.0)
+        off = np.abs(mean_depth(exposures)[5] - np.array([[1.1], [1.1 - 4.0 * MAX_SPREAD]])).min(axis=0)
         assert off.max() < 0.01, (seen, near)
     assert np.abs(mean_depth([np.full((1, 1), 1.0, np.float32), np.full((1, 1), 1.1, np.float32)]) - 1.0) < 1e-6
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cell.config.calibration_file import calibration_text, load_camera_calibration
-from cell.config.cell_settings import CellSettings, default_settings_path, load_settings
+from cell.config.cell_settings import RENAMED_KEYS, CellSettings, default_settings_path, load_settings
 from cell.config.yaml_file import merge, read_yaml
 from cell.hardware.camera import camera_calibration
 from robots.baxter.ros.connection import RosSettings
@@ -88,15 +88,15 @@ def test_settings_cannot_be_changed() -> None:
         ("table: {x: [200, 1100]}", ["table.x[0]", "200", "millimetres", "0.2"]),
         ("table: {x: [20, 110]}", ["table.x[0]", "centimetres"]),
         ("motion: {tracking_tolerance: 10}", ["motion.tracking_tolerance", "degrees", "0.1745"]),
-        ("motion: {state_age: 100}", ["motion.state_age", "0.02 to 1 s", "milliseconds", "0.1"]),
+        ("motion: {max_state_age_s: 100}", ["motion.max_state_age_s", "0.02 to 1 s", "milliseconds", "0.1"]),
         ("motion: {tool_speed: 250}", ["motion.tool_speed", "millimetres per second", "0.25"]),
         ("motion: {tool_speed: 0.4 m}", ["motion.tool_speed", "plain number, without a unit"]),
         ("motion: {accelerations: fast}", ["'fast'", "planning, commissioning"]),
         ("tabel: {}", ["cell.yaml:1", "unknown key 'tabel'", "did you mean 'table'"]),
         ("motion: {velocity: 1}", ["unknown key 'motion.velocity'", "did you mean 'velocity_scale'"]),
-        ("table: {height: 0.1}\ntable: {height: 0.2}", ["cell.yaml:2", "'table' stands twice", "line 1"]),
-        ("table: {height: 0.1, height: 0.2}", ["'height' stands twice"]),
-        ("table: {x: [1.0, 0.3]}", ["table.x", "from less to more"]),
+        ("table: {height: 0.1}\ntable: {height: 0.2}", ["cell.yaml:2", "'table' is repeated", "line 1"]),
+        ("table: {height: 0.1, height: 0.2}", ["'height' is repeated"]),
+        ("table: {x: [1.0, 0.3]}", ["table.x", "exceed the first"]),
         ("table: {x: [0.3]}", ["table.x", "too few entries"]),
         ("table: 4", ["table = 4", "height, x, y"]),
         ("table: null", ["table = None", "group of keys"]),
@@ -125,9 +125,18 @@ def test_errors_name_the_place_the_value_and_the_allowed_values(
     assert len(message) < 2000
 
 
+@pytest.mark.parametrize(("former", "present"), RENAMED_KEYS.items())
+def test_the_error_about_a_former_key_names_the_present_one(tmp_path: Path, former: str, present: str) -> None:
+    group, key = former.split(".")
+    message = str(refusal(tmp_path, f"{group}: {{{key}: 1}}"))
+    assert f"unknown key '{former}'" in message and f"renamed to '{present}'" in message
+    fields = {f.alias or n: f.annotation for n, f in CellSettings.model_fields.items()}
+    assert present in fields[group].model_fields and key not in fields[group].model_fields
+
+
 def test_all_errors_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
-    message = str(refusal(tmp_path, "tabel: {}\nmotion: {state_age: 0}\n"))
-    assert "tabel" in message and "motion.state_age" in message
+    message = str(refusal(tmp_path, "tabel: {}\nmotion: {max_state_age_s: 0}\n"))
+    assert "tabel" in message and "motion.max_state_age_s" in message
 
 
 def test_each_hint_names_its_key_if_there_are_several_errors(tmp_path: Path) -> None:

@@ -33,7 +33,12 @@ def put_together(tmp_path: Path, motion: Mapping[str, float] = MappingProxyType(
 
 
 def test_motion_limits_come_from_the_settings(tmp_path: Path) -> None:
-    motion = {"start_tolerance_deg": 0.5, "tracking_tolerance": 0.2, "state_age": 0.07, "velocity_scale": 0.5}
+    motion = {
+        "start_tolerance_deg": 0.5,
+        "tracking_tolerance": 0.2,
+        "max_state_age_s": 0.07,
+        "velocity_scale": 0.5,
+    }
     cell = put_together(tmp_path, motion)
     limits = cell.execution
     assert limits.start == pytest.approx(np.deg2rad(0.5))

@@ -36,7 +36,7 @@ def a_script(*actions: dict[str, Any], **expect: Any) -> Script:
 @pytest.fixture(autouse=True)
 def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """A director's guard against a clock that stands still outlives a test that does not close it."""
-    monkeypatch.setattr(directing, "HUNG_FACTOR", 1e4)
+    monkeypatch.setattr(directing, "WALL_FACTOR", 1e4)
 
 
 def begun(*actions: dict[str, Any], **expect: Any) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
@@ -147,7 +147,7 @@ def test_a_run_without_end_is_aborted() -> None:
     ports.clock.sleep_until(661.0)
     assert ports.stop.state().stopped, "what does not heed that is stopped"
     (broken, *_) = broken_expectations(a_script(), result(), director.seen())
-    assert "still going after 600 s" in broken
+    assert "still running after 600 s" in broken
     director.close()
 
 
@@ -193,13 +193,13 @@ def test_a_run_that_meets_its_expectations_passes(monkeypatch: pytest.MonkeyPatc
     ("expect", "said"),
     [
         ({"end": "stopped"}, "ended folded; expected stopped"),
-        ({"failures": ["missed_grasp", "missed_grasp"]}, "met missed_grasp; expected"),
-        ({"failures": []}, "besides; expected no other failures than none"),
-        ({"through": ["recovering", "looking"]}, "never came to looking"),
-        ({"not_through": ["recovering"]}, "came to recovering"),
+        ({"failures": ["missed_grasp", "missed_grasp"]}, "had the failures missed_grasp; expected"),
+        ({"failures": []}, "also had the failures"),
+        ({"through": ["recovering", "looking"]}, "never entered looking"),
+        ({"not_through": ["recovering"]}, "entered recovering"),
         ({"folds": 2}, "made 1 folds; expected 2"),
         ({"within_s": 29.9}, "took 30.0 s"),
-        ({"passed": False}, "the score passed"),
+        ({"passed": False}, "the scorer passed"),
         ({"parked": False}, "the arms were parked"),
     ],
 )

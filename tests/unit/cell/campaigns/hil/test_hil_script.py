@@ -65,7 +65,7 @@ def test_all_fields_of_a_script_are_read(tmp_path: Path) -> None:
         ({"do": [{"say": "pause", "stop": "now"}]}, "one of fault, say, stop and tell"),
         ({"do": [{"say": "faster"}]}, "approve"),
         ({"do": [{"when": {"state": "folding", "time_s": 1.0}, "say": "pause"}]}, "either `time_s` or `state`"),
-        ({"do": [{"when": {"time_s": 1.0, "visit": 2}, "say": "pause"}]}, "go with `state`"),
+        ({"do": [{"when": {"time_s": 1.0, "visit": 2}, "say": "pause"}]}, "need `state`"),
         ({"do": [{"when": {"state": "dancing"}, "say": "pause"}]}, "folding"),
         ({"do": [{"when": {"state": "idle"}, "say": "pause"}]}, "folding"),
         ({"limit_s": 0}, "limit_s"),

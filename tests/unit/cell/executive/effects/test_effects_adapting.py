@@ -43,7 +43,9 @@ class View:
 
 def settings(adapting: bool) -> CellSettings:
     shipped = load_settings()
-    return shipped.model_copy(update={"optimiser": shipped.optimiser.model_copy(update={"adapt": adapting})})
+    return shipped.model_copy(
+        update={"optimiser": shipped.optimiser.model_copy(update={"learn_friction": adapting})}
+    )
 
 
 def motion() -> Any:

@@ -80,7 +80,7 @@ def cell_with(tmp_path: Path, **keys: float) -> Any:
 
 
 def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
-    workcell = cell_with(tmp_path, tries=1, above_flat=0.007)
+    workcell = cell_with(tmp_path, max_attempts=1, min_excess_height=0.007)
     planned = plan_pressing(workcell, seen(0.030))
     assert planned is not None and planned.dabs == 1
     assert plan_pressing(workcell, seen(FLAT + 0.0069)) is None
@@ -88,29 +88,29 @@ def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
 
 
 def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, tries=0), seen(0.030)) is None
-    assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.025, pressed=(0.030,))) is None
-    assert plan_pressing(cell_with(tmp_path, tries=2), seen(0.025, pressed=(0.030,))) is not None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=0), seen(0.030)) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.025, pressed=(0.030,))) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=2), seen(0.025, pressed=(0.030,))) is not None
 
 
 def test_a_press_attempt_without_contact_counts_as_an_attempt(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, tries=1), seen(0.030, press_tries=0)) is not None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.030, press_tries=0)) is not None
     tried = context_with(seen(0.030), press_tries=1)
-    assert plan_pressing(cell_with(tmp_path, tries=1), tried) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), tried) is None
 
 
 def test_a_fold_is_not_pressed_if_the_operator_skips_it(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, tries=1), context_with(seen(0.030), unpressed=True)) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), context_with(seen(0.030), unpressed=True)) is None
 
 
 def test_a_fold_that_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, tries=3), seen(0.0295, pressed=(0.030,))) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=3), seen(0.0295, pressed=(0.030,))) is None
 
 
 def test_a_lack_of_room_for_the_fingers_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pressing, "_dabs", lambda *_: ((), 0.0))
     told: list[str] = []
-    assert plan_pressing(replace(cell_with(tmp_path, tries=1), tell=told.append), seen(0.030)) is None
+    assert plan_pressing(replace(cell_with(tmp_path, max_attempts=1), tell=told.append), seen(0.030)) is None
     assert "room" in told[0]
 
 
@@ -120,7 +120,7 @@ def test_a_fold_out_of_reach_is_left_unpressed_and_reported(
     no = Outcome[Any](failure=Failure(FailureKind.UNREACHABLE, "the left arm does not reach it"))
     monkeypatch.setattr(pressing, "_planned", lambda *_: no)
     told: list[str] = []
-    workcell = replace(cell_with(tmp_path, tries=1), tell=told.append)
+    workcell = replace(cell_with(tmp_path, max_attempts=1), tell=told.append)
     assert plan_pressing(workcell, seen(0.030)) is None
     assert "does not reach" in told[0]
 
@@ -172,7 +172,7 @@ def high(
     monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "figures", lambda seen: {})
     monkeypatch.setattr(inspecting, "beyond_limits", lambda *_: ["a corner"])
-    return context, cell_with(tmp_path, tries=1)
+    return context, cell_with(tmp_path, max_attempts=1)
 
 
 SQUARE = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
@@ -240,7 +240,7 @@ def folded_towel(monkeypatch: pytest.MonkeyPatch, high: tuple[float, float] | No
 
 def test_fingers_press_along_the_flat_part_of_the_crease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, (0.52, 0.68))
-    dabs, highest = pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)
+    dabs, highest = pressing._dabs(cell_with(tmp_path, min_excess_height=0.007), lying.steps[0], lying, looked)
     points = np.array([dab.point for dab in dabs])
     assert len(dabs) > 2 and points[:, 0].min() > 0.50 and points[:, 0].max() < 0.70
     np.testing.assert_allclose(points[:, 1], 0.10 - 0.029, atol=1e-9)
@@ -260,7 +260,7 @@ def test_pressing_uses_the_observed_position_of_the_fold(tmp_path: Path, monkeyp
     monkeypatch.setattr(pressing, "_flat", lambda *_: STACK)
     drifted = replace(looked, drift=np.array([0.03, 0.0]), height_m=0.03)
     context = replace(context_with(predicted=shape, inspection=drifted), plan=plan)
-    assert plan_pressing(cell_with(tmp_path, tries=1), context) is None
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), context) is None
     ((step, lying),) = asked
     np.testing.assert_allclose(lying.vertices, folded + np.array([0.03, 0.0, 0.0]), atol=1e-12)
     np.testing.assert_allclose(step.line.point, CREASE.point + np.array([0.03, 0.0]), atol=1e-12)
@@ -268,7 +268,7 @@ def test_pressing_uses_the_observed_position_of_the_fold(tmp_path: Path, monkeyp
 
 def test_a_flat_crease_is_not_pressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lying, looked = folded_towel(monkeypatch, None)
-    assert pressing._dabs(cell_with(tmp_path, above_flat=0.007), lying.steps[0], lying, looked)[0] == ()
+    assert pressing._dabs(cell_with(tmp_path, min_excess_height=0.007), lying.steps[0], lying, looked)[0] == ()
 
 
 @pytest.mark.parametrize("reached", ["all", "some", "none"])
@@ -297,7 +297,7 @@ def test_one_hand_presses_as_far_as_it_reaches_if_two_cannot(
 
 def test_a_hard_push_ends_the_pressing_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The hand comes to rest and goes home; what came of it is looked at."""
-    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    workcell = cell_with(tmp_path, max_attempts=1, force=8.0)
     context = standing_by(workcell, monkeypatch)
     for push, ended in ((7.0, False), (30.0, True)):
         feel(monkeypatch, push)
@@ -319,7 +319,7 @@ def test_a_strongly_pushed_hand_stops_within_a_short_distance(
     """Something hard lies so far above where the tips were to end: they come to rest on it, not where they were
     sent. The first joint stands for the height, as with a lever of a metre."""
     through = pressing.stream
-    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    workcell = cell_with(tmp_path, max_attempts=1, force=8.0)
     context = standing_by(workcell, monkeypatch)
     (path,) = press_paths(STEP.line, [Dab(np.zeros(2), FLAT, 0.02)], 0.035).values()
     q, qd = np.zeros((len(path.t), 14)), np.zeros((len(path.t), 14))
@@ -354,14 +354,14 @@ def test_unreadable_fingertips_end_pressing_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, force: float, stamp: float
 ) -> None:
     """A stream that hangs after the zero says for ever that nothing is touched."""
-    workcell = cell_with(tmp_path, tries=1)
+    workcell = cell_with(tmp_path, max_attempts=1)
     context = standing_by(workcell, monkeypatch)
     feel(monkeypatch, force, stamp)
     assert press(workcell, context).event is Event.FAILED
 
 
 def test_a_failure_while_a_pushed_hand_brakes_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    workcell = cell_with(tmp_path, tries=1, force=8.0)
+    workcell = cell_with(tmp_path, max_attempts=1, force=8.0)
     context = standing_by(workcell, monkeypatch)
     feel(monkeypatch, 30.0)
     lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
@@ -380,7 +380,7 @@ def test_a_hand_that_did_not_arrive_does_not_press(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     """On its way to above the fold, while its tips are zeroed, and where no way down is free any more."""
-    workcell = cell_with(tmp_path, tries=1)
+    workcell = cell_with(tmp_path, max_attempts=1)
     context = standing_by(workcell, monkeypatch)
     why = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
     failed = why if where == "move" else Outcome[Any](failure=why)
@@ -392,7 +392,7 @@ def test_a_hand_that_did_not_arrive_does_not_press(
 
 
 def test_a_fault_while_pressing_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    workcell = cell_with(tmp_path, tries=1)
+    workcell = cell_with(tmp_path, max_attempts=1)
     context = standing_by(workcell, monkeypatch)
     lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
     monkeypatch.setattr(pressing, "stream", lambda *_: Outcome(failure=lag))
