@@ -189,7 +189,7 @@ class InspectionConfig(_Group):
 
 class PressingConfig(_Group):
     """Pressing the crease of a fold that stands high (skills.planning.pressing), where nothing or heights speak
-    against it (skills.perception.inspection.diagnosis.told_by_height)."""
+    against it (skills.perception.inspection.diagnosis.diagnosed_by_height)."""
 
     tries: int = _count(0, 5, "how often one fold is pressed, at most; 0: never")
     above_flat: float = _number(

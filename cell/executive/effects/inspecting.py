@@ -16,7 +16,7 @@ from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose, outline_good, told_by_height
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height, outline_matches
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
 from skills.perception.registration.alignment import edge_deviation
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
@@ -47,7 +47,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, made: Attempt,
     made = replace(made, inspection=seen)
     context = context.with_attempt(made)
     cell.recorder.observed(cell.ports.clock.now(), seen.contour)
-    if seen.diagnosis is None or told_by_height(seen, cell.inspection):
+    if seen.diagnosis is None or diagnosed_by_height(seen, cell.inspection):
         press_plan = plan_pressing(cell, context.fold.index, plan, made, seen)
         if press_plan is not None:
             event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
@@ -73,7 +73,7 @@ def judged_as_before(
     """What is seen after a fold was pressed, judged anew, but for an outline that was good and lies as it lay: a
     crease that is pressed reaches further out than the unpressed one that was predicted."""
     displaced, _ = edge_deviation(before.contour, seen.contour)
-    if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
+    if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return seen
     kind, confidence = diagnose(replace(seen, edge_deviation_m=before.edge_deviation_m), step, settings)
     return replace(seen, diagnosis=kind, confidence=confidence)

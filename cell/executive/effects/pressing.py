@@ -23,7 +23,7 @@ from skills.grasping.hand_reading import GripCommand
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from skills.perception.inspection.high_places import standing
+from skills.perception.inspection.high_places import find_high_places
 from skills.perception.inspection.inspect import Inspection
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
@@ -120,7 +120,7 @@ def _dabs(cell: Workcell, step: FoldStep, lying: Plan, seen: Inspection) -> tupl
     """Where to press, and how high the garment stands [m]. lying: the plan where the garment is seen to lie after
     this step."""
     mesh, thickness, above = lying.mesh, lying.garment.material.thickness, cell.settings.pressing.above_flat
-    found = standing(seen.height, seen.mask, seen.view, _flat(step, lying), thickness, above)
+    found = find_high_places(seen.height, seen.mask, seen.view, _flat(step, lying), thickness, above)
     if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1
