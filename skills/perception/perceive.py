@@ -352,7 +352,7 @@ def _unusable(
     if top > settings.flat_height:
         return Failure(
             FailureKind.NOT_FLAT,
-            f"the garment stands {top * 1e3:.0f} mm above the table",
+            f"the garment reaches {top * 1e3:.0f} mm above the table",
             "spread it flat",
             {"height_m": top},
         )
