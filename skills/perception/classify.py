@@ -1,8 +1,8 @@
-"""Which garment a silhouette belongs to: aligned overlap with every template.
+"""Classification of a silhouette by its aligned overlap with every template.
 
-Each template is laid over the silhouette in every orientation that moments suggest, bent a little at
-its key points (one update of the registration with the template as reference, so that a sleeve may swing but
-a towel does not become trousers), and compared by intersection over union.
+Each template is placed on the silhouette in every orientation suggested by moments. It is then bent a little at
+its key points by one update of the registration with the template as reference: a sleeve can swing, but a towel
+does not become trousers. The measure is intersection over union.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ _STIFF = RegistrationSettings(
     updates=1,
     candidates=2,
 )
-_HOPELESS = 0.6
-"""Overlap from which bending makes no match."""
+_MIN_OVERLAP = 0.6
+"""Overlap up to which a template is not bent, because it cannot match."""
 _CELL = 0.004
-"""Edge of a raster cell in which overlaps are counted [m]."""
+"""Edge length of the raster cells in which overlaps are counted [m]."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """One candidate. iou: 0..1 after alignment. scale: observed size / nominal. angle: of the template [rad]."""
+    """A candidate. iou: 0..1 after alignment. scale: observed over nominal size. angle: of the template [rad]."""
 
     name: str
     category: str
@@ -48,8 +48,8 @@ class Match:
 def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match, ...]:
     """Rank templates for an observed boundary (n, 2) [m], best first.
 
-    By overlap; templates that overlap equally well (within 0.02: towels of two sizes) by nearness of size.
-    Whether the best is good enough is the caller's question: an unknown garment has no good match.
+    The order is by overlap. Templates with nearly the same overlap (within 0.02, such as towels of two sizes) are
+    ordered by similarity of size. The caller decides whether the best match is good enough.
     """
     contour = np.asarray(contour, dtype=float)
     if polygon_area(contour) < 0:
@@ -57,10 +57,10 @@ def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match
     boundary = Boundary(contour, step=0.003, sample_step=0.015)
     matches = [_match(contour, boundary, template) for template in templates]
     best = max((m.iou for m in matches), default=0.0)
-    return tuple(sorted(matches, key=lambda m: _order(m, best)))
+    return tuple(sorted(matches, key=lambda m: _sort_key(m, best)))
 
 
-def _order(match: Match, best: float) -> tuple[int, float, str]:
+def _sort_key(match: Match, best: float) -> tuple[int, float, str]:
     if match.iou >= best - 0.02:
         return 0, abs(float(np.log(match.scale))), match.name
     return 1, -match.iou, match.name
@@ -73,7 +73,7 @@ def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match
     iou, angle = 0.0, 0.0
     for start in best_starts(polygon, boundary, _STIFF):
         overlap = polygon_iou(start.polygon, contour)
-        if _HOPELESS < overlap < 0.97:
+        if _MIN_OVERLAP < overlap < 0.97:
             overlap = max(overlap, polygon_iou(bend(start.polygon, boundary, _STIFF), contour))
         if overlap > iou:
             iou, angle = overlap, start.angle
@@ -81,7 +81,7 @@ def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match
 
 
 def polygon_iou(a: Array, b: Array) -> float:
-    """Intersection over union of two closed polygons (n, 2) [m], counted in cells of 4 mm."""
+    """Intersection over union of two closed polygons (n, 2) [m], counted in cells of 4 mm edge length."""
     low = np.minimum(a.min(axis=0), b.min(axis=0)) - _CELL
     high = np.maximum(a.max(axis=0), b.max(axis=0)) + _CELL
     shape = tuple(np.ceil((high - low) / _CELL).astype(int) + 1)

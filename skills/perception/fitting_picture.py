@@ -1,5 +1,4 @@
-"""How a registration came about, as in the paper's figure: the template laid over the garment, the contour after
-each update, and the result with its key points. Pure."""
+"""Picture of a registration, as in the paper: initial template, contour after each update, and result. Pure."""
 
 from __future__ import annotations
 
@@ -15,23 +14,23 @@ __all__ = ["draw_fitting"]
 
 _MARGIN = 45
 _GAP = 6
-_SEEN, _FIRST, _LAST = (255, 255, 255), (255, 150, 40), (40, 220, 90)
+_OBSERVED, _INITIAL, _FINAL = (255, 255, 255), (255, 150, 40), (40, 220, 90)
 
 
 def draw_fitting(perception: Perception) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB: three panels side by side, cut to the garment's surroundings in the rectified view."""
+    """Three panels side by side, RGB (H, W, 3), cropped around the garment in the rectified view."""
     view, stages = perception.view, perception.registration.stages
-    ghost = _pale(perception.rgb, perception.mask)
-    initial, steps = ghost.copy(), ghost.copy()
-    _line(initial, perception.segmentation.contour, _SEEN, 1)
-    _line(initial, view.to_pixel(stages[0]), _FIRST, 2)
+    dimmed = _dimmed(perception.rgb, perception.mask)
+    initial, steps = dimmed.copy(), dimmed.copy()
+    _line(initial, perception.segmentation.contour, _OBSERVED, 1)
+    _line(initial, view.to_pixel(stages[0]), _INITIAL, 2)
     for i, stage in enumerate(stages):
         share = i / max(len(stages) - 1, 1)
-        colour = tuple(round((1 - share) * a + share * b) for a, b in zip(_FIRST, _LAST, strict=True))
+        colour = tuple(round((1 - share) * a + share * b) for a, b in zip(_INITIAL, _FINAL, strict=True))
         _line(steps, view.to_pixel(stage), colour, 2 if i == len(stages) - 1 else 1)
     state = perception.state
     names = {name: view.to_pixel(p) for name, p in state.keypoints.items()}
-    box = _surroundings(perception.segmentation.contour, ghost.shape)
+    box = _crop(perception.segmentation.contour, dimmed.shape)
     corner = np.array([box[1].start, box[0].start])
     result = draw_overlay(
         np.ascontiguousarray(perception.rgb[box]), None, view.to_pixel(state.contour) - corner,
@@ -45,8 +44,8 @@ def draw_fitting(perception: Perception) -> NDArray[np.uint8]:
     return np.hstack([_captioned(panel, text) for panel, text in zip(panels, captions, strict=True)])
 
 
-def _pale(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The picture dimmed to half, the garment less so, that coloured lines stand out."""
+def _dimmed(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The picture dimmed, the garment less so, to make coloured lines stand out."""
     share = np.where(mask, np.float32(0.75), np.float32(0.4))
     return np.asarray(rgb * share[..., None], dtype=np.uint8)
 
@@ -56,7 +55,7 @@ def _line(picture: NDArray[np.uint8], pixels: Array, colour: tuple[int, ...], wi
     cv2.polylines(picture, [points], True, colour, width, cv2.LINE_AA, 4)
 
 
-def _surroundings(contour: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
+def _crop(contour: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
     low, high = contour.min(axis=0) - _MARGIN, contour.max(axis=0) + _MARGIN
     left, top = (max(int(v), 0) for v in low)
     right, bottom = min(int(high[0]), shape[1]), min(int(high[1]), shape[0])

@@ -1,4 +1,4 @@
-"""What perception saw, drawn over the picture: mask, contour, key points, confidence. Pure."""
+"""Drawings of the perceived mask, contour, key points and confidence over a picture. Pure."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_overlay(
     keypoints: Mapping[str, Array] | None = None,
     title: str = "",
 ) -> NDArray[np.uint8]:
-    """A copy of rgb (H, W, 3) with everything that is given drawn over it.
+    """A copy of rgb (H, W, 3) with the given items drawn over it.
 
     mask: (H, W). contour: (n, 2) closed, keypoints: name -> (2,), both in pixels (column, row) of `rgb`.
     title: one line at the top, for category and confidence.
@@ -36,13 +36,13 @@ def draw_overlay(
         tinted = out[mask].astype(np.float32) * 0.65 + np.array(_TINT, np.float32) * 0.35
         out[mask] = np.round(tinted).astype(np.uint8)
     if contour is not None and len(contour) > 1:
-        cv2.polylines(out, [_fixed(contour)], True, (0, 0, 0), 3, cv2.LINE_AA, 4)
-        cv2.polylines(out, [_fixed(contour)], True, _CONTOUR, 1, cv2.LINE_AA, 4)
+        cv2.polylines(out, [_fixed_point(contour)], True, (0, 0, 0), 3, cv2.LINE_AA, 4)
+        cv2.polylines(out, [_fixed_point(contour)], True, _CONTOUR, 1, cv2.LINE_AA, 4)
     points = {name: np.asarray(p, dtype=float) for name, p in (keypoints or {}).items()}
     middle = np.mean(list(points.values()), axis=0) if points else np.zeros(2)
     for point in points.values():
-        cv2.circle(out, _whole(point), 5, (255, 255, 255), -1, cv2.LINE_AA)
-        cv2.circle(out, _whole(point), 4, _POINT, -1, cv2.LINE_AA)
+        cv2.circle(out, _rounded(point), 5, (255, 255, 255), -1, cv2.LINE_AA)
+        cv2.circle(out, _rounded(point), 4, _POINT, -1, cv2.LINE_AA)
     for name, point in points.items():
         _label(out, name, point, middle)
     if title:
@@ -51,7 +51,7 @@ def draw_overlay(
 
 
 def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
-    """The perception over its own rectified picture."""
+    """The perception drawn over its rectified picture (H, W, 3)."""
     view, state = perception.view, perception.state
     return draw_overlay(
         perception.rgb,
@@ -63,7 +63,7 @@ def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
 
 
 def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The perception over the camera's picture rgb (H, W, 3) that it was made from."""
+    """The perception drawn over the camera's picture rgb (H, W, 3) from which it was made."""
     view, state = perception.view, perception.state
     size = (rgb.shape[1], rgb.shape[0])
     mask = cv2.warpPerspective(perception.mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
@@ -80,16 +80,16 @@ def _title(perception: Perception) -> str:
     return f"{perception.garment}  confidence {perception.state.confidence:.2f}"
 
 
-def _fixed(points: Array) -> NDArray[np.int32]:
+def _fixed_point(points: Array) -> NDArray[np.int32]:
     return np.round(np.asarray(points) * 16).astype(np.int32)
 
 
-def _whole(point: Array) -> tuple[int, int]:
+def _rounded(point: Array) -> tuple[int, int]:
     return round(float(point[0])), round(float(point[1]))
 
 
 def _label(out: NDArray[np.uint8], name: str, point: Array, middle: Array) -> None:
-    """The name beside its point, towards the garment's outside, kept within the picture."""
+    """Write the name beside its point, towards the garment's outside, within the picture."""
     (width, height), _ = cv2.getTextSize(name, _FONT, 0.42, 1)
     x = point[0] + 8 if point[0] >= middle[0] else point[0] - 8 - width
     y = point[1] - 6 if point[1] < middle[1] else point[1] + 8 + height
@@ -99,7 +99,7 @@ def _label(out: NDArray[np.uint8], name: str, point: Array, middle: Array) -> No
 
 
 def _text(out: NDArray[np.uint8], text: str, place: tuple[int, int], size: float) -> None:
-    """White on a darkened box: legible on cloth and on table."""
+    """Write white text on a darkened box, legible on any background."""
     (width, height), base = cv2.getTextSize(text, _FONT, size, 1)
     top, left = max(place[1] - height - 3, 0), max(place[0] - 3, 0)
     box = out[top : place[1] + base, left : place[0] + width + 3]

@@ -1,4 +1,4 @@
-"""From one picture to the garment on the table, or to the reason why there is none."""
+"""Perception: the state of the garment on the table from one picture, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ __all__ = [
 ]  # fmt: skip
 
 
-_SUREST = 0.97
-"""Of fits that leave nothing to be desired, the share with every key point within 10 mm (`bench perception`)."""
+_MAX_CONFIDENCE = 0.97
+"""Share of perfect fits in which every key point is within 10 mm (`bench perception`)."""
 
 
 @dataclass(frozen=True)
 class PerceptionSettings:
     """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
 
-    method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table
-    'reference' stands for 'plain', and where that leads to no garment, 'grabcut'.
+    method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table,
+    'reference' means 'plain' and, if that finds no garment, 'grabcut'.
     """
 
     pixel: float = 0.002
@@ -53,23 +53,23 @@ class PerceptionSettings:
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     lowest_segmentation: float = 0.5
     litter: float = 0.08
-    """What else lies on the table may cover this share of the garment's area;"""
+    """Maximum area of other objects on the table, relative to the garment's."""
     intruder: float = 0.02
-    """and what reaches into the picture from its edge, this one."""
+    """Maximum area of objects that reach into the picture from its edge, relative to the garment's."""
     min_template_iou: float = 0.80
-    """A silhouette that overlaps no template better than this is of an unknown garment."""
+    """Minimum overlap of a silhouette with a template; below it the garment is unknown."""
     polygon_iou: float = 0.91
-    """Nor is one known that the straight lines between its key points overlap no better than this,"""
+    """Minimum overlap of a silhouette with the polygon of its key points."""
     proportions: float = 0.20
-    """or whose key points lie apart unlike the template's: root mean square of the logarithm of length ratios."""
+    """Maximum difference to the template's proportions: standard deviation of the logarithm of length ratios."""
     least_turn: float = 0.35
-    """Nor is one whose sharp corners were set where the outline turns by less than this share of their angle."""
+    """Minimum turn of the outline at a sharp corner's place, relative to the corner's own."""
     category_margin: float = 0.03
-    """The expected category is accepted when the best one overlaps no better than by this."""
+    """The expected category is accepted unless another one overlaps better by more than this."""
     size_tolerance: float = 0.20
-    """Relative difference from a garment's nominal size beyond which it is not that garment."""
+    """Maximum relative difference from a garment's nominal size."""
     flat_height: float = 0.025
-    """95th percentile of height over a garment that lies flat."""
+    """Maximum 95th percentile of height over a flat garment."""
     border: float = 0.006
     min_confidence: float = 0.6
     dark_level: float = 6.0
@@ -79,10 +79,11 @@ class PerceptionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Perception:
-    """What was seen: the state for planning, and what it was made of for the record and the overlay.
+    """The garment's state for planning, with the intermediate results for the record and the overlay.
 
-    garment: name of the one whose template fits. rgb, height, mask: in `view`'s pixels, as is the contour
-    of `segmentation`. matches: all candidates, best first. top: mean height of the garment's upper side [m].
+    garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) [m], mask: (H, W), and the
+    contour of `segmentation` are in `view`'s pixels. matches: all candidates, best first. top: mean height of the
+    garment's upper side [m].
     """
 
     state: GarmentState
@@ -100,8 +101,8 @@ class Perception:
         return self.segmentation.mask
 
 
-class _Stages:
-    """Wall times of the stages: for the record; nothing is decided by them."""
+class _StageTimes:
+    """Wall times of the stages, for the record only."""
 
     def __init__(self) -> None:
         self.notes: dict[str, float | int | str] = {}
@@ -125,21 +126,21 @@ def perceive(
 ) -> Outcome[Perception]:
     """Segment, classify and register the garment in one picture.
 
-    reference: picture of the empty table. garments: what it can be. expected: a garment's name, or None to
-    let the picture say. previous: an earlier picture, to tell a frozen camera.
+    reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
+    any of them. previous: an earlier picture, to detect a frozen camera.
 
-    Fails with CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH or
-    LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
+    Failures: CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH, LOW_CONFIDENCE.
+    Raises ValueError when `expected` is not among `garments`.
     """
     settings = settings or PerceptionSettings()
     wanted = _wanted(garments, expected)
-    stages = _Stages()
+    stages = _StageTimes()
 
-    fault = camera_fault(frame, calibration, previous, settings)
-    if fault is None and reference is not None:
-        fault = camera_fault(reference, calibration, None, settings) or _same_picture(frame, reference)
-    if fault is not None:
-        return Outcome(failure=fault, notes=stages.notes)
+    camera_failure = camera_fault(frame, calibration, previous, settings)
+    if camera_failure is None and reference is not None:
+        camera_failure = camera_fault(reference, calibration, None, settings) or _same_picture(frame, reference)
+    if camera_failure is not None:
+        return Outcome(failure=camera_failure, notes=stages.notes)
     view = TableView(calibration, table, settings.pixel)
     if (unseen := table_unseen(view, settings)) is not None:
         return Outcome(failure=unseen, notes=stages.notes)
@@ -153,13 +154,13 @@ def perceive(
         if outcome.ok:
             return outcome
         outcomes.append(outcome)
-    told = [o for o in outcomes if o.failure is not None and o.failure.kind is not FailureKind.NO_GARMENT]
-    return (told or outcomes)[0]
+    with_garment = [o for o in outcomes if o.failure is not None and o.failure.kind is not FailureKind.NO_GARMENT]
+    return (with_garment or outcomes)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """What there is to see: the picture in its view, the empty table (or None), height above it (H, W) [m]."""
+    """The picture in its view, that of the empty table (or None), and the height above the table (H, W) [m]."""
 
     view: TableView
     seen: RectifiedView
@@ -173,7 +174,7 @@ def _perceive_by(
     garments: Sequence[GarmentOutline],
     wanted: GarmentOutline | None,
     settings: PerceptionSettings,
-    stages: _Stages,
+    stages: _StageTimes,
 ) -> Outcome[Perception]:
     view, seen, height = picture.view, picture.seen, picture.height
 
@@ -185,7 +186,7 @@ def _perceive_by(
     stages.done("segment")
     stages.notes["segmentation_method"] = method
     stages.notes["segmentation_confidence"] = segmentation.confidence
-    failure = _not_usable(segmentation, view, height, settings)
+    failure = _unusable(segmentation, view, height, settings)
     if failure is not None:
         return failed(failure)
 
@@ -200,7 +201,7 @@ def _perceive_by(
     registration = register(contour, garment, settings.registration)
     stages.done("register")
 
-    if (failure := _not_of_its_kind(registration, garment, contour, settings)) is not None:
+    if (failure := _misfit(registration, garment, contour, settings)) is not None:
         return failed(failure)
     iou = polygon_iou(registration.contour, contour)
     confidence = _confidence(segmentation, iou, registration)
@@ -237,14 +238,14 @@ def camera_fault(
     previous: CameraFrame | None = None,
     settings: PerceptionSettings | None = None,
 ) -> Failure | None:
-    """Why a picture cannot be used: wrong size, black, white, without depth, or the same as `previous`."""
+    """CAMERA_FAULT for a picture of wrong size, black, white, without depth, or equal to `previous`; else None."""
     settings = settings or PerceptionSettings()
-    want = (calibration.intrinsics.height, calibration.intrinsics.width)
+    expected_shape = (calibration.intrinsics.height, calibration.intrinsics.width)
     hint = "check the camera's cable, exposure and driver, then look again"
-    if frame.rgb.shape != (*want, 3) or frame.depth.shape != want:
+    if frame.rgb.shape != (*expected_shape, 3) or frame.depth.shape != expected_shape:
         return Failure(
             FailureKind.CAMERA_FAULT,
-            f"the camera is calibrated for {want[1]} x {want[0]} pixels, the picture has "
+            f"the camera is calibrated for {expected_shape[1]} x {expected_shape[0]} pixels, the picture has "
             f"{frame.rgb.shape[1]} x {frame.rgb.shape[0]}, its depth {frame.depth.shape[1]} x "
             f"{frame.depth.shape[0]}",
             "set the camera's resolution back, or calibrate it anew",
@@ -270,30 +271,30 @@ def camera_fault(
 
 
 def table_unseen(view: TableView, settings: PerceptionSettings | None = None) -> Failure | None:
-    """Why nothing on the table can be seen: a camera that hangs so shows less of it than a garment."""
+    """CAMERA_FAULT when the camera sees less of the table than the area of a garment, else None."""
     settings = settings or PerceptionSettings()
     if np.count_nonzero(view.valid) >= settings.segmentation.smallest_area:
         return None
     return Failure(
         FailureKind.CAMERA_FAULT,
         "by its calibration the camera does not look at the table",
-        "calibrate where it hangs (calibrate hand-eye), or correct the table's place in cell.yaml",
+        "calibrate its pose (calibrate hand-eye), or correct the table's place in cell.yaml",
         {"seen_m2": float(np.count_nonzero(view.valid)) * view.pixel**2},
     )
 
 
 def _same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
-    """Noise makes two pictures of an empty table differ, too."""
+    """CAMERA_FAULT when the picture equals that of the empty table; noise makes real pictures differ."""
     if not np.array_equal(frame.rgb, reference.rgb):
         return None
     return Failure(
-        FailureKind.CAMERA_FAULT, "the picture is that of the empty table, byte for byte",
+        FailureKind.CAMERA_FAULT, "the picture is identical to that of the empty table",
         "the camera is frozen, or one file was given twice: take a new picture",
     )  # fmt: skip
 
 
 def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
-    """Noise makes two pictures of a still scene differ; a frozen camera gives the same bits again."""
+    """Whether the camera repeats a picture; noise makes pictures of a still scene differ."""
     if frame is previous or frame.stamp == previous.stamp:
         return False
     return frame.sequence == previous.sequence or (
@@ -302,14 +303,14 @@ def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
 
 
 def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np.float32]:
-    """Height above the table as it was measured empty, which takes the calibration's error away [m]."""
+    """Height (H, W) above the measured empty table [m], which cancels the error of the calibration."""
     if empty is None:
         return seen.height
     return np.asarray(seen.height - table_height(empty.height), dtype=np.float32)
 
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
-    """Whether a region comes within `margin` pixels of where the view ends."""
+    """Whether a region comes within `margin` pixels of the border of the valid view."""
     size = 2 * margin + 1
     inner = cv2.erode(valid.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
     return bool((mask & ~inner).any())
@@ -324,12 +325,12 @@ def _wanted(garments: Sequence[GarmentOutline], expected: str | None) -> Garment
     raise ValueError(f"{expected!r} is none of {[g.name for g in garments]}")
 
 
-def _not_usable(
+def _unusable(
     segmentation: Segmentation, view: TableView, height: NDArray[np.float32], settings: PerceptionSettings
 ) -> Failure | None:
     if not segmentation.found:
         return Failure(
-            FailureKind.NO_GARMENT, "no garment is seen on the table", "lay one flat in the camera's view"
+            FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
         )
     margin = max(round(settings.border / view.pixel), 1)
     if (failure := _not_alone(segmentation, view, margin, settings)) is not None:
@@ -337,21 +338,21 @@ def _not_usable(
     if segmentation.confidence < settings.lowest_segmentation:
         return Failure(
             FailureKind.LOW_CONFIDENCE,
-            f"the garment's boundary is clear over {segmentation.confidence:.0%} of its length only",
-            "a fabric of the table's colour, or changed light: take a new picture of the empty table",
+            f"only {segmentation.confidence:.0%} of the garment's boundary is clearly visible",
+            "the fabric has the table's colour, or the light changed: take a new picture of the empty table",
             {"segmentation_confidence": segmentation.confidence},
         )
     if touches_border(segmentation.mask, view.valid, margin):
         return Failure(
             FailureKind.OUT_OF_VIEW,
-            "the garment reaches beyond the camera's view or the table's edge",
+            "the garment extends beyond the camera's view or the table's edge",
             "lay it nearer to the middle of the table",
         )
-    top = _bulk(segmentation.mask, height)
+    top = _upper_height(segmentation.mask, height)
     if top > settings.flat_height:
         return Failure(
             FailureKind.NOT_FLAT,
-            f"the garment stands {top * 1e3:.0f} mm above the table",
+            f"the garment reaches {top * 1e3:.0f} mm above the table",
             "spread it flat",
             {"height_m": top},
         )
@@ -361,7 +362,7 @@ def _not_usable(
 def _not_alone(
     segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
 ) -> Failure | None:
-    """A second garment, or something that reaches into the picture: a hand, an arm."""
+    """UNKNOWN_GARMENT for a second garment, OUT_OF_VIEW for a hand or an arm in the picture, else None."""
     share = np.count_nonzero(segmentation.others) / np.count_nonzero(segmentation.mask)
     values = {"other_area_share": float(share)}
     if share > settings.intruder and touches_border(segmentation.others, view.valid, margin):
@@ -377,21 +378,21 @@ def _not_alone(
     )  # fmt: skip
 
 
-def _bulk(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
-    """95th percentile of the smoothed height over a mask [m]; 0 where depth knows nothing of it."""
+def _upper_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
+    """95th percentile of the smoothed height over a mask [m]; 0 without depth."""
     smooth = smooth_height(height)
     samples = smooth[mask & np.isfinite(smooth)]
     return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
 
 
 def garment_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
-    """Mean height of a garment [m], 0..0.02: the plane in which its outline lies. 0 without depth."""
+    """Mean height of a garment, the plane of its outline, limited to 0..0.02 [m]; 0 without depth."""
     samples = height[mask & np.isfinite(height)]
     return float(np.clip(samples.mean(dtype=float), 0.0, 0.02)) if len(samples) > 1000 else 0.0
 
 
 def smooth_height(height: NDArray[np.float32], size: int = 9) -> NDArray[np.float32]:
-    """Mean over a square of `size` pixels, of what the sensor saw there; NaN where it saw too little."""
+    """Mean over the known part of a square of `size` pixels [m]; NaN where too little is known."""
     known = np.isfinite(height)
     total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
     share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
@@ -408,34 +409,34 @@ def _choose(
     if best.iou < settings.min_template_iou:
         return None, Failure(
             FailureKind.UNKNOWN_GARMENT,
-            f"the silhouette is of no known garment (nearest {best.name}, overlap {best.iou:.2f})",
+            f"the silhouette matches no known garment (nearest {best.name}, overlap {best.iou:.2f})",
             "spread the garment flat, or make a template with `foldcell garment new`",
             values,
         )
     if wanted is None:
-        return _of_its_size(matches, best, settings)
-    ours = next(m for m in matches if m.name == wanted.name)
-    if best.category != wanted.category and ours.iou < best.iou - settings.category_margin:
+        return _match_of_size(matches, best, settings)
+    match = next(m for m in matches if m.name == wanted.name)
+    if best.category != wanted.category and match.iou < best.iou - settings.category_margin:
         return None, Failure(
             FailureKind.CATEGORY_MISMATCH,
             f"expected {wanted.name}, but the silhouette is of category {best.category}",
             "put the expected garment on the table, or name the right one",
-            {**values, "expected": wanted.name, "expected_iou": ours.iou},
+            {**values, "expected": wanted.name, "expected_iou": match.iou},
         )
-    if not _fits_in_size(ours, settings):
+    if not _fits_in_size(match, settings):
         return None, Failure(
             FailureKind.CATEGORY_MISMATCH,
-            f"expected {wanted.name}, but the garment is {ours.scale:.2f} times its size",
+            f"expected {wanted.name}, but the garment is {match.scale:.2f} times its size",
             "put the expected garment on the table, or name the right one",
-            {**values, "expected": wanted.name, "scale": ours.scale},
+            {**values, "expected": wanted.name, "scale": match.scale},
         )
-    return ours, None
+    return match, None
 
 
-def _of_its_size(
+def _match_of_size(
     matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
 ) -> tuple[Match | None, Failure | None]:
-    """Of matches, in their order, the first that a second look, which expects it, would not take for another."""
+    """The first of the best matches that fits in size, so that a later perception that expects it accepts it."""
     near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
     for match in near:
         if _fits_in_size(match, settings):
@@ -443,8 +444,8 @@ def _of_its_size(
     nearest = near[0]
     return None, Failure(
         FailureKind.UNKNOWN_GARMENT,
-        f"no known garment is of this shape and size (nearest {nearest.name}, of which it is "
-        f"{nearest.scale:.2f} times the size)",
+        f"no known garment has this shape and size (nearest {nearest.name}, "
+        f"but {nearest.scale:.2f} times its size)",
         "put a known garment on the table, or make a template with `foldcell garment new`",
         {"best": nearest.name, "best_iou": nearest.iou, "scale": nearest.scale},
     )
@@ -454,11 +455,14 @@ def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
     return bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
 
 
-def _not_of_its_kind(
+def _misfit(
     registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
 ) -> Failure | None:
-    """A contour that bends freely follows any silhouette; the polygon of its key points does not, and a corner
-    that lies along an edge is none."""
+    """UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
+
+    A freely bending contour follows any silhouette, but the polygon of its key points does not. A corner placed
+    along an edge is not a corner.
+    """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     overlap = polygon_iou(polygon, contour)
     ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
@@ -469,12 +473,12 @@ def _not_of_its_kind(
         return Failure(
             FailureKind.LOW_CONFIDENCE,
             f"the outline has no corner where one of {garment.name} should be",
-            "straighten the garment, above all its ends, or make a template with `foldcell garment new`",
+            "straighten the garment, especially its ends, or make a template with `foldcell garment new`",
             {"least_turn": registration.least_turn},
         )
     return Failure(
         FailureKind.UNKNOWN_GARMENT,
-        f"the silhouette is not that of {garment.name} (key points' outline overlaps by {overlap:.2f}, "
+        f"the silhouette is not that of {garment.name} (polygon of the key points overlaps by {overlap:.2f}, "
         f"proportions differ by {distortion:.0%})",
         "spread the garment flat, or make a template with `foldcell garment new`",
         {"polygon_iou": overlap, "distortion": distortion},
@@ -482,7 +486,7 @@ def _not_of_its_kind(
 
 
 def _confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
-    """`_SUREST` times three shares: clear boundary, overlap (0.85..0.97 -> 0..1), fit (8..2 mm -> 0..1)."""
+    """`_MAX_CONFIDENCE` times clear boundary, overlap (0.85..0.97 -> 0..1) and fit (8..2 mm -> 0..1)."""
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
     fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
-    return _SUREST * segmentation.confidence * overlap * fit
+    return _MAX_CONFIDENCE * segmentation.confidence * overlap * fit

@@ -1,4 +1,4 @@
-"""What perception has to know of a garment: its name, its category and its outline with named corners."""
+"""The garment data that perception needs: name, category and outline with named corners."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from robots.ports import Array
 
 __all__ = ["GarmentOutline", "polygon_area", "symmetries"]
 
-_ALIKE = 0.9
-"""Second moments whose ratio is above this do not tell an outline's axes."""
+_MAX_MOMENT_RATIO = 0.9
+"""Ratio of second moments above which an outline has no distinct principal axes."""
 
 
 class GarmentOutline(Protocol):
-    """Any garment that perception can look for; `skills.garments` has the full one.
+    """The interface of a garment for perception; `skills.garments` has the full type.
 
-    template: (k, 2) [m] at nominal size, centred on 0, in the orientation as laid (table frame's axes);
-    its vertices are the key points, in the order of `keypoints`.
+    template: (k, 2) [m] at nominal size, centred on 0, in its laid orientation (table frame's axes). Its vertices
+    are the key points, in the order of `keypoints`.
     """
 
     @property
@@ -44,20 +44,20 @@ def polygon_area(polygon: Array) -> float:
 def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
     """The symmetries of a silhouette that no picture of it can resolve, by name.
 
-    'rotated_90' and 'rotated_180' about the centroid; 'mirrored' when some mirror image coincides with it
-    after a rotation (front and back look alike). tolerance: largest boundary distance, relative to the
-    polygon's diagonal.
+    'rotated_90' and 'rotated_180' are about the centroid. 'mirrored' means that a mirror image coincides with it
+    after a rotation (front and back look alike). tolerance: maximum boundary distance, relative to the polygon's
+    diagonal.
     """
     outline = _resample(polygon, 200)
     outline = outline - _centroid(polygon)
-    largest = tolerance * float(np.linalg.norm(np.ptp(outline, axis=0)))
+    max_distance = tolerance * float(np.linalg.norm(np.ptp(outline, axis=0)))
     tree = cKDTree(outline)
 
     def coincides(image: Array) -> bool:
-        return bool(tree.query(image)[0].max() <= largest)
+        return bool(tree.query(image)[0].max() <= max_distance)
 
-    turns = (("rotated_90", np.pi / 2), ("rotated_180", np.pi))
-    names = [name for name, angle in turns if coincides(outline @ _rotation(angle).T)]
+    rotations = (("rotated_90", np.pi / 2), ("rotated_180", np.pi))
+    names = [name for name, angle in rotations if coincides(outline @ _rotation(angle).T)]
     mirrored = outline * np.array([1.0, -1.0])
     corners = np.asarray(polygon, dtype=float) - _centroid(polygon)
     if any(coincides(mirrored @ _rotation(2.0 * axis).T) for axis in _mirror_axes(outline, corners)):
@@ -68,13 +68,13 @@ def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
 def _mirror_axes(outline: Array, corners: Array) -> list[float]:
     """Directions [rad] through the centroid that can be mirror axes of an outline (n, 2) with corners (k, 2).
 
-    They are axes of its second moments. Where these are alike in all directions, as a square's, every direction
-    is one of those: then an axis still goes through a corner or through an edge's middle.
+    They are the axes of its second moments. If these are equal in all directions, as for a square, every direction
+    is such an axis. Candidates are then the directions of the corners and of the edges' midpoints.
     """
     moments, axes = np.linalg.eigh(np.cov(outline.T))
     long = float(np.arctan2(axes[1, 1], axes[0, 1]))
     found = [long, long + 0.5 * np.pi]
-    if moments[0] > _ALIKE * moments[1]:
+    if moments[0] > _MAX_MOMENT_RATIO * moments[1]:
         ends = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
         found += np.arctan2(ends[:, 1], ends[:, 0]).tolist()
     return found
@@ -86,9 +86,9 @@ def _rotation(angle: float) -> Array:
 
 
 def _centroid(polygon: Array) -> Array:
-    following = np.roll(polygon, -1, axis=0)
-    cross = polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]
-    return ((polygon + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+    next_vertex = np.roll(polygon, -1, axis=0)
+    cross = polygon[:, 0] * next_vertex[:, 1] - next_vertex[:, 0] * polygon[:, 1]
+    return ((polygon + next_vertex) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
 
 
 def _resample(polygon: Array, n: int) -> Array:

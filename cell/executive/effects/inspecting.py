@@ -16,7 +16,7 @@ from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose, outline_good, told_by_height
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height, outline_matches
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
 from skills.perception.registration.alignment import edge_deviation
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
@@ -48,7 +48,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
     attempt = replace(attempt, inspection=inspection)
     context = context.with_attempt(attempt)
     cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
-    if inspection.diagnosis is None or told_by_height(inspection, cell.inspection):
+    if inspection.diagnosis is None or diagnosed_by_height(inspection, cell.inspection):
         press_plan = plan_pressing(cell, context.fold.index, plan, attempt, inspection)
         if press_plan is not None:
             event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
@@ -74,7 +74,7 @@ def judged_as_before(
     """The inspection after pressing, judged again. A good outline that pressing did not displace keeps its
     verdict: a pressed crease reaches further out than the unpressed one that was predicted."""
     displaced, _ = edge_deviation(before.contour, after.contour)
-    if not outline_good(before, settings) or abs(displaced) >= DISPLACED:
+    if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
     kind, confidence = diagnose(replace(after, edge_deviation_m=before.edge_deviation_m), step, settings)
     return replace(after, diagnosis=kind, confidence=confidence)

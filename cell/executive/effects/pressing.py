@@ -23,7 +23,7 @@ from skills.grasping.hand_reading import GripCommand
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from skills.perception.inspection.high_places import standing
+from skills.perception.inspection.high_places import find_high_places
 from skills.perception.inspection.inspect import Inspection
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
@@ -120,7 +120,9 @@ def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
 def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) -> tuple[tuple[Dab, ...], float]:
     """Where to press, and the garment's observed height [m]. step, plan: moved by the observed drift."""
     mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.min_excess_height
-    found = standing(inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above)
+    found = find_high_places(
+        inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above
+    )
     if len(found.places) == 0:
         return (), 0.0
     outline, sheets = outline_of(mesh), int(mesh.layer.max()) + 1

@@ -1,4 +1,4 @@
-"""Heights over a folded garment against the predicted ones: cloth heaped up, and layers that are not there."""
+"""Comparison of the heights of a folded garment with the prediction: piled cloth and missing layers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_
 def judged_area(
     mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
 ) -> NDArray[np.bool_]:
-    """The part of a mask (H, W) away from its rim and from the fold lines: heights are judged there."""
+    """The part of a mask (H, W) in which heights are judged: away from its rim and from the fold lines."""
     inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     if step is not None:
         rows, columns = np.nonzero(inner)
@@ -30,19 +30,19 @@ def judged_area(
 
 
 def upper_height(height: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
-    """95th percentile of the heights (H, W) [m] where they are judged; NaN where there is too little to see."""
+    """95th percentile of the heights (H, W) in the judged area [m]; NaN if too little of it is visible."""
     samples = height[judged & np.isfinite(height)]
     return float(np.quantile(samples, 0.95)) if len(samples) > 100 else float("nan")
 
 
 def extra_height(excess: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
-    """The same of the excess (H, W) [m] over a prediction; 0 where there is too little to see."""
-    found = upper_height(excess, judged)
-    return found if np.isfinite(found) else 0.0
+    """95th percentile of the excess (H, W) over a prediction [m]; 0 if too little is visible."""
+    upper = upper_height(excess, judged)
+    return upper if np.isfinite(upper) else 0.0
 
 
 def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold: float, pixel: float) -> float:
-    """Area over which the excess (H, W) [m] is more than the threshold [m2]. pixel: a pixel's edge [m]."""
+    """Area in which the excess (H, W) [m] is above the threshold [m], in [m2]. pixel: edge of a pixel [m]."""
     return float(np.count_nonzero((excess > threshold) & judged)) * pixel**2
 
 
@@ -55,9 +55,10 @@ def missing_layer(
     t: Array,
     settings: InspectionSettings,
 ) -> float:
-    """How much of the upper layers that were to come to a target is not there (0..1), the worst target.
+    """Share (0..1) of the upper layers that is missing at the worst target; NaN if no target can be judged.
 
-    Mean height over a patch inside each target, where the prediction has folded cloth, against prediction.
+    It compares measured and predicted mean height over a patch around each target where folded cloth is predicted.
+    moved: (H, W) predicted height [m] after the rigid motion R (2, 2), t (2,) [m].
     """
     if step is None:
         return float("nan")
@@ -66,12 +67,12 @@ def missing_layer(
     if not len(rows):
         return float("nan")
     xy = view.to_table(np.stack([columns, rows], axis=1))
-    want, have = moved[rows, columns], height[rows, columns]
+    predicted, measured = moved[rows, columns], height[rows, columns]
     for target in step.targets.values():
         patch = np.linalg.norm(xy - (R @ target[:2] + t), axis=1) < 0.04
         if np.count_nonzero(patch) < 300:
             continue
-        planned = float(want[patch].mean())
+        planned = float(predicted[patch].mean())
         if planned >= settings.layer_height:
-            shares.append(1.0 - float(have[patch].mean()) / planned)
+            shares.append(1.0 - float(measured[patch].mean()) / planned)
     return max(shares) if shares else float("nan")

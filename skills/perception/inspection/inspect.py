@@ -1,4 +1,4 @@
-"""After a fold: what lies on the table against what the simulation predicted."""
+"""Inspection after a fold: compares the garment on the table with the simulation's prediction."""
 
 from __future__ import annotations
 
@@ -58,17 +58,15 @@ def inspect(
     flat_top: float | None = None,
     before: CameraFrame | None = None,
 ) -> Outcome[Inspection]:
-    """Compare one picture with the predicted mesh, and name what went wrong.
+    """Compare one picture with the predicted mesh and diagnose the fold.
 
-    step: the fold that was made, which tells where its targets and lines are; without it only what shows
-    in silhouette and height is judged. reference: as for `perceive`. previous: the last picture, which
-    tells a frozen camera. before: the picture before the fold (previous, if None), which shows what the fold laid
-    on top of the cloth that lay there. flat_top:
-    `Perception.top` of the flat garment, which tells how far creases and pile stand above the mesh's
-    middle surface.
+    step: the fold that was made, with its targets and lines; without it only silhouette and height are judged.
+    reference: as for `perceive`. previous: the last picture, to detect a frozen camera. before: the picture before
+    the fold (previous if None), to detect the cloth that the fold laid on top. flat_top: `Perception.top` of the
+    flat garment [m], the offset of the upper side (creases, pile) from the mesh's middle surface.
 
-    Fails with CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW: then there is nothing to judge. A bad fold is not a
-    failure of looking: it is the value's `diagnosis`.
+    Failures: CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, when nothing can be judged. A bad fold is not a failure: it is
+    the `diagnosis` of the value.
     """
     settings = settings or InspectionSettings()
     fault = camera_fault(frame, calibration, previous, settings.perception)
@@ -80,10 +78,10 @@ def inspect(
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
     height = height_above(seen, empty)
-    looked = _segmented(seen, empty, height, settings.perception)
-    if looked.failure is not None:
-        return Outcome(failure=looked.failure)
-    found = looked.unwrap()
+    segmented = _segmented(seen, empty, height, settings.perception)
+    if segmented.failure is not None:
+        return Outcome(failure=segmented.failure)
+    found = segmented.unwrap()
     expected = draw_shape(view, predicted)
     if flat_top is not None:
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
@@ -91,8 +89,8 @@ def inspect(
     edge = None
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:
-        lay = height_above(view.rectify(before), empty)
-        edge = moved_edge(height, lay, predicted, step, view, figures.R, figures.t)
+        height_before = height_above(view.rectify(before), empty)
+        edge = moved_edge(height, height_before, predicted, step, view, figures.R, figures.t)
     inspection = figures.inspection(seen.rgb, edge)
     kind, confidence = diagnose(inspection, step, settings)
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)
@@ -110,36 +108,38 @@ def inspect(
 
 
 def _segmented(
-    seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], looking: PerceptionSettings
+    seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], settings: PerceptionSettings
 ) -> Outcome[Segmentation]:
-    """The garment by the first method that finds it clearly, as `perceive` tries them; or else by the first that
-    finds it at all. height: (H, W) [m] above the table."""
+    """Segment the garment by the first method with sufficient confidence, else by the first that finds it.
+
+    height: (H, W) above the table [m].
+    """
     bare = empty.rgb if empty is not None else None
-    vague: list[Segmentation] = []
-    beyond = False
-    for method in methods(looking.method, empty is not None):
-        found = segment(method, seen.rgb, bare, seen.valid, height, looking.segmentation)
+    uncertain: list[Segmentation] = []
+    out_of_view = False
+    for method in methods(settings.method, empty is not None):
+        found = segment(method, seen.rgb, bare, seen.valid, height, settings.segmentation)
         if not found.found:
             continue
         if touches_border(found.mask, seen.valid, 2):
-            beyond = True
-        elif found.confidence >= looking.lowest_segmentation:
+            out_of_view = True
+        elif found.confidence >= settings.lowest_segmentation:
             return Outcome(value=found)
         else:
-            vague.append(found)
-    if vague:
-        return Outcome(value=vague[0])
-    if beyond:
+            uncertain.append(found)
+    if uncertain:
+        return Outcome(value=uncertain[0])
+    if out_of_view:
         return Outcome(
             failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
         )
-    return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is not seen on the table any more"))
+    return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is no longer visible on the table"))
 
 
 class _Figures:
-    """The figures of one comparison. found: what is seen in `view`; expected: (H, W) the prediction's height [m].
+    """The figures of one comparison. found: the segmentation in `view`. expected: (H, W) predicted height [m].
 
-    R (2, 2), t (2,) [m]: the rigid motion that lays the prediction on what is seen.
+    R (2, 2), t (2,) [m]: the rigid motion that aligns the prediction with the observation.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class _Figures:
         self.R, self.t = align(self._outline, self._observed)
 
     def inspection(self, rgb: NDArray[np.uint8], edge: MovedEdge | None) -> Inspection:
-        """All of them, not yet judged."""
+        """All figures, without a diagnosis."""
         view, mask, step, settings = self._view, self._found.mask, self._step, self._settings
         where = np.isfinite(self._expected)
         moved = move_view(view, self._expected, self.R, self.t)

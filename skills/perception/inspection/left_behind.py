@@ -1,4 +1,4 @@
-"""What stayed behind the fold line: how far the garment still reaches there, at each hand and between them."""
+"""How far the garment still reaches beyond the fold line, at each grasp and between them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,24 @@ def left_behind(
     step: FoldStep | None,
     settings: InspectionSettings,
 ) -> Mapping[str, float]:
-    """How much further than predicted the garment reaches beyond the fold line, in strips across it [m]."""
+    """How much further than predicted the garment reaches beyond the fold line [m].
+
+    Keys are the grasps, and 'middle' between two; NaN where too little is visible. Empty without a step.
+    """
     if step is None or not step.grasps:
         return {}
     line = step.line
     places = {str(i): float((g.point - line.point) @ line.direction) for i, g in step.grasps.items()}
     if len(places) == 2:
         places["middle"] = sum(places.values()) / 2
-    reach = []
+    coordinates = []
     for region in (mask, predicted):
         rows, columns = np.nonzero(region)
         xy = view.to_table(np.stack([columns, rows], axis=1))
-        reach.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
-    out = {}
+        coordinates.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
+    excess = {}
     for name, place in places.items():
-        seen, planned = (across[np.abs(along - place) < settings.strip] for along, across in reach)
+        seen, planned = (across[np.abs(along - place) < settings.strip] for along, across in coordinates)
         enough = min(len(seen), len(planned)) > 50
-        out[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
-    return out
+        excess[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
+    return excess

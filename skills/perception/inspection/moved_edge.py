@@ -1,9 +1,9 @@
-"""Where the edge that a fold moved came to lie, told by one layer of cloth.
+"""Localisation of the edge that a fold moved, by the rise of one layer of cloth.
 
-The moved edge lies on cloth of the same fabric: the silhouette shows nothing of it. But where the moved layers
-came to lie, the surface rose by their thickness since the picture before the fold, and in front of their edge it
-did not rise at all: wrinkles and creases that were there before cancel out. One pixel's depth noise is larger than
-a layer, but the mean over a strip along the edge is ten times smaller.
+The moved edge lies on cloth of the same fabric and does not show in the silhouette. At the moved layers, however,
+the surface has risen by their thickness since the picture before the fold; in front of the edge it has not.
+Earlier wrinkles and creases cancel out in the difference. The depth noise of one pixel is larger than a layer, but
+that of the mean over a strip along the edge is ten times smaller.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]
 
 
 _TOLERANCE = 0.010
-"""Strips further than this from the fitted shape of an edge count less [m]."""
+"""Huber threshold: strips further than this from the fitted shape of an edge count less [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,45 +32,48 @@ class EdgeSettings:
     """Lengths [m]."""
 
     strips: int = 9
-    """Along the moved edge, each looked at by itself."""
+    """Number of strips along the moved edge."""
     outside: float = 0.024
     inside: float = 0.120
-    """How far before and behind its predicted place the edge is looked for."""
+    """Search range in front of and behind the predicted place of the edge."""
     crease: float = 0.045
-    """Nearer to the fold line nothing is judged: the crease stands up there."""
+    """Distance to the fold line within which nothing is judged, because the crease is raised there."""
     rim: float = 0.010
-    """Left out at the edge's two ends, where depth is lost."""
+    """Length ignored at the two ends of the edge, where depth is missing."""
     loop: float = 0.006
-    """Cloth that stood this much higher before the fold than the median of the stack is the loop of an earlier
-    crease: what comes to lie on it presses it down, and nobody sees it rise."""
-    least_rise: float = 0.0010
-    """A thinner moved layer cannot be seen by depth."""
+    """Height above the median of the stack before the fold from which cloth is the loop of an earlier crease. New
+    layers press it down, so no rise is measured there."""
+    min_rise: float = 0.0010
+    """Minimum rise: depth cannot resolve thinner moved layers."""
     sample: float = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class MovedEdge:
-    """lag: (n,) how far behind its predicted place the edge lies [m], in strips from one end of it to the other,
-    NaN where nobody can see it. rise: height of the moved layers where they surely lie [m]."""
+    """lag: (n,) distance of the edge behind its predicted place [m] in strips from end to end, NaN where unknown.
+    rise: height of the moved layers [m]."""
 
     lag: Array
     rise: float
 
     @property
     def corner(self) -> float:
-        """How much further behind one end lies than the other half of the edge [m]: the worse end that is seen."""
+        """How much further behind the worse visible end lies than the other half of the edge [m]."""
         behind = self._ends()
         return float(np.nanmax(behind)) if np.isfinite(behind).any() else float("nan")
 
     @property
     def wholly_seen(self) -> bool:
-        """Whether both ends are seen, and enough between them."""
+        """Whether both ends, and enough of the edge between them, are visible."""
         return bool(np.isfinite([*self._ends(), self.sag]).all())
 
     @property
     def sag(self) -> float:
-        """How much further behind the middle lies than the line between the two ends [m]: the amplitude of half a
-        sine over a straight line, fitted to all strips with Huber's weights; NaN where too few are seen."""
+        """How much further behind the middle lies than the line between the two ends [m].
+
+        The amplitude of half a sine over a straight line, fitted to all strips with Huber's weights; NaN if too
+        few strips are visible.
+        """
         known = np.isfinite(self.lag)
         if np.count_nonzero(known) < 5:
             return float("nan")
@@ -84,13 +87,13 @@ class MovedEdge:
         return float(fit[2])
 
     def _ends(self) -> tuple[float, float]:
-        """How much further behind each end lies than the other half of the edge [m]; NaN where it is not seen."""
+        """How much further behind each end lies than the other half of the edge [m]; NaN if it is not visible."""
         first, last = (self._end(lag) - _median(lag[len(lag) // 2 :]) for lag in (self.lag, self.lag[::-1]))
         return first, last
 
     @staticmethod
     def _end(lag: Array) -> float:
-        """Of the first two strips that are seen, in the first third, the one that speaks against a lost corner."""
+        """Smaller lag of the first two visible strips in the first third of the edge, to avoid false alarms."""
         seen = lag[: len(lag) // 3]
         seen = seen[np.isfinite(seen)][:2]
         return float(seen.min()) if len(seen) else float("nan")
@@ -111,10 +114,10 @@ def moved_edge(
     t: Array,
     settings: EdgeSettings | None = None,
 ) -> MovedEdge | None:
-    """Look for the edge in the rise of height since before the fold; None where nobody can see it.
+    """Locate the edge by the rise of height during the fold; None if it cannot be measured.
 
-    height, before: (H, W) [m] in `view`, after and before the fold, above the same empty table. R (2, 2), t (2,)
-    [m]: the rigid motion that lays the prediction on what is seen; the cloth below went along with it.
+    height, before: (H, W) in `view` after and before the fold, above the same empty table [m]. R (2, 2), t (2,)
+    [m]: the rigid motion that aligns the prediction with the observation; the cloth below moved with it.
     """
     settings = settings or EdgeSettings()
     expected = _expected_edge(predicted, step, settings)
@@ -123,48 +126,48 @@ def moved_edge(
     along, reach = expected
     line = step.line
     depth = np.arange(-settings.outside, settings.inside, settings.sample)
-    # From the predicted edge back towards the fold line, whose normal points to what is moved away from it.
-    across = -(reach[:, None] - depth[None, :])  # the moved part lies on the line's other side now
-    there = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
-    rise = _sampled(height, view, there @ R.T + t) - _sampled(before, view, there)
-    stood = _sampled(smooth_height(before), view, there)
-    rise[stood > _median(stood[:, depth > 0]) + settings.loop] = np.nan
+    # From the predicted edge back towards the fold line. The line's normal points to the side that is folded over.
+    across = -(reach[:, None] - depth[None, :])  # the moved part is on the other side of the line
+    places = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
+    rise = _sampled(height, view, places @ R.T + t) - _sampled(before, view, places)
+    height_before = _sampled(smooth_height(before), view, places)
+    rise[height_before > _median(height_before[:, depth > 0]) + settings.loop] = np.nan
     rise[across > -settings.crease] = np.nan
     profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
     inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
-    # Not the median: a pile would make a single layer look like none.
+    # A low quantile, not the median: next to a pile a single layer would be missed.
     layer = float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
-    if layer < settings.least_rise:
+    if layer < settings.min_rise:
         return None
-    return MovedEdge(np.array([_step_at(p, depth, layer) for p in profiles]), layer)
+    return MovedEdge(np.array([_step_place(p, depth, layer) for p in profiles]), layer)
 
 
 def _expected_edge(
     predicted: PredictedShape, step: FoldStep, settings: EdgeSettings
 ) -> tuple[Array, Array] | None:
-    """Places along the fold line (n,) and how far beyond it the moved part reaches there (n,) [m]."""
+    """Positions along the fold line (n,) and the predicted reach of the moved part beyond it there (n,) [m]."""
     moved = step.line.signed_distance(fold_xy(step.earlier, predicted.material)) > 0
     if np.count_nonzero(moved) < 10:
         return None
     xy = predicted.vertices[moved, :2]
     along, reach = (xy - step.line.point) @ step.line.direction, -step.line.signed_distance(xy)
-    if not reach.max() > 0.0:  # nothing is predicted to come over the line
+    if not reach.max() > 0.0:  # no cloth is predicted beyond the line
         return None
-    far = reach > 0.6 * reach.max()
-    low, high = along[far].min() + settings.rim, along[far].max() - settings.rim
+    outermost = reach > 0.6 * reach.max()
+    low, high = along[outermost].min() + settings.rim, along[outermost].max() - settings.rim
     if high - low < 0.08:
         return None
     places = np.arange(low, high, settings.sample)
-    # The mesh is coarser than the samples: its farthest vertex near each place, joined by straight lines.
+    # The mesh is coarser than the samples: linear interpolation between the farthest vertices near each knot.
     knots = np.linspace(low, high, max(round((high - low) / 0.03), 2))
     half = 0.6 * (knots[1] - knots[0])
-    tops = np.array([reach[np.abs(along - k) <= half].max(initial=-np.inf) for k in knots])
-    good = np.isfinite(tops)
-    return (places, np.interp(places, knots[good], tops[good])) if good.any() else None
+    farthest = np.array([reach[np.abs(along - k) <= half].max(initial=-np.inf) for k in knots])
+    valid = np.isfinite(farthest)
+    return (places, np.interp(places, knots[valid], farthest[valid])) if valid.any() else None
 
 
 def _sampled(image: NDArray[np.float32], view: TableView, xy: Array) -> Array:
-    """Values of a view image at places (n, m, 2) [m]; NaN beside what is unknown."""
+    """Values of a view image at places (n, m, 2) [m]; NaN outside the view and where unknown."""
     at = view.to_pixel(xy).astype(np.float32)
     return cv2.remap(
         image, at[..., 0], at[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan")
@@ -172,19 +175,19 @@ def _sampled(image: NDArray[np.float32], view: TableView, xy: Array) -> Array:
 
 
 def _mean(rise: Array) -> Array:
-    """Mean (m,) over a strip's samples (n, m) across the edge, NaN where too few are known."""
+    """Mean profile (m,) across the edge over a strip's samples (n, m); NaN where too few are known."""
     known = np.isfinite(rise)
     count = known.sum(axis=0)
     total = np.where(known, rise, 0.0).sum(axis=0)
     return np.where(count > 0.25 * len(rise), total / np.maximum(count, 1), np.nan)
 
 
-def _step_at(profile: Array, depth: Array, layer: float) -> float:
-    """The place of a step from 0 to `layer` in a profile (m,), least squares; NaN where too little is known."""
+def _step_place(profile: Array, depth: Array, layer: float) -> float:
+    """Least-squares place [m] of a step from 0 to `layer` [m] in a profile (m,); NaN if too little is known."""
     known = np.isfinite(profile)
     if np.count_nonzero(known) < 20:
         return float("nan")
-    # A sample before the step costs rise^2, one behind it (rise - layer)^2: the sum of their differences.
-    odds = np.where(known, 0.5 * layer - np.clip(profile, -0.5 * layer, 1.5 * layer), 0.0)
-    total = np.r_[0.0, np.cumsum(odds)]
+    # A sample costs rise^2 before the step and (rise - layer)^2 behind it. Their differences are summed.
+    cost_difference = np.where(known, 0.5 * layer - np.clip(profile, -0.5 * layer, 1.5 * layer), 0.0)
+    total = np.r_[0.0, np.cumsum(cost_difference)]
     return float(np.r_[depth, 2 * depth[-1] - depth[-2]][int(np.argmax(total))])

@@ -1,4 +1,4 @@
-"""What an inspection says, and the thresholds that it says it by."""
+"""The result of an inspection, and its thresholds."""
 
 from __future__ import annotations
 
@@ -19,56 +19,55 @@ __all__ = ["Inspection", "InspectionSettings"]
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """When a fold is as predicted. Lengths [m], angles [rad], areas [m2]."""
+    """Limits within which a fold counts as predicted. Lengths [m], angles [rad], areas [m2]."""
 
     iou: float = 0.90
-    """Overlap with the prediction, after rigid alignment."""
+    """Minimum overlap with the prediction after rigid alignment."""
     drift: float = 0.030
     drift_angle: float = float(np.deg2rad(6.0))
     extra_height: float = 0.015
     piled_area: float = 0.0012
-    """Area that may stand higher than predicted by `extra_height` before it is piled up."""
+    """Maximum area that is more than `extra_height` higher than predicted."""
     fold_margin: float = 0.040
-    """Heights nearer than this to a fold line are not judged: the fold's bulge is there."""
+    """Distance to a fold line within which heights are not judged, because of the fold's bulge."""
     deviation: float = 0.022
-    """Boundary deviation that counts as a defect of the edge."""
+    """Maximum boundary deviation; more is a defect of the edge."""
     corner_radius: float = 0.07
     left_behind: float = 0.035
-    """A corner that lies further behind than the other by this was dropped."""
+    """A corner that lies behind the other by more than this was dropped."""
     sag: float = 0.020
-    """The middle of the fold that lies further behind than both ends by this sagged."""
+    """A middle of the fold that lies behind both ends by more than this sagged."""
     strip: float = 0.06
-    """Half width of the strips, beside each grasp and between them, in which that is looked for."""
+    """Half width of the strips at each grasp and between them in which this is measured."""
     missing_share: float = 0.45
-    """A target that lacks this share of its upper layer's predicted height did not get it."""
+    """Maximum missing share of the upper layers' predicted height at a target."""
     layer_height: float = 0.0018
-    """Upper layers predicted thinner than this cannot be seen by depth."""
+    """Minimum predicted thickness of upper layers that depth can resolve."""
     edge_sag: float = 0.026
     edge_corner: float = 0.0195
-    """How far the moved edge's middle, and a corner of it, may lie behind the rest, on cloth (`moved_edge`). A
-    corner is seen as the mean over its strip, in steps of 2 mm, of 1 mm where a strip is not seen (the limit lies
-    on no step): 20 to 40 mm behind where it lies 40 mm behind. In still pictures good folds lie behind by up to
-    15 mm, nearly all by less than 8."""
+    """Maximum lag of the moved edge's middle, and of a corner of it, on cloth (`moved_edge`).
+
+    The lag of a corner is the mean over its strip, in steps of 2 mm, or of 1 mm if a strip is not visible; the
+    limit lies between two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good
+    folds lag by up to 15 mm, nearly all by less than 8 mm."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Observed against predicted.
+    """Comparison of the observed fold with the prediction.
 
-    iou: as seen; iou_aligned: after the rigid motion that lays the prediction on what is seen. drift: (2,)
-    [m] how that motion moves drift_about (2,), the middle of the prediction's outline; drift_m its length,
-    drift_rad its angle: p -> turned(p - drift_about) + drift_about + drift.
-    height_m: how high the stack stands above the table, away from the plan's fold lines (95th percentile; NaN
-    where too little is seen). extra_height_m: likewise above the prediction, where both are.
-    piled_area_m2: area that stands too high. edge_deviation_m: largest boundary deviation after alignment,
-    outside positive, at edge_place (2,). missing_layer: largest share of a target's upper layers that is
-    not there (0..1), NaN when nobody can see it. edge: where the edge that two arms moved came to lie on other
-    cloth, None when nobody can see it. left_behind: for each grasp, and for the
-    middle between two ('middle'), how much further than predicted the garment still reaches beyond the fold
-    line there [m]; NaN where it is not seen. diagnosis: None when the fold is as predicted.
-    contour: (n, 2) observed boundary. mask, predicted, and height above the table [m], NaN where nothing was seen:
-    (H, W) in `view`'s pixels.
+    iou: overlap without alignment; iou_aligned: after the rigid motion that aligns the prediction with the
+    observation. drift: (2,) [m] displacement by this motion of drift_about (2,) [m], the centre of the predicted
+    outline; drift_m: its length; drift_rad: the angle: p -> turned(p - drift_about) + drift_about + drift.
+    height_m: height of the stack above the table, away from the plan's fold lines (95th percentile; NaN if too
+    little is visible). extra_height_m: the same relative to the prediction. piled_area_m2: area that is too high.
+    edge_deviation_m: largest boundary deviation after alignment, positive outside, at edge_place (2,).
+    missing_layer: largest missing share of a target's upper layers (0..1), NaN if unknown. edge: the edge that two
+    arms moved onto other cloth, None if it is not visible. left_behind: for each grasp, and for 'middle' between
+    two, how much further than predicted the garment reaches beyond the fold line [m]; NaN if unknown. diagnosis:
+    None when the fold is as predicted. confidence: of the diagnosis, 0..1. contour: (n, 2) observed boundary [m].
+    mask, predicted: (H, W), and height: (H, W) above the table [m], NaN where unknown, in `view`'s pixels.
     """
 
     iou: float

@@ -1,9 +1,9 @@
-"""Where the camera really hangs, from one picture of the empty table.
+"""Refinement of the camera's pose from one picture of the empty table.
 
-A camera's bracket is known to a few millimetres and milliradians, which is a centimetre on the table. The
-empty table tells most of the rest: the depth picture gives the plane (two tilts and the height), the near and
-far edges give the distance and the turn. What the picture does not tell (the shift along y) keeps to the
-drawing: the estimate is the maximum a posteriori of a Gauss-Newton fit with the drawing as prior.
+A camera's bracket is known to a few millimetres and milliradians, which is a centimetre on the table. The empty
+table shows most of the error: the depth picture gives the plane (two tilts and the height), the near and far edges
+give the distance and the rotation. The picture does not show the shift along y. The estimate is therefore the
+maximum a posteriori of a Gauss-Newton fit with the given calibration as the prior.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ __all__ = ["RefinementSettings", "refine_calibration"]
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """Standard deviations, and how far a correction may go. Lengths [m], angles [rad]."""
+    """Standard deviations, and maximum corrections. Lengths [m], angles [rad]."""
 
     prior_position: float = 0.005
     prior_angle: float = 0.005
     plane_tilt: float = 0.0008
-    """Of the measured plane; depth sensors tilt little, but scale by a per cent:"""
+    """Tilt of the measured plane. Depth sensors tilt little, but have a scale error of one per cent:"""
     plane_height: float = 0.004
     edge_place: float = 0.0015
-    """How well the table's edges are known in the table frame."""
+    """Standard deviation of the table's edges in the table frame."""
     search: float = 0.04
     largest_position: float = 0.03
     largest_angle: float = 0.03
@@ -42,11 +42,11 @@ def refine_calibration(
     table: Table,
     settings: RefinementSettings | None = None,
 ) -> Outcome[CameraCalibration]:
-    """The calibration corrected by a picture of the empty table.
+    """Correct the calibration by a picture of the empty table.
 
-    Fails with CAMERA_FAULT when the depth picture shows no plane, or when the correction would be larger
-    than a bracket's tolerance: then the calibration belongs to another set-up. notes: the correction, and
-    how many edges were seen.
+    Failures: CAMERA_FAULT when the depth picture shows no plane, or when the correction exceeds a bracket's
+    tolerance, because the calibration then belongs to another set-up. notes: the correction and the number of
+    visible edges.
     """
     settings = settings or RefinementSettings()
     plane = _table_plane(frame, calibration, table)
@@ -55,7 +55,7 @@ def refine_calibration(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,
                 "the depth picture does not show the table as a plane",
-                "take everything off the table; check the depth sensor",
+                "clear the table; check the depth sensor",
             )
         )
     edges = [
@@ -79,12 +79,12 @@ def refine_calibration(
             ),
             notes=notes,
         )
-    T = frozen(_moved(calibration.T_table_camera, correction))
+    T = frozen(_corrected_pose(calibration.T_table_camera, correction))
     return Outcome(value=CameraCalibration(calibration.intrinsics, T, calibration.head_pan), notes=notes)
 
 
-def _moved(T: Array, correction: Array) -> Array:
-    """The camera's pose after a shift [m] and a turn (rotation vector [rad]) in the table's axes."""
+def _corrected_pose(T: Array, correction: Array) -> Array:
+    """The camera's pose after a shift [m] and a rotation (rotation vector [rad]) in the table's axes."""
     R, _ = cv2.Rodrigues(np.asarray(correction[3:], dtype=float))
     out = np.array(T, dtype=float)
     out[:3, :3] = R @ T[:3, :3]
@@ -100,7 +100,7 @@ def _residuals(
     settings: RefinementSettings,
 ) -> tuple[Array, Array]:
     def at(c: Array) -> Array:
-        T = _moved(calibration.T_table_camera, c)
+        T = _corrected_pose(calibration.T_table_camera, c)
         normal, distance = plane
         up = T[:3, :3] @ normal
         parts = [
@@ -112,7 +112,7 @@ def _residuals(
         for x, rays in edges:
             d = rays @ T[:3, :3].T
             seen = T[0, 3] - d[:, 0] * T[2, 3] / d[:, 2]
-            # Neighbouring pixels share their error: a line counts as four independent looks at it.
+            # Errors of neighbouring pixels are correlated: a line counts as four independent measurements.
             parts.append((seen - x) / (settings.edge_place * np.sqrt(len(rays) / 4.0)))
         return np.concatenate(parts)
 
@@ -134,24 +134,24 @@ def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Tabl
     known = np.isfinite(depth)
     points = _rays(calibration, np.stack([u, v], axis=1)[known].astype(float)) * depth[known, None]
     T = calibration.T_table_camera
-    there = points @ T[:3, :3].T + T[:3, 3]
+    in_table_frame = points @ T[:3, :3].T + T[:3, 3]
     margin = 0.04
-    on = (
-        (there[:, 0] > table.x[0] + margin)
-        & (there[:, 0] < table.x[1] - margin)
-        & (there[:, 1] > table.y[0] + margin)
-        & (there[:, 1] < table.y[1] - margin)
-        & (np.abs(there[:, 2]) < 0.06)
+    on_table = (
+        (in_table_frame[:, 0] > table.x[0] + margin)
+        & (in_table_frame[:, 0] < table.x[1] - margin)
+        & (in_table_frame[:, 1] > table.y[0] + margin)
+        & (in_table_frame[:, 1] < table.y[1] - margin)
+        & (np.abs(in_table_frame[:, 2]) < 0.06)
     )
-    points = points[on]
+    points = points[on_table]
     for _ in range(4):
         if len(points) < 500:
             return None
         middle = points.mean(axis=0)
         _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
         normal = axes[2] if axes[2] @ T[2, :3] > 0 else -axes[2]
-        off = np.abs((points - middle) @ normal)
-        keep = off < 3.0 * 1.4826 * float(np.median(off)) + 1e-4
+        distance = np.abs((points - middle) @ normal)
+        keep = distance < 3.0 * 1.4826 * float(np.median(distance)) + 1e-4
         if keep.all():
             break
         points = points[keep]
@@ -161,10 +161,10 @@ def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Tabl
 def _edge_pixels(
     rgb: NDArray[np.uint8], calibration: CameraCalibration, table: Table, x: float, settings: RefinementSettings
 ) -> Array | None:
-    """Rays (n, 3) through the table's edge at this x, or None when it is not clearly in the picture.
+    """Rays (n, 3) through the table's edge at this x [m], or None when the edge is not clearly visible.
 
-    Looked for across the edge's expected line: the strongest change of colour within `search`, then a line
-    through most of them.
+    The edge is the strongest change of colour within `search` across the expected line. A line is then fitted to
+    most of these points.
     """
     T = np.linalg.inv(calibration.T_table_camera)
     P = calibration.intrinsics.matrix @ T[:3]
@@ -173,7 +173,7 @@ def _edge_pixels(
     grid = np.stack(np.broadcast_arrays(out[None, :], y[:, None], 0.0, 1.0), axis=-1)
     uvw = grid @ P.T
     uv = uvw[..., :2] / uvw[..., 2:]
-    # The profile's ends may leave the picture: there nothing changes, so no edge is found.
+    # The ends of a profile may lie outside the picture, where the colour is constant and no edge is found.
     core = uv[:, 30:51]
     inside = (core > 1).all(axis=(1, 2)) & (core < np.array([rgb.shape[1], rgb.shape[0]]) - 2.0).all(axis=(1, 2))
     uv, y = uv[inside], y[inside]

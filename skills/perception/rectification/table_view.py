@@ -1,4 +1,4 @@
-"""The rectified table view: pixels become metres before anything else happens.
+"""The rectified table view: a resampled picture with a fixed scale in metres.
 
 The camera sees the table plane through a homography, H = K (r1 r2 t) of the pinhole model (Hartley and
 Zisserman, Multiple View Geometry, section 8.1.1). Resampling the picture by it gives an image in which a
@@ -19,15 +19,15 @@ from skills.vocabulary import CameraCalibration, Table
 __all__ = ["RectifiedView", "TableView"]
 
 BELOW = 0.10
-"""Nothing is seen so far below the table's top [m]: a calibration errs by a few centimetres at most."""
+"""Points further below the table's top are invalid [m]: a calibration errs by a few centimetres at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class RectifiedView:
     """One picture in table coordinates.
 
-    rgb: (H, W, 3) uint8; height: (H, W) float32 above the table [m], NaN where the sensor saw nothing, or what
-    cannot be: far below the table; valid: (H, W) bool, where the camera sees the table at all.
+    rgb: (H, W, 3) uint8. height: (H, W) float32 above the table [m], NaN where the sensor has no value or an
+    impossible one, far below the table. valid: (H, W) bool, where the camera sees the table.
     """
 
     rgb: NDArray[np.uint8]
@@ -36,11 +36,11 @@ class RectifiedView:
 
 
 class TableView:
-    """A picture from straight above the table, as the robot would see it: far is up, left is left.
+    """A view from straight above the table in the robot's orientation: far is up, left is left.
 
-    Row 0 is at the table's largest x, column 0 at its largest y. `pixel`: edge of a pixel on the table [m].
-    Pixel coordinates are (column, row); whole numbers are the pixels' centres. What stands above the table
-    appears where its line of sight meets z = 0: `shadow_on_table` says where.
+    Row 0 is at the table's largest x, column 0 at its largest y. pixel: edge of a pixel on the table [m]. Pixel
+    coordinates are (column, row); integers are the pixels' centres. A point above the table appears where its line
+    of sight meets z = 0, see `shadow_on_table`. Raises ValueError when the table has fewer than 8 pixels a side.
     """
 
     def __init__(self, calibration: CameraCalibration, table: Table, pixel: float = 0.002) -> None:
@@ -61,8 +61,10 @@ class TableView:
         self.valid = self._inside()
 
     def to_table(self, uv: Array, height: float | Array = 0.0) -> Array:
-        """View pixels (..., 2) (column, row) -> (..., 2) [m] of what is seen there at `height` above the table,
-        one for all or (...)."""
+        """View pixels (..., 2) (column, row) -> table positions (..., 2) [m] at `height` above the table [m].
+
+        height: one for all, or (...).
+        """
         uv = np.asarray(uv, dtype=float)
         x = self._x_far - (uv[..., 1] + 0.5) * self.pixel
         y = self._y_left - (uv[..., 0] + 0.5) * self.pixel
@@ -89,8 +91,8 @@ class TableView:
         """Where points (..., 3) above the table appear on z = 0, seen from the camera (..., 2) [m]."""
         xyz = np.asarray(xyz, dtype=float)
         c = self.camera_position
-        stretch = c[2] / np.maximum(c[2] - xyz[..., 2:], 1e-6)
-        return c[:2] + (xyz[..., :2] - c[:2]) * stretch
+        scale = c[2] / np.maximum(c[2] - xyz[..., 2:], 1e-6)
+        return c[:2] + (xyz[..., :2] - c[:2]) * scale
 
     def rectify(self, frame: CameraFrame) -> RectifiedView:
         """Resample one picture, colour bilinearly, depth (as height) by nearest neighbour."""
@@ -120,7 +122,7 @@ class TableView:
         down = T[2, 1] * (np.arange(rows) - k.cy) / k.fy
         slope = (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
         height = frame.depth * slope + np.float32(T[2, 3])
-        # a shiny table mirrors what is above it; some drivers give their farthest range for nothing
+        # a shiny table mirrors objects above it; some drivers report their largest range for missing values
         return np.where(height > -BELOW, height, np.float32(np.nan))
 
     def _inside(self) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Two outlines of one shape: the rigid motion between them, and where they differ after it."""
+"""Rigid alignment of two outlines of one shape, and their largest remaining deviation."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ __all__ = ["align", "edge_deviation"]
 
 
 def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array, Array]:
-    """The rigid motion p -> R p + t that lays one boundary (n, 2) on another (m, 2), R (2, 2), t (2,).
+    """The rigid motion p -> R p + t, R (2, 2), t (2,) [m], that aligns a boundary (n, 2) with another (m, 2).
 
-    Point to line, both ways, with Tukey's weights: a corner that hangs out does not turn the whole. The
-    weights' scale shrinks from the whole misfit to 10 mm.
+    Point-to-line distances in both directions, with Tukey's weights, so that a protruding corner does not rotate
+    the whole. The scale of the weights decreases from the initial misfit to 10 mm.
     """
     if polygon_area(outline) < 0:
         outline = outline[::-1]
     target = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.010)
     source = Boundary(outline, 0.003, 0.010)
     q = source.samples
-    R, t = np.eye(2), _middle(target.points) - _middle(source.points)
+    R, t = np.eye(2), _robust_centre(target.points) - _robust_centre(source.points)
     for i in range(iterations):
         p = q @ R.T + t
         distance, normal = target.distance(p)
         X = source.points[::4] @ R.T + t
         _, _, foot = closest_segments(X, target.samples, target.sample_normals, 0.03)
-        back = ((foot - target.samples) * target.sample_normals).sum(axis=1)
+        reverse_distance = ((foot - target.samples) * target.sample_normals).sum(axis=1)
         points, normals = np.concatenate([p, foot]), np.concatenate([normal, target.sample_normals])
-        r = np.concatenate([distance, back])
+        r = np.concatenate([distance, reverse_distance])
         scale = max(0.06 * 0.7**i, 3.0 * 1.4826 * float(np.median(np.abs(r))), 0.010)
         weight = np.clip(1.0 - (r / scale) ** 2, 0.0, None) ** 2
         centre = points.mean(axis=0)
-        arm = points - centre
-        J = np.column_stack([normals, arm[:, 0] * normals[:, 1] - arm[:, 1] * normals[:, 0]])
+        lever = points - centre
+        J = np.column_stack([normals, lever[:, 0] * normals[:, 1] - lever[:, 1] * normals[:, 0]])
         A = (J * weight[:, None]).T @ J + np.diag([1e-6, 1e-6, 1e-6])
         dx, dy, turn = -np.linalg.solve(A, (J * weight[:, None]).T @ r)
         c, s = np.cos(turn), np.sin(turn)
@@ -47,22 +47,25 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
 
 
 def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
-    """Largest distance between two boundaries that holds over 3 cm of edge, signed, and where."""
+    """Largest distance between two boundaries that persists over 3 cm [m], positive outside; its place (2,)."""
     if polygon_area(outline) < 0:
         outline = outline[::-1]
-    seen = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)
-    ours = Boundary(outline, 0.003, 0.005)
+    observed_boundary = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)
+    outline_boundary = Boundary(outline, 0.003, 0.005)
     candidates = []
-    for samples, other, sign in ((seen.samples, ours, 1.0), (ours.samples, seen, -1.0)):
+    for samples, other, sign in (
+        (observed_boundary.samples, outline_boundary, 1.0),
+        (outline_boundary.samples, observed_boundary, -1.0),
+    ):
         distance, _ = other.distance(samples)
         window = np.lib.stride_tricks.sliding_window_view(np.r_[distance, distance[:5]], 6)
-        held = np.where((window > 0).all(axis=1), window.min(axis=1), 0.0)
-        held = np.where((window < 0).all(axis=1), window.max(axis=1), held)
-        worst = int(np.argmax(np.abs(held)))
-        candidates.append((sign * float(held[worst]), samples[(worst + 3) % len(samples)]))
+        persistent = np.where((window > 0).all(axis=1), window.min(axis=1), 0.0)
+        persistent = np.where((window < 0).all(axis=1), window.max(axis=1), persistent)
+        worst = int(np.argmax(np.abs(persistent)))
+        candidates.append((sign * float(persistent[worst]), samples[(worst + 3) % len(samples)]))
     return max(candidates, key=lambda c: abs(c[0]))
 
 
-def _middle(points: Array) -> Array:
+def _robust_centre(points: Array) -> Array:
     low, high = points.min(axis=0), points.max(axis=0)
     return 0.25 * (low + high) + 0.5 * points.mean(axis=0)

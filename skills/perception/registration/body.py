@@ -1,10 +1,10 @@
-"""The stiff part of a garment: where its body lies, whichever way its sleeves or legs are turned.
+"""Pose of the stiff part of a garment, its body, for any pose of the sleeves or legs.
 
-A blunt corner, a shoulder or the end of a collar, hardly shows in the outline; how far it is from the body's
-edges shows well. The template is laid over the boundary by one motion and a scale along each of its own axes.
-Which of its corners are the body's is found by consensus (Fischler and Bolles, Random sample consensus, 1981; as
-all pairs of corners are tried, chance has no part in it); then the motion is fitted to the whole boundary, point
-to line, with Tukey's weights, which leave the limbs out.
+A blunt corner, such as a shoulder or the end of a collar, hardly shows in the outline, but its distance from the
+body's edges does. The template is placed on the boundary by a rotation, a translation and a scale along each of
+its axes. The corners of the body are found by consensus (Fischler and Bolles, Random sample consensus, 1981), but
+deterministically, over all pairs of corners. The pose is then fitted to the whole boundary by point-to-line
+distances with Tukey's weights, which exclude the limbs.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ __all__ = ["BodySettings", "lay_body"]
 
 @dataclass(frozen=True)
 class BodySettings:
-    """Lengths [m]. agree: corners of one body lie within this of where two of them have the others. scale: of
-    Tukey's weights at first, shrinking to `last_scale`. stretch: the largest ratio of the two axes' scales."""
+    """Lengths [m].
+
+    agree: maximum distance of a body's corner from its place by two others. scale: initial scale of Tukey's
+    weights, decreasing to `last_scale`. stretch: maximum ratio of the two axes' scales.
+    """
 
     agree: float = 0.02
     scale: float = 0.02
@@ -40,20 +43,20 @@ def lay_body(
     boundary: Boundary,
     settings: BodySettings | None = None,
 ) -> Array | None:
-    """Where the template's corners (k, 2), counter-clockwise, are if they all belong to the body: (k, 2) [m].
+    """Places (k, 2) [m] of the template's corners (k, 2), counter-clockwise, as if all belonged to the body.
 
-    placed: (k, 2) where they were registered; clear: (k,), which of these the outline shows by itself. None when
-    no three of them agree.
+    placed: (k, 2) registered corners [m]. clear: (k,), whether a corner is distinct in the outline. None when
+    fewer than three corners agree, or when the axes' scales differ too much.
     """
     settings = settings or BodySettings()
-    ours = _consensus(template, placed, clear, settings.agree)
-    if np.count_nonzero(ours) < 3:
+    body_corners = _consensus(template, placed, clear, settings.agree)
+    if np.count_nonzero(body_corners) < 3:
         return None
-    pose = _similarity(template[ours], placed[ours])
+    pose = _similarity(template[body_corners], placed[body_corners])
     q, normals = boundary.points[::4], boundary.normals[::4]
     for i in range(settings.iterations):
-        tukey = max(settings.scale * 0.8**i, settings.last_scale)
-        pose = _closer(pose, template, q, normals, tukey, settings)
+        tukey_scale = max(settings.scale * 0.8**i, settings.last_scale)
+        pose = _refined(pose, template, q, normals, tukey_scale, settings)
     scale = pose.scale
     if scale.max() > settings.stretch * scale.min():
         return None
@@ -62,7 +65,7 @@ def lay_body(
 
 @dataclass(frozen=True, eq=False)
 class _Pose:
-    """p -> R diag(scale) p + t."""
+    """The map p -> R diag(scale) p + t."""
 
     R: Array
     scale: Array
@@ -78,7 +81,7 @@ def _rotation(angle: float) -> Array:
 
 
 def _similarity(a: Array, b: Array) -> _Pose:
-    """The least squares similarity that lays points a (n, 2) on b (n, 2)."""
+    """The least-squares similarity that maps points a (n, 2) to b (n, 2)."""
     from_, to = a - a.mean(axis=0), b - b.mean(axis=0)
     along = float((from_ * to).sum())
     across = float((from_[:, 0] * to[:, 1] - from_[:, 1] * to[:, 0]).sum())
@@ -88,39 +91,41 @@ def _similarity(a: Array, b: Array) -> _Pose:
 
 
 def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: float) -> NDArray[np.bool_]:
-    """The clear corners that one similarity lays in place: those with the longest edges between them."""
+    """Mask of the clear corners that agree on one similarity: the set with the longest edges."""
     lengths = segment_lengths(template)
-    good = np.flatnonzero(clear)
-    best, chosen = 0.0, np.zeros(len(template), bool)
-    for n, i in enumerate(good):
-        for j in good[n + 1 :]:
+    clear_indices = np.flatnonzero(clear)
+    best, best_set = 0.0, np.zeros(len(template), bool)
+    for n, i in enumerate(clear_indices):
+        for j in clear_indices[n + 1 :]:
             pair = _similarity(template[[i, j]], placed[[i, j]])
-            near = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < agree)
-            # A corner counts a little where none of its edges does: a blunt one may lie between two clear ones.
-            worth = float(lengths[near & np.roll(near, -1)].sum()) + 0.01 * np.count_nonzero(near)
-            if worth > best:
-                best, chosen = worth, near
-    return chosen
+            agreeing = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < agree)
+            # A corner counts a little even without edges: its neighbours may be blunt.
+            score = float(lengths[agreeing & np.roll(agreeing, -1)].sum()) + 0.01 * np.count_nonzero(agreeing)
+            if score > best:
+                best, best_set = score, agreeing
+    return best_set
 
 
-def _closer(pose: _Pose, template: Array, q: Array, normals: Array, tukey: float, settings: BodySettings) -> _Pose:
-    """One Gauss-Newton step of point to line: boundary points q (m, 2) against the template's edges."""
+def _refined(
+    pose: _Pose, template: Array, q: Array, normals: Array, tukey_scale: float, settings: BodySettings
+) -> _Pose:
+    """One Gauss-Newton step on the distances of boundary points q (m, 2) to the template's edges."""
     X = pose.of(template)
     segment, t, foot = closest_segments(X, q, normals, settings.normal_reach)
-    following = (segment + 1) % len(X)
-    edge = X[following] - X[segment]
+    next_vertex = (segment + 1) % len(X)
+    edge = X[next_vertex] - X[segment]
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1, keepdims=True)
     beyond_ends = (t <= 0.0) | (t >= 1.0)
     r = ((foot - q) * normal).sum(axis=1)
-    far = np.where(beyond_ends, np.linalg.norm(foot - q, axis=1), np.abs(r))
-    weight = np.clip(1.0 - (far / tukey) ** 2, 0.0, None) ** 2
-    source = (1.0 - t)[:, None] * template[segment] + t[:, None] * template[following]
-    arm = foot - pose.t
+    distance = np.where(beyond_ends, np.linalg.norm(foot - q, axis=1), np.abs(r))
+    weight = np.clip(1.0 - (distance / tukey_scale) ** 2, 0.0, None) ** 2
+    source = (1.0 - t)[:, None] * template[segment] + t[:, None] * template[next_vertex]
+    lever = foot - pose.t
     J = np.column_stack([
-        normal, arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0],
+        normal, lever[:, 0] * normal[:, 1] - lever[:, 1] * normal[:, 0],
         source[:, 0] * (normal @ pose.R[:, 0]), source[:, 1] * (normal @ pose.R[:, 1]),
     ])  # fmt: skip
     W = J * weight[:, None]
     dx, dy, turn, across, along = -np.linalg.solve(W.T @ J + 1e-9 * np.eye(5), W.T @ r)
-    scale, place = pose.scale + np.array([across, along]), pose.t + np.array([dx, dy])
-    return _Pose(_rotation(float(turn)) @ pose.R, scale, place)
+    scale, translation = pose.scale + np.array([across, along]), pose.t + np.array([dx, dy])
+    return _Pose(_rotation(float(turn)) @ pose.R, scale, translation)

@@ -1,4 +1,4 @@
-"""The garment's boundary to a fraction of a pixel, from the colours on both sides of it."""
+"""Sub-pixel localisation of the garment's boundary from the colours on both sides."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from robots.ports import Array
 __all__ = ["outward_normals", "refine_boundary", "smooth_closed"]
 
 _REACH = 6.0
-"""How far from the mask's boundary the true one is looked for [px]."""
+"""Search range on both sides of the mask's boundary [px]."""
 
 
 def refine_boundary(
     mask: NDArray[np.bool_], rgb: NDArray[np.uint8], table: NDArray[np.float32] | None
 ) -> tuple[Array, float]:
-    """Sub-pixel contour (n, 2) (column, row) of a mask, and the share of it that was clear to see (0..1).
+    """Sub-pixel contour (n, 2) (column, row) of a mask, and the share of it that is clearly visible (0..1).
 
     A pixel on the boundary is a mixture a G + (1 - a) s T of the garment's colour G and the table's T,
-    darkened by some shadow s. Along a direction w orthogonal to T, I.w = a G.w whatever s is: the boundary
-    is where that a falls through 1/2. Where garment and table differ in brightness only, w = G - T.
-    table: (H, W, 3), the table's colour without garment; None: what is seen outside stands in for it.
+    darkened by a shadow s. For a direction w orthogonal to T, I.w = a G.w for any s. The boundary is where a
+    falls through 1/2. If garment and table differ only in brightness, w = G - T.
+    table: (H, W, 3), the table's colour without garment; None: the colours outside the mask are used.
     """
     pixels = _trace(mask)
     points = smooth_closed(pixels, 2.0)
     normals = outward_normals(points)
     offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
-    at = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
-    profile = smooth_closed(_sample(rgb.astype(np.float32) + 8.0, at), 1.5)
+    positions = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+    profile = smooth_closed(_sample(rgb.astype(np.float32) + 8.0, positions), 1.5)
     inside = profile[:, offsets < -3.0].mean(axis=1)
     outside = profile[:, offsets > 3.0].mean(axis=1)
-    beneath = outside[:, None, :] if table is None else smooth_closed(_sample(table, at), 1.5)
+    beneath = outside[:, None, :] if table is None else smooth_closed(_sample(table, positions), 1.5)
     opacity, contrast = _opacity(profile, inside, outside, beneath)
     shift, found = _crossing(opacity, offsets)
-    clear = found & (contrast > 6.0)
-    shift = _steady(np.where(clear, shift, 0.0))
-    return points + shift[:, None] * normals, float(np.mean(clear))
+    visible = found & (contrast > 6.0)
+    shift = _running_median(np.where(visible, shift, 0.0))
+    return points + shift[:, None] * normals, float(np.mean(visible))
 
 
 def outward_normals(points: Array) -> Array:
-    """Unit normals (n, 2) of a closed contour, away from its inside whichever way it runs."""
+    """Outward unit normals (n, 2) of a closed contour (n, 2) in either direction."""
     tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     x, y = points.T
@@ -69,18 +69,18 @@ def _trace(mask: NDArray[np.bool_]) -> Array:
     return longest + 0.5 * outward_normals(smooth_closed(longest, 2.0))
 
 
-def _sample(image: NDArray[np.float32], at: Array) -> Array:
+def _sample(image: NDArray[np.float32], positions: Array) -> Array:
     return cv2.remap(
         image,
-        at[..., 0].astype(np.float32),
-        at[..., 1].astype(np.float32),
+        positions[..., 0].astype(np.float32),
+        positions[..., 1].astype(np.float32),
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     ).astype(float)
 
 
 def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> tuple[Array, Array]:
-    """How much of each sample is garment (n, m), and the contrast it was judged by (n,) [grey levels]."""
+    """Garment share a (n, m) of each sample, and the contrast of its profile (n,) [grey levels]."""
     unit = beneath / np.linalg.norm(beneath, axis=2, keepdims=True)
     garment = inside[:, None, :]
     w = garment - (garment * unit).sum(axis=2, keepdims=True) * unit
@@ -96,7 +96,7 @@ def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> t
 
 
 def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Where each profile falls through 1/2, nearest to the mask's own boundary."""
+    """Offset (n,) nearest to the mask's boundary where each profile falls through 1/2; whether it does (n,)."""
     falls = (opacity[:, :-1] >= 0.5) & (opacity[:, 1:] < 0.5)
     drop = np.maximum(opacity[:, :-1] - opacity[:, 1:], 1e-9)
     where = offsets[:-1] + (opacity[:, :-1] - 0.5) / drop * (offsets[1] - offsets[0])
@@ -106,8 +106,8 @@ def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]
     return where[rows, best], np.isfinite(cost[rows, best])
 
 
-def _steady(shift: Array, width: int = 7) -> Array:
-    """Running median along the contour: one odd profile does not bend it."""
+def _running_median(shift: Array, width: int = 7) -> Array:
+    """Running median along the contour, which removes single outliers."""
     half = width // 2
     padded = np.concatenate([shift[-half:], shift, shift[:half]])
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)

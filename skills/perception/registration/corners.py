@@ -1,7 +1,7 @@
-"""Where exactly the corners of a registered contour are.
+"""Final localisation of the corners of a registered contour.
 
-A sharp corner is set to the tip of the boundary's corner, a crotch to where the edges beside it meet, a blunt one
-to between where it was registered and where the garment's body has it.
+A sharp corner moves to the tip of the boundary's corner, a crotch to the intersection of the adjoining edges. A
+blunt corner moves to the mean of its registered place and its place by the garment's body.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["CornerSettings", "least_turn", "set_corners"]
 
 
 _TIP = 8
-"""How many points of the boundary before and after the nearest one a corner's tip is looked for."""
+"""Search range for a corner's tip, in boundary points before and after the nearest one."""
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class CornerSettings:
     sharp: float = 0.7
     """Sine of the angle from which a corner is sharp."""
     snap: float = 0.03
-    """A corner is moved by at most this much."""
+    """Maximum displacement of a corner."""
     notch: float = 0.25
-    """As `snap`, for a notch."""
+    """Maximum displacement of a notch."""
     edge: float = 0.08
     notch_edge: float = 0.16
-    """How far from a corner, and from a notch, the edges are looked at."""
+    """Length of the edges considered at a corner, and at a notch."""
     line_sigma: float = 0.0025
-    """How well a line through the boundary is known where it meets another."""
+    """Standard deviation of a line through the boundary where it meets another."""
     template_sigma: float = 0.004
-    """How well the template's proportions hold from one corner to its neighbours."""
+    """Standard deviation of the template's proportions from one corner to its neighbours."""
     smoothed: float = 0.0015
-    """What segmentation takes off a very acute corner."""
+    """Length that segmentation removes from a very acute corner."""
     normal_reach: float = 0.05
     body: BodySettings = field(default_factory=BodySettings)
 
@@ -55,13 +55,14 @@ def set_corners(
     boundary: Boundary,
     settings: CornerSettings | None = None,
 ) -> Array:
-    """The registered contour X (n, 2) [m] with its feature points, feature (n,) >= 0, set anew.
+    """The registered contour X (n, 2) [m] with its feature points, feature (n,) >= 0, relocated.
 
-    polygon: (k, 2) the template, counter-clockwise, feature's numbers being its vertices.
+    polygon: (k, 2) the template, counter-clockwise; feature holds the indices of its vertices.
 
-    Straight lines through the boundary on both sides say where the edges meet. A sewn corner is round, and its tip
-    lies where the boundary comes nearest to that. Only between two legs, where the table is too narrow to be seen
-    near the crotch, it is where the edges meet; as they do so at an acute angle, the template has a say.
+    Straight lines are fitted to the edges on both sides of a corner. A sewn corner is round: its tip is the
+    boundary point that reaches furthest towards the intersection of the lines. Near a crotch the table between the
+    legs is too narrow to be visible, so the intersection itself is used. The edges meet there at an acute angle,
+    so the template serves as a prior.
     """
     settings = settings or CornerSettings()
     moved = X.copy()
@@ -71,35 +72,39 @@ def set_corners(
     shape = polygon[feature[corners]]
     q, normals = boundary.points[::2], boundary.normals[::2]
     segment, t, _ = closest_segments(X, q, normals, settings.normal_reach)
-    along, at = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
+    point_arc, corner_arc = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
     total = float(segment_lengths(X).sum())
     blunt = (angles <= settings.notch_angle) & (np.abs(np.sin(angles)) < settings.sharp)
     body = lay_body(shape, X[corners], clear > 0.5, boundary, settings.body) if blunt.any() else None
     for k, vertex in enumerate(corners):
         if blunt[k]:
-            # Two opinions of one place, about equally good, whose errors have little to do with each other.
-            between = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
-            moved[vertex] = boundary.points[boundary.nearest(between[None])[1][0]]
+            # The mean of two estimates with about equal and nearly independent errors.
+            place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
+            moved[vertex] = boundary.points[boundary.nearest(place[None])[1][0]]
             continue
         notch = bool(angles[k] > settings.notch_angle)
-        lines = _edges(k, at, total, q, along, settings.notch_edge if notch else settings.edge)
+        lines = _edge_lines(k, corner_arc, total, q, point_arc, settings.notch_edge if notch else settings.edge)
         if len(lines) < 2:
             continue
         if notch:
-            tip = _most_likely(lines, _by_template(k, shape, X[corners], clear), settings)
+            tip = _map_estimate(lines, _by_template(k, shape, X[corners], clear), settings)
         else:
-            meeting = _meet(lines)
-            tip = X[vertex] if meeting is None else _round_tip(meeting, lines, angles[k], boundary, settings)
+            meeting = _intersection(lines)
+            tip = (
+                X[vertex]
+                if meeting is None
+                else _rounded_corner_tip(meeting, lines, angles[k], boundary, settings)
+            )
         if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
             moved[vertex] = tip
     return moved
 
 
 def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: CornerSettings | None = None) -> float:
-    """How much of a sharp corner's angle the boundary turns by where that corner was set: the least share.
+    """Turn of the boundary at a sharp corner's place, relative to the corner's own: the minimum over corners.
 
-    corners: (k, 2) [m]; angles: (k,) the template's interior ones [rad]. A corner of which the boundary shows
-    nothing (share near 0) was set somewhere along an edge. Notches are left out: nobody sees into them.
+    corners: (k, 2) [m]. angles: (k,) interior angles of the template [rad]. A ratio near 0 means that the corner
+    was placed along an edge. Notches are ignored, because their inside is not visible.
     """
     settings = settings or CornerSettings()
     sharp = (np.abs(np.sin(angles)) >= settings.sharp) & (angles <= settings.notch_angle)
@@ -107,28 +112,31 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: Corn
         return 1.0
     n, points = len(boundary.points), boundary.points
     near, far = _TIP, 3 * _TIP
-    at = boundary.nearest(corners[sharp])[1]
-    # The corner may be set a little beside the tip, and rounded: the chords begin beside it.
+    nearest_index = boundary.nearest(corners[sharp])[1]
+    # The corner may be round and a little displaced: the chords start beside it.
     shares = []
     for offset in (-near, 0, near):
-        i = at + offset
-        coming = points[(i - near) % n] - points[(i - far) % n]
-        going = points[(i + far) % n] - points[(i + near) % n]
-        cross = coming[:, 0] * going[:, 1] - coming[:, 1] * going[:, 0]
-        turn = np.arctan2(cross, (coming * going).sum(axis=1))
+        i = nearest_index + offset
+        incoming = points[(i - near) % n] - points[(i - far) % n]
+        outgoing = points[(i + far) % n] - points[(i + near) % n]
+        cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
+        turn = np.arctan2(cross, (incoming * outgoing).sum(axis=1))
         shares.append(turn / (np.pi - angles[sharp]))
     return float(np.max(shares, axis=0).min())
 
 
-def _edges(k: int, at: Array, total: float, q: Array, along: Array, reach: float) -> list[tuple[Array, Array]]:
-    """Lines (point, unit direction) through the boundary up to `reach` before and after the k-th corner.
+def _edge_lines(
+    k: int, corner_arc: Array, total: float, q: Array, point_arc: Array, reach: float
+) -> list[tuple[Array, Array]]:
+    """Lines (point, unit direction) through the boundary up to `reach` [m] before and after the k-th corner.
 
-    at: (c,) arc positions of the corners, along: (m,) of the boundary's points q (m, 2), of `total` length.
+    corner_arc: (c,) arc positions of the corners, point_arc: (m,) of the boundary's points q (m, 2), total: length
+    of the contour [m].
     """
     lines = []
-    for sign, other in ((-1.0, at[k - 1]), (1.0, at[(k + 1) % len(at)])):
-        span = (sign * (other - at[k])) % total
-        distance = (sign * (along - at[k])) % total
+    for sign, other in ((-1.0, corner_arc[k - 1]), (1.0, corner_arc[(k + 1) % len(corner_arc)])):
+        span = (sign * (other - corner_arc[k])) % total
+        distance = (sign * (point_arc - corner_arc[k])) % total
         chosen = (distance > min(0.014, 0.25 * span)) & (distance < min(0.55 * span, reach))
         line = _line(q[chosen])
         if line is not None:
@@ -137,9 +145,9 @@ def _edges(k: int, at: Array, total: float, q: Array, along: Array, reach: float
 
 
 def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
-    """Where the other corners have the k-th: the rigid motion that lays `shape` on `placed`, near corners best.
+    """Place of the k-th corner by a rigid motion of `shape` (n, 2) to `placed` (n, 2); near corners count more.
 
-    clear: (n,) 0..1, how well each corner is seen by itself.
+    clear: (n,) 0..1, distinctness of each corner.
     """
     shape = shape * np.sqrt(abs(polygon_area(placed) / polygon_area(shape)))
     weight = clear / np.maximum(np.linalg.norm(shape - shape[k], axis=1), 1e-2) ** 3
@@ -153,10 +161,10 @@ def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
     return np.asarray(to + R @ (shape[k] - from_))
 
 
-def _most_likely(lines: list[tuple[Array, Array]], wanted: Array, settings: CornerSettings) -> Array:
-    """The maximum a posteriori of a point on two lines, each known to `line_sigma`, near `wanted`, to
-    `template_sigma`."""
-    A, b = np.eye(2) / settings.template_sigma**2, wanted / settings.template_sigma**2
+def _map_estimate(lines: list[tuple[Array, Array]], prior: Array, settings: CornerSettings) -> Array:
+    """Maximum a posteriori estimate of the intersection of two lines (`line_sigma`) with a prior place
+    (`template_sigma`)."""
+    A, b = np.eye(2) / settings.template_sigma**2, prior / settings.template_sigma**2
     for point, direction in lines:
         normal = np.array([-direction[1], direction[0]])
         A = A + np.outer(normal, normal) / settings.line_sigma**2
@@ -164,7 +172,7 @@ def _most_likely(lines: list[tuple[Array, Array]], wanted: Array, settings: Corn
     return np.asarray(np.linalg.solve(A, b))
 
 
-def _meet(lines: list[tuple[Array, Array]]) -> Array | None:
+def _intersection(lines: list[tuple[Array, Array]]) -> Array | None:
     (a, u), (b, v) = lines
     cross = u[0] * v[1] - u[1] * v[0]
     if abs(cross) < 0.25:
@@ -173,23 +181,23 @@ def _meet(lines: list[tuple[Array, Array]]) -> Array | None:
     return np.asarray(a + u * (d[0] * v[1] - d[1] * v[0]) / cross)
 
 
-def _round_tip(
+def _rounded_corner_tip(
     corner: Array, lines: list[tuple[Array, Array]], angle: float, boundary: Boundary, settings: CornerSettings
 ) -> Array:
-    """The tip of a round corner: how far the boundary reaches there along the bisector of its edges, less what
-    smoothing the picture took off it."""
+    """Tip of a round corner: the boundary point furthest along the bisector of the edges, corrected for the length
+    that smoothing the picture removed."""
     _, nearest = boundary.nearest(corner[None])
     near = boundary.points[(nearest[0] + np.arange(-_TIP, _TIP + 1)) % len(boundary.points)]
-    away = sum(_towards(corner, point, u) for point, u in lines)
-    tip = near[int(np.argmax(near @ away))]
+    outwards = sum(_towards(corner, point, u) for point, u in lines)
+    tip = near[int(np.argmax(near @ outwards))]
     missing = corner - tip
-    far = float(np.linalg.norm(missing))
-    cut = settings.smoothed * abs(float(np.cos(0.5 * angle)))
-    return np.asarray(tip + missing * min(1.0, cut / max(far, 1e-9)))
+    missing_length = float(np.linalg.norm(missing))
+    removed = settings.smoothed * abs(float(np.cos(0.5 * angle)))
+    return np.asarray(tip + missing * min(1.0, removed / max(missing_length, 1e-9)))
 
 
 def _towards(corner: Array, point: Array, direction: Array) -> Array:
-    """The unit vector along a line through `point` that leads to the corner."""
+    """Unit vector along a line through `point` towards the corner."""
     return direction * np.sign(float(direction @ (corner - point)))
 
 
@@ -200,12 +208,12 @@ def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:
 
 
 def _line(points: Array) -> tuple[Array, Array] | None:
-    """Total least squares line (point, unit direction), the worst fifth left out once."""
+    """Total least-squares line (point, unit direction), fitted again without the worst fifth of the points."""
     if len(points) < 6:
         return None
     for _ in range(2):
         middle = points.mean(axis=0)
         _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
-        off = np.abs((points - middle) @ np.array([-axes[0, 1], axes[0, 0]]))
-        points = points[off <= np.quantile(off, 0.8) + 1e-9]
+        distance = np.abs((points - middle) @ np.array([-axes[0, 1], axes[0, 0]]))
+        points = points[distance <= np.quantile(distance, 0.8) + 1e-9]
     return middle, axes[0]

@@ -7,8 +7,8 @@ E_fit     = sum_i dist_T(m_i)^2 l_i                      m_i, l_i: midpoint and 
 E_stretch = 1/2 sum_i (l_i / l~_i - 1)^2 l~_i            l~_i: length in the reference contour
 E_bend    = 1/2 sum_j (t_j / t~_j - 1)^2 L~_j            t_j: interior angle at vertex j, in (0, 2 pi)
 
-E_fit alone is content when the contour covers a part of the garment's boundary. The second data term asks
-the other way round, that every stretch of the boundary has contour near it:
+E_fit alone is minimal even if the contour covers only a part of the garment's boundary. The second data term
+therefore penalises boundary samples that are far from the contour:
 
 E_cover   = w sum_k dist_S(q_k)^2 h                      q_k: boundary samples, h [m] apart
 """
@@ -36,10 +36,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class EnergyWeights:
-    """kappa, beta: the paper's [m2]; cover: weight of the second data term (0 leaves the paper's energy).
+    """kappa, beta: the paper's weights [m2]. cover: weight of the second data term (0 gives the paper's energy).
 
-    normal_reach: how far [m] the nearest contour point is looked for elsewhere when the boundary there
-    faces the opposite way: keeps a sleeve's edge from sticking to the body's.
+    normal_reach: penalty [m] on contour points that face the opposite way, which keeps a sleeve's edge from
+    matching the body's.
     """
 
     kappa: float = 0.02
@@ -49,10 +49,10 @@ class EnergyWeights:
 
 
 class Boundary:
-    """The observed boundary: its distance field, and samples of it.
+    """The observed boundary with its distance field and its samples.
 
-    points: (n, 2) [m], counter-clockwise, closed implicitly. The field is evaluated exactly, from the
-    nearest point of a fine resampling, instead of being stored on a grid.
+    points: (n, 2) [m], counter-clockwise, closed implicitly. The distance is computed from the nearest point of a
+    fine resampling, not stored on a grid.
     """
 
     def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.012) -> None:
@@ -114,8 +114,11 @@ def interior_angles(X: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ContourTerms:
-    """The energy's residuals r (m,), E = r . r, and their derivatives: row k depends on the vertices vertex[k]
-    (3,) only, by gradient[k] (3, 2); a row of fewer vertices has gradient 0 for the rest."""
+    """Residuals r (m,) of the energy, E = r . r, and their derivatives.
+
+    Residual k depends only on the vertices vertex[k] (3,), with derivatives gradient[k] (3, 2). A residual of
+    fewer vertices has gradient 0 for the others. count: number of vertices of the contour.
+    """
 
     r: Array
     vertex: NDArray[np.int64]
@@ -124,11 +127,11 @@ class ContourTerms:
 
     @property
     def energy(self) -> float:
-        # Not r @ r: BLAS would start threads for it, which on a busy machine take milliseconds to meet.
+        # Not r @ r: BLAS would use threads, whose synchronisation takes milliseconds on a busy machine.
         return float((self.r * self.r).sum())
 
     def jacobian(self) -> Array:
-        """(m, 2 n), over the vertices' coordinates row by row."""
+        """Jacobian (m, 2 n); columns are the x and y of each vertex in turn."""
         J = np.zeros((len(self.r), self.count, 2))
         for k in range(3):
             J[np.arange(len(self.r)), self.vertex[:, k]] += self.gradient[:, k]
@@ -140,7 +143,7 @@ class ContourTerms:
 
 
 def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: EnergyWeights) -> ContourTerms:
-    """The energy's terms for the vertices X (n, 2) [m]; reference: (n, 2), lengths and angles at rest."""
+    """Terms of the energy for the vertices X (n, 2) [m]. reference: (n, 2), with the rest lengths and angles."""
     lengths, angles = segment_lengths(reference), interior_angles(reference)
     n, cover = len(X), weights.cover > 0
     q = boundary.samples if cover else boundary.samples[:0]
@@ -161,8 +164,8 @@ def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: Energ
 def solve_damped(A: Array, g: Array, damping: float) -> Array:
     """x (n,) with (A + damping I) x = g, for A (n, n) symmetric and positive semidefinite.
 
-    Cholesky's method within the matrix's envelope: a contour's vertices couple to their neighbours only, so
-    that all but the last rows are short.
+    Cholesky factorisation within the matrix's envelope. A contour's vertices couple only to their neighbours, so
+    all but the last rows are short.
     """
     return np.asarray(_solve(A, g, float(damping)))
 
@@ -171,7 +174,7 @@ def solve_damped(A: Array, g: Array, damping: float) -> Array:
 def _shape_terms(  # type: ignore[no-untyped-def]
     X, rest, angle, seen, distance, slope, kappa, beta, r, vertex, gradient
 ):
-    """E_fit, E_stretch and E_bend: n rows each."""
+    """Fills n residuals each of E_fit, E_stretch and E_bend."""
     n = len(X)
     for i in range(n):
         j, h = (i + 1) % n, (i - 1) % n
@@ -208,7 +211,7 @@ def _shape_terms(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _cover_terms(X, q, segment, t, foot, scale, r, vertex, gradient):  # type: ignore[no-untyped-def]
-    """E_cover: a row each boundary sample."""
+    """Fills one residual of E_cover per boundary sample."""
     n = len(X)
     for k in range(len(q)):
         i = segment[k]
@@ -272,9 +275,9 @@ def _solve(A, g, damping):  # type: ignore[no-untyped-def]
 def closest_segments(
     X: Array, q: Array, normals: Array, normal_reach: float
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """For points q (m, 2): the nearest segment of the contour (m,), the parameter on it (m,), the foot (m, 2).
+    """For points q (m, 2): nearest segment of the contour X (m,), parameter on it (m,) and foot point (m, 2).
 
-    A segment that faces another way than the boundary at q counts as up to `normal_reach` further.
+    The distance of a segment that faces another way than normals (m, 2) is increased by up to `normal_reach` [m].
     """
     return _closest(
         np.ascontiguousarray(X), np.ascontiguousarray(q), np.ascontiguousarray(normals), float(normal_reach)
@@ -283,8 +286,8 @@ def closest_segments(
 
 @njit(cache=True, nogil=True)
 def _nearest(points, step, x):  # type: ignore[no-untyped-def]
-    """Distance and index of the nearest of `points`. They follow each other at most `step` apart, so that what is
-    far away is passed over many at a time; the last answer is the first guess for the next."""
+    """Distance and index of the nearest of `points`. Neighbours are at most `step` apart, so the search skips many
+    points that are far away. The last result is the first guess for the next point."""
     distance, index = np.empty(len(x)), np.empty(len(x), np.int64)
     at = 0
     for k in range(len(x)):

@@ -1,10 +1,9 @@
-"""Where a garment's key points lie: its template's contour, bent onto the observed boundary.
+"""Registration of a garment: bends the template's contour onto the observed boundary and yields the key points.
 
-The paper's registration (see `energy`): the template's vertices are feature points and keep their identity;
-Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic Jacobian) move the
-contour, segments are subdivided and merged, the reference follows. It starts from every orientation that
-the silhouette allows, and the energy says which is right. At the end each corner is set to where the boundary
-has it (`corners`).
+This is the paper's registration (see `energy`). The template's vertices are feature points and keep their
+identity. Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic Jacobian) move the
+contour, segments are subdivided and merged, and the reference is updated. The fit starts from every plausible
+orientation; the one of lowest energy is chosen. At the end the corners are relocated on the boundary (`corners`).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ __all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts
 
 
 _MARGIN = 0.005
-"""Distances between boundaries that differ by less do not rule an orientation out [m]."""
+"""Tolerance of the boundary distances that rule an orientation out [m]."""
 
 
 @dataclass(frozen=True)
@@ -47,22 +46,22 @@ class RegistrationSettings:
     """Levenberg-Marquardt steps between two updates of the reference."""
     updates: int = 12
     reduction: float = 0.05
-    """The registration ends when an update lowers the energy by less than this share."""
+    """The registration ends when an update lowers the energy by less than this fraction."""
     equal: float = 0.004
-    """Mean boundary distances closer than this do not tell two orientations apart [m]."""
+    """Two orientations whose mean boundary distances differ by less than this are equally good [m]."""
     candidates: int = 3
     corners: CornerSettings | None = field(default_factory=CornerSettings)
-    """How corners are set at the end; None leaves the registered ones."""
+    """Final relocation of the corners; None skips it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
     """keypoints: name -> (2,) [m]. contour: (n, 2) registered, counter-clockwise, key points among it.
 
-    energy: the data terms at the end [m3]; residual: root mean square boundary distance [m]. angle: by
-    which the template was turned first [rad]; scale: observed size / template's. ambiguous: symmetries
-    that the silhouette leaves open; the orientation nearest to that of the template is then chosen.
-    history: energy after each update.
+    energy: final data terms [m3]. residual: root mean square boundary distance [m]. angle: initial rotation of the
+    template [rad]. scale: observed size over the template's. ambiguous: symmetries that the silhouette does not
+    resolve; the orientation nearest to the template's is then chosen. history: energy before the first and after
+    each update. stages: the contours of these energies. least_turn: see `corners.least_turn`.
     """
 
     keypoints: Mapping[str, Array]
@@ -79,7 +78,7 @@ class Registration:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A template laid over the boundary: polygon (k, 2), turned by `angle` [rad]; mean distance [m]."""
+    """A template placed on the boundary: polygon (k, 2), rotated by `angle` [rad]; mean distance [m]."""
 
     polygon: Array
     angle: float
@@ -99,10 +98,10 @@ def register(
     clockwise = polygon_area(template) < 0
     polygon = template[::-1] if clockwise else template
     names = garment.keypoints[::-1] if clockwise else garment.keypoints
-    open_to = symmetries(polygon)
+    unresolved = symmetries(polygon)
     starts = best_starts(polygon, boundary, settings)
     fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
-    best, start = min(fits, key=lambda f: _judge(f[0][0], f[0][1], polygon, boundary, settings))
+    best, start = min(fits, key=lambda f: _score(f[0][0], f[0][1], polygon, boundary, settings))
     X, feature, history, stages = best
     if settings.corners is not None:
         X = set_corners(X, feature, polygon, boundary, settings.corners)
@@ -111,7 +110,7 @@ def register(
     angles = interior_angles(polygon)[feature[vertices]]
     notch = np.zeros(len(X), bool)
     notch[vertices] = angles > (settings.corners or CornerSettings()).notch_angle
-    # A crotch lies where no boundary is seen: the two segments that end there are not compared with it.
+    # The boundary at a crotch is not visible: the two segments that end there are excluded.
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
@@ -120,7 +119,7 @@ def register(
         residual=float(np.sqrt(np.mean(distance**2))),
         angle=start.angle,
         scale=float(np.sqrt(polygon_area(contour) / polygon_area(polygon))),
-        ambiguous=open_to,
+        ambiguous=unresolved,
         history=tuple(history),
         stages=tuple(frozen(stage) for stage in stages),
         least_turn=least_turn(X[vertices], angles, boundary, settings.corners),
@@ -129,46 +128,53 @@ def register(
 
 def best_starts(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> list[Start]:
     """The template (k, 2), counter-clockwise, in each plausible orientation, best first."""
-    return _plausible(_starts(polygon, boundary), settings)
+    return _plausible(_placements(polygon, boundary), settings)
 
 
 def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
-    """The placed template bent onto the boundary, without snapping its corners: (n, 2) [m]."""
+    """The placed template bent onto the boundary, without relocating its corners: (n, 2) [m]."""
     return fit(polygon, boundary, settings)[0]
 
 
 # --- where to start ------------------------------------------------------------------------------------
 
 
-def _starts(polygon: Array, boundary: Boundary) -> list[Start]:
-    """The template in every orientation suggested by moments and the smallest rectangle, best first."""
-    observed, ours = _axes(boundary.samples), _axes(polygon)
+def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
+    """The template in every orientation suggested by moments and the smallest enclosing rectangle, best first."""
+    observed, template_axes = _axes(boundary.samples), _axes(polygon)
     angles: list[float] = []
     for a in observed:
-        for b in ours:
+        for b in template_axes:
             angles += [a - b + k * np.pi / 2 for k in range(4)]
     placed: list[tuple[Array, float, float]] = []
     for angle in map(_wrap, angles):
         if all(abs(_wrap(angle - a)) > np.deg2rad(3) for _, a, _ in placed):
             X = _place(polygon, angle, boundary)
-            placed.append((X, angle, _distance_there(X, boundary)))
-    # The way back costs more: it is looked at only where the way there is no longer than twice the shortest.
-    most = 2.0 * min(there for _, _, there in placed) + _MARGIN
+            placed.append((X, angle, _forward_distance(X, boundary)))
+    # The reverse distance is expensive: it is computed only where the forward one is at most twice the smallest.
+    max_forward = 2.0 * min(forward for _, _, forward in placed) + _MARGIN
     starts = [
-        Start(X, angle, 0.5 * (there + _distance_back(X, boundary))) for X, angle, there in placed if there <= most
+        Start(X, angle, 0.5 * (forward + _reverse_distance(X, boundary)))
+        for X, angle, forward in placed
+        if forward <= max_forward
     ]
     return sorted(starts, key=lambda s: s.distance)
 
 
 def _plausible(starts: list[Start], settings: RegistrationSettings) -> list[Start]:
-    """Orientations worth a full fit. Those as good as the best, half a turn away, are the same silhouette:
-    of these only the one nearest to the template's own orientation is kept."""
+    """Orientations that are worth a full fit.
+
+    Equally good ones half a turn apart have the same silhouette. Of these only the one nearest to the template's
+    own orientation is kept.
+    """
     best = starts[0].distance
     equal = [s for s in starts if s.distance <= best + settings.equal]
     first = min(equal, key=lambda s: (abs(s.angle) > np.deg2rad(91), s.distance))
-    twins = [s for s in equal if abs(_wrap(s.angle - first.angle)) > np.deg2rad(60)]
-    upright = min([first, *twins], key=lambda s: round(abs(s.angle), 3))
-    rest = [s for s in starts if s.distance <= 1.6 * best + settings.equal and s not in twins and s is not first]
+    half_turned = [s for s in equal if abs(_wrap(s.angle - first.angle)) > np.deg2rad(60)]
+    upright = min([first, *half_turned], key=lambda s: round(abs(s.angle), 3))
+    rest = [
+        s for s in starts if s.distance <= 1.6 * best + settings.equal and s not in half_turned and s is not first
+    ]
     return [upright, *rest][: settings.candidates]
 
 
@@ -186,11 +192,11 @@ def _axes(points: Array) -> tuple[float, float]:
 
 
 def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
-    """The template turned by `angle`, its extents stretched to the observed ones (by a quarter at most)."""
+    """The template rotated by `angle` [rad], its extents stretched to the observed ones (by a quarter at most)."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s], [s, c]])
-    seen = boundary.samples @ R
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    rotated = boundary.samples @ R
+    low, high = rotated.min(axis=0), rotated.max(axis=0)
     extent = np.ptp(polygon, axis=0)
     stretch = (high - low) / extent
     size = float(np.sqrt(stretch.prod()))
@@ -199,22 +205,22 @@ def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
     return ((polygon - middle) * stretch + 0.5 * (low + high)) @ R.T
 
 
-def _distance_there(polygon: Array, boundary: Boundary) -> float:
+def _forward_distance(polygon: Array, boundary: Boundary) -> float:
     """Mean distance of a placed template from the boundary [m]."""
     X = _subdivide(polygon, np.arange(len(polygon)), 0.03)[0]
     return float(boundary.nearest(X)[0].mean())
 
 
-def _distance_back(polygon: Array, boundary: Boundary) -> float:
+def _reverse_distance(polygon: Array, boundary: Boundary) -> float:
     """Mean distance of the boundary from a placed template [m]."""
     _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, 0.0)
     return float(np.linalg.norm(foot - boundary.samples, axis=1).mean())
 
 
-def _judge(
+def _score(
     X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> float:
-    """The energy of a finished fit with the template itself as the reference."""
+    """The energy of a finished fit with the template as the reference."""
     corners = X[feature >= 0]
     scale = np.sqrt(abs(polygon_area(corners) / polygon_area(polygon)))
     r = contour_terms(corners, polygon * scale, boundary, settings.weights).r
@@ -228,8 +234,7 @@ def _judge(
 def fit(
     polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
-    """Registered contour (n, 2), which key point each vertex is (-1: none), the energies, and the contours that
-    have them."""
+    """Registered contour (n, 2) [m], key point of each vertex (n,) (-1: none), energies, and their contours."""
     X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
     history, stages = [_energy(X, boundary, settings)], [X]
     for _ in range(settings.updates):
@@ -248,7 +253,7 @@ def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> flo
 
 
 def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
-    """A few damped Gauss-Newton steps against the reference `X` itself."""
+    """A few Levenberg-Marquardt steps with `X` itself as the reference."""
     reference = X
     terms = contour_terms(X, reference, boundary, settings.weights)
     (A, g), energy = terms.normal_equations(), terms.energy

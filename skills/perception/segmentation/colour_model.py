@@ -1,4 +1,4 @@
-"""Colours as logarithms, in which light is a common offset, and mixtures of Gaussians in these."""
+"""Log colours, in which illumination is a common offset, and Gaussian mixtures in them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skills.perception.segmentation.mask import Field, Image, Mask
 __all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
 
 FLOOR = -18.0
-"""No colour is less likely than this (log density): there are always surprises."""
+"""Lower bound of all log densities of colours, which accounts for outliers."""
 _LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
 _OPPONENT = np.array(
     [[1 / 3, 1 / 3, 1 / 3], [0.5**0.5, -(0.5**0.5), 0.0], [6**-0.5, 6**-0.5, -2 * 6**-0.5]], np.float32
@@ -20,34 +20,34 @@ _OPPONENT = np.array(
 
 
 def log_colour(rgb: Image) -> Field:
-    """The offset keeps the noise of dark pixels finite."""
+    """Smoothed log colours of rgb (H, W, 3). An offset keeps the noise of dark pixels finite."""
     return np.asarray(cv2.LUT(cv2.GaussianBlur(rgb, (0, 0), 0.8), _LOG), dtype=np.float32)
 
 
 def opponent(colour: Field) -> Field:
-    """Log luminance and the two log chromaticities, which no change of light's strength alters: (..., 3)."""
+    """Log luminance and two log chromaticities (..., 3), which are independent of the light's intensity."""
     return np.asarray(cv2.transform(colour, _OPPONENT), dtype=np.float32)
 
 
 def noise_scale(rgb: Image, smooth: float = 2.0) -> Field:
-    """Noise of log colour grows as 1 / intensity."""
+    """Noise of log colour (H, W), proportional to 1 / intensity. smooth: sigma of a blur [px]."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), smooth).astype(np.float32)
     return 128.0 / (grey + 8.0)
 
 
 def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
-    """Log density of each pixel's colour under a mixture of three colours learnt inside `core`."""
+    """Log density (H, W) of each pixel's colour under a mixture of three Gaussians fitted inside `core`."""
     inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    where = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
+    core_pixels = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
     channels = opponent(image)
-    sample = channels.reshape(-1, 3)[where[:: max(len(where) // 3000, 1)]].astype(float)
+    sample = channels.reshape(-1, 3)[core_pixels[:: max(len(core_pixels) // 3000, 1)]].astype(float)
     weights, centres, covariances = cluster_colours(sample)
-    level = float(np.median(noise.ravel()[where]))
+    core_noise = float(np.median(noise.ravel()[core_pixels]))
     roots = [np.linalg.inv(np.linalg.cholesky(c)) for c in covariances]
     constants = [np.log(w) + np.log(np.diag(root)).sum() - 2.7568 for w, root in zip(weights, roots, strict=True)]
     return np.asarray(
         _mixture(
-            channels, noise, np.float32(level), np.array(centres, np.float32), np.array(roots, np.float32),
+            channels, noise, np.float32(core_noise), np.array(centres, np.float32), np.array(roots, np.float32),
             np.array(constants, np.float32),
         ),
         dtype=np.float32,
@@ -55,14 +55,14 @@ def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
 
 
 @njit(cache=True, nogil=True)
-def _mixture(channels, noise, level, centres, roots, constants):  # type: ignore[no-untyped-def]
-    """Log density (h, w) of the likeliest of some Gaussians; roots: inverse Cholesky factors of their covariances.
-    Where noise is above `level`, they are as much wider."""
+def _mixture(channels, noise, core_noise, centres, roots, constants):  # type: ignore[no-untyped-def]
+    """Log density (h, w) of the most likely Gaussian. roots: inverse Cholesky factors of the covariances. Where
+    noise exceeds `core_noise`, the Gaussians are wider by the same ratio."""
     rows, columns = noise.shape
     out = np.empty((rows, columns), np.float32)
     for i in range(rows):
         for j in range(columns):
-            blur = level / max(noise[i, j], level)
+            inverse_width = core_noise / max(noise[i, j], core_noise)
             best = np.float32(FLOOR)
             for k in range(len(constants)):
                 a = channels[i, j, 0] - centres[k, 0]
@@ -71,13 +71,15 @@ def _mixture(channels, noise, level, centres, roots, constants):  # type: ignore
                 u = roots[k, 0, 0] * a
                 v = roots[k, 1, 0] * a + roots[k, 1, 1] * b
                 w = roots[k, 2, 0] * a + roots[k, 2, 1] * b + roots[k, 2, 2] * c
-                best = max(best, constants[k] - np.float32(0.5) * (u * u + v * v + w * w) * blur * blur)
+                best = max(
+                    best, constants[k] - np.float32(0.5) * (u * u + v * v + w * w) * inverse_width * inverse_width
+                )
             out[i, j] = best
     return out
 
 
 def cluster_colours(sample: Array, count: int = 3) -> tuple[list[float], list[Array], list[Array]]:
-    """Cluster weights, centres (3,) and covariances (3, 3) by Lloyd's algorithm from luminance quantiles."""
+    """Weights, centres (3,) and covariances (3, 3) of clusters: Lloyd's algorithm from luminance quantiles."""
     order = np.argsort(sample[:, 0], kind="stable")
     centres = sample[order[[int(len(order) * (i + 0.5) / count) for i in range(count)]]]
     scale = np.array([0.3, 1.0, 1.0])

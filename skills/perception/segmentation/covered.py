@@ -1,4 +1,4 @@
-"""Where much of the table is covered, by height: the commonest colour may be the garment's there."""
+"""Detection, by height, of an object that covers much of the table, whose colour can be the most frequent one."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from skills.perception.segmentation.mask import Field, Mask, eroded
 
 __all__ = ["covered", "mean_height"]
 
-_STANDS = 0.0012
-"""From this mean height over a square of `_WIDE` pixels on, something lies there: four times its noise [m]."""
-_WIDE = 5
-_MUCH = 0.4
-"""Share of the view from which what stands there is told. Less is an outlier among the table's pixels anyhow."""
+_MIN_HEIGHT = 0.0012
+"""Mean height over a square of `_WINDOW` pixels from which something lies there [m]: four times its noise."""
+_WINDOW = 5
+_MIN_SHARE = 0.4
+"""Share of the view above which covered pixels are reported. Fewer are outliers among the table's pixels."""
 _RIM = 2
-_AT_RIM = 0.25
-"""Where so much of the view's rim, `_RIM` pixels wide, stands up too, height is not to be trusted."""
+_MAX_RIM_SHARE = 0.25
+"""Share of the view's rim, `_RIM` pixels wide, above which the height is not trusted if the rim is high too."""
 
 
 def covered(height: Field, valid: Mask) -> Mask:
-    """Where (h, w) something large stands above the table: nowhere, unless it covers much of the view.
+    """Mask (h, w) of something large above the table; empty unless it covers much of the view.
 
-    height: (h, w) [m] above the table, NaN where unknown; valid: (h, w), where the camera sees the table.
+    height: (h, w) above the table [m], NaN where unknown. valid: (h, w), where the camera sees the table.
     """
-    mean, known = mean_height(height, _WIDE)
-    stands = known & (mean > _STANDS) & valid
+    mean, known = mean_height(height, _WINDOW)
+    high = known & (mean > _MIN_HEIGHT) & valid
     rim = valid & ~eroded(valid, _RIM)
-    much = np.count_nonzero(stands) > _MUCH * np.count_nonzero(valid)
-    if not much or np.count_nonzero(stands & rim) > _AT_RIM * np.count_nonzero(rim):
+    large = np.count_nonzero(high) > _MIN_SHARE * np.count_nonzero(valid)
+    if not large or np.count_nonzero(high & rim) > _MAX_RIM_SHARE * np.count_nonzero(rim):
         return np.zeros(valid.shape, bool)
-    return stands
+    return high
 
 
 def mean_height(height: Field, size: int) -> tuple[Field, Mask]:
-    """Mean (h, w) over a square of `size` pixels of what depth knows, and where it knows enough."""
+    """Mean height (h, w) over the known part of a square of `size` pixels [m], and where enough of it is known."""
     known = np.isfinite(height)
     total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
     share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))

@@ -1,5 +1,6 @@
-"""The garment on a table of any pattern: what has the colours of the view's rim is table, and a cut through the
-colour edges between the two says where it ends (Rother, Kolmogorov and Blake, GrabCut, SIGGRAPH 2004).
+"""Segmentation of a garment on a table of any pattern by GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004).
+
+Colours of the view's rim are table. A graph cut along the colour edges gives the garment's boundary.
 """
 
 from __future__ import annotations
@@ -22,73 +23,79 @@ from skills.perception.segmentation.mask import (
     Segmentation,
     SegmentationSettings,
     clean,
+    empty_segmentation,
     eroded,
     fill,
-    nothing,
 )
 from skills.perception.segmentation.table_model import fit_table
 
 __all__ = ["segment_grabcut"]
 
-_SMALL = 180
-"""Longer edge of the picture that GrabCut works on [px]: the boundary is refined on the whole one."""
+_REDUCED_SIZE = 180
+"""Longer edge of the reduced picture for GrabCut [px]. The boundary is refined at full resolution."""
 _RIM = 0.04
-"""Width of the rim that is taken for table, relative to the view's longer edge."""
-_STRANGE = 3.5
-"""What lies further than this from every colour of the rim may be garment [standard deviations]."""
-_TRUST = 1.5
-"""Log odds between the two sides of GrabCut's boundary, against those of a pixel's own colour."""
+"""Width of the rim that is assumed to be table, relative to the view's longer edge."""
+_MIN_COLOUR_DISTANCE = 3.5
+"""Distance from every colour of the rim beyond which a pixel may be garment [standard deviations]."""
+_CUT_WEIGHT = 1.5
+"""Log odds that GrabCut's label adds to those of a pixel's own colour."""
 
 
 def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
-    """Garment on a table of any pattern that is also seen along the view's rim, by GrabCut on a small picture."""
+    """Segment a garment by GrabCut on a reduced picture. The view's rim must show the table's pattern.
+
+    rgb: (H, W, 3); valid: (H, W), where the camera sees the table.
+    """
     settings = settings or SegmentationSettings()
-    small, inside = _small(rgb, valid)
-    colour = _unlit(small, inside)
+    reduced, inside = _reduced(rgb, valid)
+    colour = _light_corrected(reduced, inside)
     rim = inside & ~eroded(inside, max(round(_RIM * max(inside.shape)), 2))
-    strange = _strangeness(colour, rim)
-    labels = np.where(strange > _STRANGE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    colour_distance = _colour_distance(colour, rim)
+    labels = np.where(colour_distance > _MIN_COLOUR_DISTANCE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[~inside] = cv2.GC_BGD
     if np.count_nonzero(labels == cv2.GC_PR_FGD) < 20 or np.count_nonzero(labels != cv2.GC_PR_FGD) < 20:
-        return nothing(valid.shape)
-    cv2.setRNGSeed(0)  # its colour clusters start from chance
+        return empty_segmentation(valid.shape)
+    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters at random
     cv2.grabCut(colour, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
     cloth = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
-    whole = np.asarray(cv2.resize(cloth, valid.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-    mask, others, share = clean(_by_colour(rgb, valid, whole) & valid, settings)
+    coarse = np.asarray(cv2.resize(cloth, valid.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    mask, others, share = clean(_by_colour(rgb, valid, coarse) & valid, settings)
     if not mask.any():
-        return nothing(valid.shape)
-    contour, clear = refine_boundary(mask, rgb, None)
-    return Segmentation(fill(contour, valid), contour, share * clear, others)
+        return empty_segmentation(valid.shape)
+    contour, clear_share = refine_boundary(mask, rgb, None)
+    return Segmentation(fill(contour, valid), contour, share * clear_share, others)
 
 
 def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
-    """Each pixel by the colours on both sides of a coarse boundary: a cut bridges what is narrower than its
-    pixels, such as the table between two legs. coarse: (H, W), 1 where the garment is."""
+    """Classify each pixel by the colours on both sides of a coarse boundary.
+
+    The cut misses gaps that are narrower than its pixels, such as the table between two legs.
+    coarse: (H, W), 1 where the garment is.
+    """
     image = log_colour(rgb) - np.log(fit_table(rgb, valid).astype(np.float32) + 8.0)
     noise = noise_scale(rgb)
     garment, table = eroded(coarse > 0.5, 4), eroded((coarse < 0.5) & valid, 4)
     if min(np.count_nonzero(garment), np.count_nonzero(table)) < 500:
         return coarse > 0.5
     odds = colour_likelihood(image, noise, garment) - colour_likelihood(image, noise, table)
-    return np.asarray(cv2.GaussianBlur(odds, (0, 0), 0.8) + _TRUST * (coarse - 0.5) > 0)
+    return np.asarray(cv2.GaussianBlur(odds, (0, 0), 0.8) + _CUT_WEIGHT * (coarse - 0.5) > 0)
 
 
-def _small(rgb: Image, valid: Mask) -> tuple[Image, Mask]:
-    scale = min(_SMALL / max(valid.shape), 1.0)
+def _reduced(rgb: Image, valid: Mask) -> tuple[Image, Mask]:
+    scale = min(_REDUCED_SIZE / max(valid.shape), 1.0)
     size = (max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8))
     inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), inside
 
 
-def _unlit(rgb: Image, inside: Mask) -> Image:
-    """Log luminance and chromaticities (h, w, 3) as bytes, the light's slope along the rim taken out."""
+def _light_corrected(rgb: Image, inside: Mask) -> Image:
+    """Log luminance and chromaticities (h, w, 3) as bytes, less the gradient of the light along the rim."""
     colour = opponent(log_colour(rgb) - np.log(fit_table(rgb, inside).astype(np.float32) + 8.0))
     return np.clip(128.0 + colour * np.array([60.0, 160.0, 160.0], np.float32), 0, 255).astype(np.uint8)
 
 
-def _strangeness(colour: Image, rim: Mask) -> Field:
-    """Distance (h, w) of each pixel's colour from the nearest of the rim's four, in standard deviations."""
+def _colour_distance(colour: Image, rim: Mask) -> Field:
+    """Distance (h, w) of each pixel's colour from the nearest of four rim colours, in standard deviations."""
     sample = colour[rim].astype(float)
     _, centres, covariances = cluster_colours(sample, 4)
     floor = np.diag([4.0, 3.0, 3.0]) ** 2

@@ -1,4 +1,4 @@
-"""What a segmentation is, and how a raw mask becomes one."""
+"""The result of a segmentation, and the clean-up of raw masks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from robots.ports import Array
 
 __all__ = [
-    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "eroded", "fill",
-    "nothing", "opened",
+    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "empty_segmentation",
+    "eroded", "fill",
+    "opened",
 ]  # fmt: skip
 
 Image = NDArray[np.uint8]
@@ -27,26 +28,26 @@ class SegmentationSettings:
     deepest_shadow: float = 1.0
     """A shadow may darken the table to exp(-1.0) = 37 %."""
     shadow_share: float = 0.05
-    """How much of the table may lie in shadow, before anything is known of a pixel."""
+    """Prior probability that a pixel of the table is in shadow."""
     surely_garment: float = 6.0
-    """Distance from every shade of the table, in standard deviations."""
+    """Distance from every shade of the table above which a pixel is certainly garment [standard deviations]."""
     dark_offset: float = 0.04
-    """What is darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
+    """A region darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
     shadow_rim: int = 13
-    """Cast shadows of a flat garment are narrower than this."""
+    """Cast shadows of a flat garment are narrower than this [px]."""
     garment_height: float = 0.0006
-    """Mean height over a dark region that tells cloth from shadow [m]."""
+    """Mean height of a dark region above which it is cloth, not shadow [m]."""
     smallest_area: int = 2500
-    """Smaller regions are no garment (1 dm2 at 2 mm a pixel)."""
+    """Smaller regions are not a garment [px^2]: 1 dm2 at 2 mm per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
     """mask: (H, W) bool. contour: (n, 2) sub-pixel (column, row), one per pixel of boundary, not closed.
 
-    confidence: 0..1, the share of the boundary where cloth and table could be told apart, times the share
-    of the foreground that this one region holds. An empty mask has confidence 0 and no contour.
-    others: (H, W) bool, what else lies there that is not the table, larger than a tenth of the smallest garment.
+    confidence: 0..1, the share of the boundary where cloth and table are distinguishable, times the region's share
+    of the foreground. An empty mask has confidence 0 and no contour.
+    others: (H, W) bool, other objects on the table that are larger than a tenth of the smallest garment.
     """
 
     mask: Mask
@@ -59,17 +60,18 @@ class Segmentation:
         return len(self.contour) > 0
 
 
-def nothing(shape: tuple[int, ...]) -> Segmentation:
+def empty_segmentation(shape: tuple[int, ...]) -> Segmentation:
+    """The result when no garment was found in a view of this shape (H, W)."""
     return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0, np.zeros(shape, bool))
 
 
 def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float]:
-    """The largest region, closed, opened and without holes; other large ones; its share of all the foreground."""
-    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    # Closed by no more than a pixel: the table between two legs is narrow.
-    work = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
-    work = cv2.morphologyEx(work, cv2.MORPH_OPEN, ball)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(work)
+    """The largest region, closed, opened and without holes; other large regions; its share of the foreground."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    # The closing is only a pixel wide, because the table between two legs is narrow.
+    cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
+    cleaned = cv2.morphologyEx(cleaned, cv2.MORPH_OPEN, kernel)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < settings.smallest_area:
         return np.zeros(mask.shape, bool), np.zeros(mask.shape, bool), 0.0
@@ -83,7 +85,7 @@ def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float
 
 def fill(contour: Array, valid: Mask) -> Mask:
     """The pixels whose centres lie within a sub-pixel contour."""
-    # Four times finer than the picture: fillPoly also paints every cell that the outline touches.
+    # Four times finer than the picture, because fillPoly also fills every cell that the outline touches.
     fine = np.zeros((4 * valid.shape[0], 4 * valid.shape[1]), np.uint8)
     cv2.fillPoly(fine, [np.round((contour + 0.5) * 4 * 16 - 8).astype(np.int32)], 255, shift=4)
     image = cv2.resize(fine, (valid.shape[1], valid.shape[0]), interpolation=cv2.INTER_AREA)
@@ -91,15 +93,15 @@ def fill(contour: Array, valid: Mask) -> Mask:
 
 
 def opened(mask: Mask, size: int) -> Mask:
-    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, ball) > 0
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
 
 
 def closed(mask: Mask, size: int) -> Mask:
-    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ball) > 0
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0
 
 
 def eroded(mask: Mask, reach: int) -> Mask:
-    ball = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    return cv2.erode(mask.astype(np.uint8), ball, borderValue=0) > 0
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.erode(mask.astype(np.uint8), kernel, borderValue=0) > 0

@@ -1,7 +1,7 @@
-"""Which pixels are garment: several methods on the rectified view, one result.
+"""Segmentation of the garment in the rectified view, by one of several methods.
 
-`reference` compares with a picture of the empty table, `plain` with a smooth table fitted to the view's rim;
-`grabcut` does not ask the table to be of one colour; `watershed` is the paper's.
+`reference` compares with a picture of the empty table, `plain` with a smooth table fitted to the view's rim.
+`grabcut` also works on a patterned table. `watershed` is the paper's method.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ METHODS = ("reference", "plain", "grabcut", "watershed")
 
 
 def methods(method: str, reference: bool) -> tuple[str, ...]:
-    """What to try, one after the other. reference: whether there is a picture of the empty table; without one
-    'reference' stands for 'plain' and, where that finds nothing usable, 'grabcut'."""
+    """The methods to try in turn. reference: whether there is a picture of the empty table. Without one,
+    'reference' means 'plain' and, if that fails, 'grabcut'."""
     return ("plain", "grabcut") if method == "reference" and not reference else (method,)
 
 
@@ -30,9 +30,11 @@ def segment(
     height: Field,
     settings: SegmentationSettings,
 ) -> Segmentation:
-    """The garment in rgb (H, W, 3), where valid (H, W). reference: the empty table in the same view; without one
-    'reference' is 'plain'. height: (H, W) [m] above the table, NaN where unknown. Raises ValueError for a method
-    that is none of `METHODS`."""
+    """Segment the garment in rgb (H, W, 3) where valid (H, W).
+
+    reference: picture of the empty table in the same view; without one, 'reference' means 'plain'. height: (H, W)
+    above the table [m], NaN where unknown. Raises ValueError for a method that is not in `METHODS`.
+    """
     if method == "watershed":
         return segment_watershed(rgb, valid, settings)
     if method == "grabcut":

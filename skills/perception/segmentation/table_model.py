@@ -1,4 +1,4 @@
-"""The bare table: how its light changed since it was photographed, or what it looks like where nobody did."""
+"""Model of the bare table: the change of light since its picture, or a picture fitted to the view's rim."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["fit_table", "light_change", "light_plane", "table_likelihood", "tabl
 
 
 def light_change(image: Field, table: Field, valid: Mask, height: Field | None = None) -> Field:
-    """How the light (or the exposure) changed since the reference: a plane per channel, (3, 3), see `light_plane`.
+    """Change of light or exposure since the reference: a plane per channel, (3, 3), see `light_plane`.
 
-    Fitted to the pixels that agree with the commonest change; the garment is an outlier, or is left out where
-    height (H, W) [m] above the table, NaN where unknown, tells that it covers much of the view.
+    It is fitted to the pixels near the most frequent change. The garment is an outlier. If it covers much of the
+    view according to height (H, W) above the table [m], NaN where unknown, its pixels are excluded.
     """
     rows, columns = valid.shape
     r, c = np.mgrid[0:rows:6, 0:columns:6]
@@ -39,24 +39,24 @@ def light_change(image: Field, table: Field, valid: Mask, height: Field | None =
 
 
 def _mode(values: Array) -> float:
-    """The commonest value, from a smoothed histogram 0.02 wide."""
+    """The most frequent value, from a smoothed histogram with bins of 0.02."""
     edges = np.arange(-2.0, 2.02, 0.02)
     counts, _ = np.histogram(np.clip(values, -1.99, 1.99), edges)
     best = int(np.argmax(np.convolve(counts, np.ones(5), mode="same")))
-    near = values[np.abs(values - (edges[best] + 0.01)) < 0.05]
-    return float(np.median(near)) if len(near) else 0.0
+    near_mode = values[np.abs(values - (edges[best] + 0.01)) < 0.05]
+    return float(np.median(near_mode)) if len(near_mode) else 0.0
 
 
 def light_plane(plane: Field, shape: tuple[int, ...], where: tuple[slice, slice]) -> Field:
-    """A plane per channel (value in the middle, slopes down and right) in a part of the view: (h, w, 3)."""
+    """A plane per channel (central value, slopes down and right) evaluated in a part of the view: (h, w, 3)."""
     rows, columns = shape
-    along = (np.arange(rows) / rows - 0.5).astype(np.float32)[where[0], None, None]
-    across = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, where[1], None]
-    return np.asarray((plane[0] + along * plane[1]) + across * plane[2], dtype=np.float32)
+    row_offset = (np.arange(rows) / rows - 0.5).astype(np.float32)[where[0], None, None]
+    column_offset = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, where[1], None]
+    return np.asarray((plane[0] + row_offset * plane[1]) + column_offset * plane[2], dtype=np.float32)
 
 
 def fit_table(rgb: Image, valid: Mask) -> Image:
-    """A table picture guessed from the rim of the view: a plane in log colour, outliers left out."""
+    """A picture of the table (H, W, 3) from a plane in log colour, fitted robustly to the rim of the view."""
     rows, columns = valid.shape
     inner = cv2.erode(valid.astype(np.uint8), np.ones((41, 41), np.uint8), borderValue=0) > 0
     rim = valid & ~inner
@@ -71,14 +71,14 @@ def fit_table(rgb: Image, valid: Mask) -> Image:
         plane = np.linalg.lstsq(basis[keep], d[keep], rcond=None)[0]
         residual = np.abs(d - basis @ plane).max(axis=1)
         keep = residual <= max(2.0 * float(np.median(residual)), 1e-3)
-    along = (np.arange(rows) / rows - 0.5)[:, None, None]
-    across = (np.arange(columns) / columns - 0.5)[None, :, None]
-    table = np.exp(plane[0] + along * plane[1] + across * plane[2]) - 8.0
+    row_offset = (np.arange(rows) / rows - 0.5)[:, None, None]
+    column_offset = (np.arange(columns) / columns - 0.5)[None, :, None]
+    table = np.exp(plane[0] + row_offset * plane[1] + column_offset * plane[2]) - 8.0
     return np.clip(table, 0, 255).astype(np.uint8)
 
 
 def table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, float]:
-    """Standard deviations of the bare table's log luminance and log chromaticity, over the noise scale."""
+    """Standard deviations of the bare table's log luminance and log chromaticity, relative to the noise scale."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
     chroma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006)
@@ -94,7 +94,7 @@ def _spread(values: Field, noise: Field, where: Mask) -> float:
 def table_likelihood(
     difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
 ) -> Field:
-    """Log density of each pixel's colour as lit table, or as table in a shadow of any depth."""
+    """Log density (H, W) of each pixel's colour as lit table or as table in a shadow of any depth."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
     lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)

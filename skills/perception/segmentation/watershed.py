@@ -1,4 +1,4 @@
-"""The paper's segmentation: corners are background, the centre is foreground (Vincent and Soille 1991)."""
+"""The paper's segmentation by watershed (Vincent and Soille 1991)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from skills.perception.segmentation.mask import (
     Segmentation,
     SegmentationSettings,
     clean,
+    empty_segmentation,
     fill,
-    nothing,
 )
 
 __all__ = ["segment_watershed"]
 
 
 def segment_watershed(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
-    """The paper's: watershed from the four corners (background) and the centre (foreground)."""
+    """Segment rgb (H, W, 3) where valid (H, W). The four corners are background, the centre is garment."""
     settings = settings or SegmentationSettings()
     rows, columns = np.nonzero(valid)
     top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
@@ -35,6 +35,6 @@ def segment_watershed(rgb: Image, valid: Mask, settings: SegmentationSettings | 
     labels = cv2.watershed(np.ascontiguousarray(cv2.medianBlur(rgb, 5)), markers)
     mask, others, share = clean(labels == 2, settings)
     if not mask.any():
-        return nothing(valid.shape)
-    contour, clear = refine_boundary(mask, rgb, None)
-    return Segmentation(fill(contour, valid), contour, share * clear, others)
+        return empty_segmentation(valid.shape)
+    contour, clear_share = refine_boundary(mask, rgb, None)
+    return Segmentation(fill(contour, valid), contour, share * clear_share, others)

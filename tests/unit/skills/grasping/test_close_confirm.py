@@ -21,7 +21,7 @@ NOMINAL = 0.0025
 N = 200
 
 
-def zero_of(hand: SensedHand) -> TactileBias:
+def bias_of(hand: SensedHand) -> TactileBias:
     state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
         state = tare(hand.read(), state)
@@ -29,7 +29,7 @@ def zero_of(hand: SensedHand) -> TactileBias:
 
 
 def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], TactileBias]:
-    pads = zero_of(hand)
+    pads = bias_of(hand)
     state: CloseState | Outcome[Closed] = start_close(SETTINGS, pads, hand.read())
     while not isinstance(state, Outcome):
         command, state = close(hand.read(), state)
@@ -50,7 +50,7 @@ def grasp(seed: int, scale: float, layers: int, thickness: float = NOMINAL) -> t
     """A hand closed on `layers` of cloth, each within 10 % of the nominal thickness, at some force."""
     rng = np.random.default_rng([seed, 99])
     hand = SensedHand(seed, scale)
-    pads = zero_of(hand)
+    pads = bias_of(hand)
     hand.opening = layers * thickness * rng.uniform(0.9, 1.1)
     hand.pads = rng.uniform(8.0, 20.0) * np.array([1.0, 1.02])
     return hand, pads
@@ -72,7 +72,7 @@ def test_pads_close_until_they_press_or_rest(scale: float, thickness: float) -> 
 def test_pads_that_never_feel_force_end_by_standing_still() -> None:
     hand = ClosingHand(1, thickness=0.0)
     hand.drive_force = 0.0
-    pads = zero_of(hand)
+    pads = bias_of(hand)
     state: CloseState | Outcome[Closed] = start_close(SETTINGS, pads, hand.read())
     while not isinstance(state, Outcome):
         command, state = close(hand.read(), state)
@@ -132,7 +132,7 @@ def test_a_hand_that_feels_no_force_holds_nothing(scale: float) -> None:
     """Pads held apart by something else than cloth between them (a jammed spindle): no force, no grasp."""
     for seed in range(50):
         hand = SensedHand(seed, scale)
-        pads = zero_of(hand)
+        pads = bias_of(hand)
         hand.opening = NOMINAL
         assert confirm_on(hand, pads).failure is not None
         hand.pads = np.array([5.0, 0.0])  # one pad only

@@ -21,7 +21,7 @@ GOAL = DescentGoal(contact=0.0, bottom=-0.008, through=TOP)
 SEEDS = range(60)
 
 
-def zero_of(hand: SensedHand) -> TactileBias:
+def bias_of(hand: SensedHand) -> TactileBias:
     state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
         state = tare(hand.read(), state)
@@ -30,7 +30,7 @@ def zero_of(hand: SensedHand) -> TactileBias:
 
 def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0) -> tuple[Outcome[Contact], float]:
     """Run a descent; the outcome and how long it took."""
-    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, goal, zero_of(hand), hand.read())
+    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, goal, bias_of(hand), hand.read())
     begun = hand.now
     while not isinstance(state, Outcome):
         assert hand.now - begun < seconds, "the descent does not end"
@@ -126,7 +126,7 @@ def test_the_stop_height_ends_it_well_without_a_touch() -> None:
 
 def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
     hand = DescendingHand(3, top=TOP)
-    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())
     heights, commands = [], []
     while not isinstance(state, Outcome):
         command, state = descend(hand.read(), state)
@@ -144,7 +144,7 @@ def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:
     """A stalled arm: the command stays within the lead, and the descent ends; so it does just over the bound."""
     for height, kind in ((0.05, FailureKind.TRACKING_ERROR), (GOAL.bottom + 0.002, FailureKind.NO_CONTACT)):
         hand = DescendingHand(1)
-        state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+        state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())
         hand.height = height
         for _ in range(1500):
             if isinstance(state, Outcome):
@@ -157,7 +157,7 @@ def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:
 
 def test_a_repeated_reading_holds_the_descent_and_is_not_counted() -> None:
     hand = DescendingHand(1)
-    state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    state = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())
     hand.tip = np.array([5.0, 5.0])
     reading = hand.read()
     command, state = descend(reading, state)
@@ -170,7 +170,7 @@ def test_a_repeated_reading_holds_the_descent_and_is_not_counted() -> None:
 
 def test_stale_or_invalid_readings_end_the_descent() -> None:
     hand = DescendingHand(1)
-    state = start_descent(SETTINGS, GOAL, zero_of(hand), hand.read())
+    state = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())
     late = replace(hand.read(), stamp=hand.now + 0.2)
     command, end = descend(late, state)
     assert isinstance(end, Outcome) and end.failure is not None

@@ -20,7 +20,7 @@ from skills.grasping.tare import TactileBias
 from skills.vocabulary import Outcome
 
 S = GraspSettings()
-ZERO = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
+BIAS = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
 
 
 def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening: float = 0.0025) -> HandReading:
@@ -103,7 +103,7 @@ def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
     """Of a grasp that was confirmed with 10 N and 4 mm of cloth: the shares that are left after the lift."""
     settings = replace(S, empty_opening=empty)
     held = Held(9.0, 10.0, empty + 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
-    state = start_lift_check(settings, ZERO, held)
+    state = start_lift_check(settings, BIAS, held)
     for k in range(100):
         weak = 10.0 * force
         after = check_lift(reading(10.0 + 0.01 * k, (weak, 2.0 * weak), empty + 0.004 * opening), state)
@@ -137,7 +137,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
     of: str, swing: float, mean: float, kept: bool
 ) -> None:
     held = Held(9.0, 10.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
-    state: Any = start_lift_check(S, ZERO, held)
+    state: Any = start_lift_check(S, BIAS, held)
     for k in range(S.confirm_readings):
         share = mean + swing * (k % 3 - 1)
         force, opening = (share, 1.0) if of == "force" else (1.0, share)
@@ -146,7 +146,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
 
 
 def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
-    state = check_stuck(reading(), start_stuck_check(S, ZERO))
+    state = check_stuck(reading(), start_stuck_check(S, BIAS))
     for k in range(2 * S.stuck_readings):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)
         assert not isinstance(state, Outcome)
@@ -159,15 +159,15 @@ def test_the_drift_allowance_grows_for_half_a_period() -> None:
     for t in (0.0, 10.0, 30.0, 60.0, 90.0, 1e4):
         wander = 2.0 * S.drift_ratio * np.sin(np.pi * min(t / S.drift_time, 0.5))
         bound = S.stuck_sigmas * 0.01 * np.sqrt(12.0) * np.hypot(white, wander)
-        assert residual_bound(ZERO, t, settings) == pytest.approx(bound)
-    assert residual_bound(replace(ZERO, cell_noise=0.0), 60.0, S) == S.stuck_force
+        assert residual_bound(BIAS, t, settings) == pytest.approx(bound)
+    assert residual_bound(replace(BIAS, cell_noise=0.0), 60.0, S) == S.stuck_force
 
 
 @pytest.mark.parametrize("pad", [0, 1])
 @pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
 def test_cloth_on_either_pad_counts_from_the_bound_on(pad: int, share: float, stuck: bool) -> None:
-    state = start_stuck_check(S, ZERO)
-    weight = share * residual_bound(ZERO, 10.0 + 0.01 * (S.stuck_readings - 1), S)
+    state = start_stuck_check(S, BIAS)
+    weight = share * residual_bound(BIAS, 10.0 + 0.01 * (S.stuck_readings - 1), S)
     for k in range(S.stuck_readings):
         pads = (weight, -1.0) if pad == 0 else (-1.0, weight)
         after = check_stuck(reading(10.0 + 0.01 * k, pads), state)

@@ -28,7 +28,7 @@ Event = Callable[[SensedHand, float], None]
 """What becomes of the hand `t` seconds into the fold."""
 
 
-def zero_of(hand: SensedHand) -> TactileBias:
+def bias_of(hand: SensedHand) -> TactileBias:
     state = start_tare(SETTINGS)
     while not isinstance(state, Outcome):
         state = tare(hand.read(), state)
@@ -43,7 +43,7 @@ def start(
     settings: GraspSettings = SETTINGS,
 ) -> tuple[SensedHand, SlipWatch]:
     hand = SensedHand(seed, scale)
-    pads = zero_of(hand)
+    pads = bias_of(hand)
     hand.pads, hand.opening = np.array([force, 1.03 * force]), settings.empty_opening + thickness
     count = LayerCount((0.0, 1.0), 1.0, 0.1)
     return hand, start_slip_watch(settings, pads, Held(hand.now, force, hand.opening, count))
@@ -201,7 +201,7 @@ def test_a_grip_that_was_half_lost_does_not_become_the_usual_one() -> None:
 @pytest.mark.parametrize(("kind", "by"), [("open", "grip"), ("closed", "opening")])
 @pytest.mark.parametrize("empty", [0.0, 0.004, -0.001])
 def test_the_signal_that_detected_a_loss_is_named(kind: str, by: str, empty: float) -> None:
-    """Pads whose zero is not calibrated read `empty` with nothing between them."""
+    """Pads whose opening is not calibrated read `empty` with nothing between them."""
     settings = replace(SETTINGS, empty_opening=empty)
     for seed in range(10):
         hand, watch = start(seed, 1.0, settings=settings)
@@ -352,11 +352,11 @@ def stuck_check(hand: SensedHand, pads: TactileBias) -> Outcome[Clear]:
 
 @pytest.mark.parametrize(("scale", "most"), [(1.0, 2), (2.0, 4)])
 def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> None:
-    """40 s after the zero, drift included: at most 0.5 % false alarms of 400 (1 % at twice the noise)."""
+    """40 s after the tare, drift included: at most 0.5 % false alarms of 400 (1 % at twice the noise)."""
     alarms = 0
     for seed in range(400):
         hand = SensedHand(seed, scale)
-        pads = zero_of(hand)
+        pads = bias_of(hand)
         hand.wait(40.0)
         alarms += not stuck_check(hand, pads).ok
     assert alarms <= most
@@ -365,11 +365,11 @@ def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> N
 @pytest.mark.parametrize(("scale", "weight"), [(1.0, 0.6), (2.0, 1.2)])
 @pytest.mark.parametrize("pad", [0, 1])
 def test_cloth_on_one_finger_is_detected(scale: float, weight: float, pad: int) -> None:
-    """20 s after the zero, in all but 1 % of 200. The drift since then sets the least weight that is felt."""
+    """20 s after the tare, in all but 1 % of 200. The drift since then sets the least weight that is felt."""
     found = 0
     for seed in range(N):
         hand = SensedHand(seed, scale)
-        pads = zero_of(hand)
+        pads = bias_of(hand)
         hand.wait(20.0)
         hand.pads = np.where(np.arange(2) == pad, weight, 0.0)
         end = stuck_check(hand, pads)

@@ -1,4 +1,4 @@
-"""The pads' zero and the checks that every reading goes through."""
+"""The tare of the pads, and the validation of every reading."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
         assert found.stamp < hand.now
 
 
-def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> TactileBias:
+def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> TactileBias:
     """leaps: number of the reading -> (cell, by how much [N]). tip: by how much tip 0 leaps with it."""
     state = start_tare(SETTINGS)
     for k in range(10 * SETTINGS.zero_readings):
@@ -46,7 +46,7 @@ def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
         state = tare(reading, state)
         if isinstance(state, Outcome):
             return state.unwrap()
-    raise AssertionError("no zero")
+    raise AssertionError("the tare did not end")
 
 
 @pytest.mark.parametrize("by", [-3.0, 1.0, 8.0])
@@ -54,22 +54,22 @@ def zero_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
 def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> None:
     for seed in range(10):
         hand = SensedHand(seed)
-        found = zero_with(hand, dict.fromkeys(when, ((1, 2, 0), by)), tip=by)
+        found = bias_with(hand, dict.fromkeys(when, ((1, 2, 0), by)), tip=by)
         assert found.cell_noise == pytest.approx(CELL_NOISE, rel=0.3)
         np.testing.assert_allclose(found.cells, hand.drift, atol=6 * CELL_NOISE / np.sqrt(12))
         assert np.abs(found.tip).max() < 6 * TIP_NOISE / np.sqrt(12)
 
 
 def test_cells_that_never_rest_are_taken_as_they_are() -> None:
-    """One cell that raves: the zero is told to be that noisy, and comes to its end."""
+    """One cell is very noisy: the tare ends, and its noise estimate is large."""
     leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
-    assert zero_with(SensedHand(0), leaps).cell_noise > 0.3
+    assert bias_with(SensedHand(0), leaps).cell_noise > 0.3
 
 
-def test_calm_cells_have_the_zero_of_their_first_readings() -> None:
+def test_without_outliers_the_bias_is_the_mean_of_the_first_readings() -> None:
     hand, again = SensedHand(1, 2.0), SensedHand(1, 2.0)
     readings = [again.read() for _ in range(SETTINGS.zero_readings)]
-    np.testing.assert_array_equal(zero_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
+    np.testing.assert_array_equal(bias_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
 
 
 def test_the_same_reading_twice_counts_once() -> None:

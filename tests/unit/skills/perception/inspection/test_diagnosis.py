@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose, told_by_height
+from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.result import InspectionSettings
 from skills.vocabulary import FoldLine, FoldStep, GraspId
@@ -128,7 +128,7 @@ def test_a_pile_is_diagnosed_by_height_and_not_by_outline():
         (K.SAG, 0.03, False), (K.DROPPED_CORNER, 0.03, False), (K.OFF_TARGET, 0.0, False), (K.DRIFT, 0.0, False),
         (K.MISSED_LAYER, 0.0, False), (None, 0.0, False),
     ):  # fmt: skip
-        assert told_by_height(inspection(diagnosis=kind, edge_deviation_m=outline), S) is told
+        assert diagnosed_by_height(inspection(diagnosis=kind, edge_deviation_m=outline), S) is told
 
 
 def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
@@ -160,7 +160,7 @@ def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
 @pytest.mark.parametrize(
     ("figures", "named"),
     [
-        ({"piled_area_m2": 0.0030}, "30 cm2 stand more than 15 mm too high (at most 12 cm2)"),
+        ({"piled_area_m2": 0.0030}, "30 cm2 are more than 15 mm too high (at most 12 cm2)"),
         ({"drift_m": 0.045}, "it lies 45 mm off as a whole (at most 30 mm)"),
         ({"drift_rad": -np.deg2rad(9.0)}, "turned by 9 degrees (at most 6)"),
         ({"edge": edge(corner=0.040)}, "a corner of the moved edge lies 40 mm behind the rest of it"),

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.inspection.high_places import EDGE, Standing, standing
+from skills.perception.inspection.high_places import EDGE, HighPlaces, find_high_places
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera
@@ -37,8 +37,8 @@ def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.n
     return height, mask
 
 
-def looked_at(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> Standing:
-    return standing(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
+def looked_at(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> HighPlaces:
+    return find_high_places(height, mask, VIEW, sheet(layers), THICKNESS, 0.007)
 
 
 def found(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +102,7 @@ def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
     height, mask = seen([])
     flat = sheet(4)
     half = PredictedShape(flat.vertices * (1.0, 0.5, 1.0), flat.triangles, flat.material)
-    assert len(standing(height, mask, VIEW, half, THICKNESS, 0.007).places) == 0
+    assert len(find_high_places(height, mask, VIEW, half, THICKNESS, 0.007).places) == 0
 
 
 def test_places_clear_of_the_edges_are_well_inside_them() -> None:
@@ -171,7 +171,9 @@ def test_room_for_fingers_is_corrected_for_parallax(x: float, thickness: float) 
     there = VIEW.to_table(np.dstack([columns, rows]), thickness)
     mask = np.all((there > low) & (there < high), axis=2)
     shape = PredictedShape(flat, np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
-    inside = standing(np.where(mask, np.float32(thickness), 0.0), mask, VIEW, shape, thickness, 0.007).inside
+    inside = find_high_places(
+        np.where(mask, np.float32(thickness), 0.0), mask, VIEW, shape, thickness, 0.007
+    ).inside
     for corner, inwards in ((low, 1.0), (high, -1.0)):
         for axis in np.eye(2):
             edge = np.where(axis > 0, corner, 0.5 * (low + high))
