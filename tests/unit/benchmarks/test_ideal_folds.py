@@ -1,4 +1,4 @@
-"""Folds made without grippers, the yardstick of the optimiser: what a fabric can do, and nothing else."""
+"""Ideal folds without grippers, the reference of the optimiser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fingers' figures and thresholds from readings of known noise and drift."""
+"""Tactile noise, drift and thresholds from readings of known noise and drift."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands as a user meets them: names, exit codes, messages, the last JSON line; the run itself is faked."""
+"""The command line: names, exit codes, messages and the last JSON line. The run itself is faked."""
 
 import errno
 import io

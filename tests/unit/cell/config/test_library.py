@@ -1,4 +1,4 @@
-"""The library's files: whole or not at all, the user's before the shipped, nothing broken used or lost."""
+"""Library files: written completely or not at all, user entries before shipped ones, damage contained."""
 
 from __future__ import annotations
 

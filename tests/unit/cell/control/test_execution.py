@@ -1,4 +1,4 @@
-"""Streaming: the arms get what was planned, and every way of going wrong ends in a typed failure."""
+"""Streaming a motion: the arms get the planned set-points, and every fault ends in a typed failure."""
 
 from __future__ import annotations
 

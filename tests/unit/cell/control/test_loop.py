@@ -1,4 +1,4 @@
-"""The control loop: every kind of motion is judged by the same rules, on every tick, by the loop alone."""
+"""The control loop applies the same rules on every tick to every kind of motion."""
 
 from __future__ import annotations
 

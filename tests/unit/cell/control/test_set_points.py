@@ -1,4 +1,4 @@
-"""Where one motion ends the next begins: set-points never jump by what the arms' reading is off."""
+"""Transitions between motions: set-points never jump by the offset of the arms' reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The beat of what commands the arms."""
+"""The clock of the control loop."""
 
 from __future__ import annotations
 

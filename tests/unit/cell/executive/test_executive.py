@@ -1,4 +1,4 @@
-"""The table of states, walked: what must hold for any table that runs a robot cell."""
+"""Invariants of the transition table and the recovery table."""
 
 from __future__ import annotations
 

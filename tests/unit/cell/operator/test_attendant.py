@@ -1,4 +1,4 @@
-"""The person at a real cell: asked, waited for, and not for ever."""
+"""The person at a real cell: questions, waiting, and the ends of waiting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whoever moves a cell owns it, and leaves the journal in a declared state."""
+"""The owner of a cell, and the journal it leaves."""
 
 from __future__ import annotations
 

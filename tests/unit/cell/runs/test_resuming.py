@@ -1,4 +1,4 @@
-"""Where an interrupted run is entered again, and which runs cannot be gone on with."""
+"""Resuming an interrupted run: the state it enters, and runs that cannot be resumed."""
 
 from __future__ import annotations
 

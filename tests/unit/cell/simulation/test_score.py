@@ -1,4 +1,4 @@
-"""The scorer against exact folds, independent rasters, and each failure that it has to see."""
+"""The scorer against exact folds, independent rasters, and each kind of failure."""
 
 from __future__ import annotations
 

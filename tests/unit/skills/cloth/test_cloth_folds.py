@@ -1,4 +1,4 @@
-"""Pinch, folds and what is left of them: no crossings, at rest, near the target."""
+"""Pinches and folds: no crossings, at rest, near the target."""
 
 import numpy as np
 import pytest

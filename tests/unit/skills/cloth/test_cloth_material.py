@@ -1,4 +1,4 @@
-"""Material and friction by the lab's own tests: cantilever, layers on a tilted table, stretch that can be had."""
+"""Material and friction against the lab tests: cantilever, layers on a tilted table, stretch."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Neighbours in a mesh against plain counting, and what simulations of one mesh may share."""
+"""Neighbours in a mesh against plain counting, and arrays shared between simulations."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Closing, confirming and lifting: what is held, how much of it, and how often that is told wrongly."""
+"""Closing, confirming and lifting: held cloth, layer counts, and error rates."""
 
 from __future__ import annotations
 

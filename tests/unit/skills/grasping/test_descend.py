@@ -1,4 +1,4 @@
-"""The guarded descent: where it stops, how hard it touches, and what it refuses to take for a garment."""
+"""The guarded descent: where it stops, its force, and objects that are not the garment."""
 
 from __future__ import annotations
 

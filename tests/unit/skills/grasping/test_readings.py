@@ -1,4 +1,4 @@
-"""What can be acted on, and the closed forms that readings are judged by."""
+"""Usable readings, and the closed forms that judge them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slip through the fold, letting go, and cloth that clings: how fast, how surely, how often in vain."""
+"""Slip detection, release, and clinging cloth: delays and error rates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pads' zero and the checks that every reading goes through."""
+"""Tare of the pads, and the checks of every reading."""
 
 from __future__ import annotations
 

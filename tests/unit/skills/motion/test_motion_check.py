@@ -1,4 +1,4 @@
-"""The last check before anything is sent: every way a trajectory can be wrong has to be named."""
+"""Validation of a trajectory: every kind of error is named."""
 
 from __future__ import annotations
 

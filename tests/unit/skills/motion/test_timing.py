@@ -1,4 +1,4 @@
-"""Time laws: within every limit as the arms will see them, on the path, and not much slower than they need."""
+"""Time laws: within every limit, on the path, and near the shortest time."""
 
 from __future__ import annotations
 

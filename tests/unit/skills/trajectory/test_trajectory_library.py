@@ -1,4 +1,4 @@
-"""The library keeps what was optimised, scales it, and trusts nothing that was touched."""
+"""The trajectory library keeps, scales and verifies its entries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is tried after a failure, and what an operator can say: bounds, dwell, waiting that is not charged."""
+"""The choice after a failure, and questions to the operator: limits, dwell, time that is not charged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What follows from a look at a fold: on to the next one, an end, or a failure with its name."""
+"""The result of an inspection: the next fold, the end of the run, or a typed failure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The effects that end a run: what could not be made safe says why, and a stop leaves by its own way."""
+"""Preparing, parking and making the cell safe."""
 
 from __future__ import annotations
 

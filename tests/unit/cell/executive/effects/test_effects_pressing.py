@@ -1,4 +1,4 @@
-"""When a fold is pressed, and how a pressing hand is guarded."""
+"""When a fold is pressed, and how the pressing hand is monitored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's page in a browser, where there is one: what can be pressed when nothing is heard any more."""
+"""The operator's page in a browser: stop without a link, and fixed places of the buttons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and what is said where they are not."""
+"""Atomic writing of files, and its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worker processes end with the one that made them, however it ends."""
+"""Worker processes end with their parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cell's time: this machine's own, or that of a simulated robot."""
+"""The cell's time: this machine's clock, or that of a simulated robot."""
 
 from __future__ import annotations
 

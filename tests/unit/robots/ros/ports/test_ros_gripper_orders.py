@@ -1,4 +1,4 @@
-"""What becomes of a gripper's orders, in whatever sequence they are given: without a network or a clock."""
+"""Gripper orders in any sequence, without a network or a clock."""
 
 from __future__ import annotations
 

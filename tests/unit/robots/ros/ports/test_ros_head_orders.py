@@ -1,4 +1,4 @@
-"""When the head is told where to turn, and when no longer: without a network or a clock."""
+"""When the head is commanded to turn, without a network or a clock."""
 
 from __future__ import annotations
 

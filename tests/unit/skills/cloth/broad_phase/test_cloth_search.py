@@ -1,4 +1,4 @@
-"""The search for pairs against every pair."""
+"""The broad phase against a search over all pairs."""
 
 import numpy as np
 import pytest

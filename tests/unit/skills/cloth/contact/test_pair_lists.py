@@ -1,4 +1,4 @@
-"""What the lists of pairs hold after a search: the new pairs of stale patches and the old ones of the others."""
+"""Pair lists after a search: new pairs of stale clusters, old pairs of the others."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which edges can touch edges: those of sheets that are bent, and those at their rims."""
+"""Edges that can touch edges: those of bent sheets and those at rims."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sweeps over contacts: where they lead to, against least distance programming, and when they are enough."""
+"""Sweeps over contacts against least-distance programming, and their stopping rule."""
 
 import numpy as np
 import pytest

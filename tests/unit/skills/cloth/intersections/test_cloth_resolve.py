@@ -1,4 +1,4 @@
-"""Crossings that no contact undoes, since every pair remembers the side on which it found itself."""
+"""Resolving intersections that contacts alone do not undo."""
 
 from dataclasses import replace
 from itertools import product

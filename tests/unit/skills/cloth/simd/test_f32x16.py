@@ -1,4 +1,4 @@
-"""Sixteen numbers in a register against numpy, and corners against sets."""
+"""Sixteen single-precision lanes against numpy, and corners against sets."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Numbers of four edges in a register against numpy."""
+"""Four double-precision lanes against numpy."""
 
 import numpy as np
 import pytest

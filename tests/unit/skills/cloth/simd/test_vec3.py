@@ -1,4 +1,4 @@
-"""Vectors in registers against numpy."""
+"""Vectors in SIMD lanes against numpy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The verdict on a fold, from its figures alone: each limit, which defect is named, and how sure that is."""
+"""The verdict on a fold from its figures: limits, named defect, confidence."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What stands above a flat stack is found where it stands, though the camera looks at it aslant."""
+"""High places on a flat stack are located despite the oblique view."""
 
 from __future__ import annotations
 

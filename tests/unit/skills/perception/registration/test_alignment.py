@@ -1,4 +1,4 @@
-"""Two outlines of one shape: the motion between them is the one that was made, and what differs is found there."""
+"""Alignment of two outlines of one shape, and their largest deviation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a garment's body lies, though its sleeves are turned and its blunt corners hardly show."""
+"""The pose of a garment's body with turned sleeves and blunt corners."""
 
 import numpy as np
 import pytest
