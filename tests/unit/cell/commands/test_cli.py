@@ -76,7 +76,7 @@ class Result:
 
 
 class FakeRun:
-    """Stands in for cell.runs.fold_run: keeps what was asked, answers what it is told to, or raises it."""
+    """Replaces cell.runs.fold_run: records the requests and returns or raises the given answer."""
 
     def __init__(self) -> None:
         self.requests: list[Request] = []

@@ -43,7 +43,7 @@ def still(work: Workcell, control: Any) -> Outcome[Any]:
 
 
 def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outcome[Any]:
-    """The left hand at work while the arms go where they are told."""
+    """The left hand works while the arms follow their commands."""
     return work.loop.run(
         lambda start: control_hands(work.hands, work.last_command, start, {Side.LEFT: None}, control, arms)
     )

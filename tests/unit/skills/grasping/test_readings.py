@@ -72,7 +72,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
 
 
 def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
-    """What it said before the order is no answer to it."""
+    """A state from before the command is no answer to it."""
     before = reading(opening=0.030)
     state: ReleaseState | Outcome = start_release(S, 0.030, before)
     for k in range(5):

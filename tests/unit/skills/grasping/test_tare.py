@@ -61,7 +61,7 @@ def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> N
 
 
 def test_cells_that_never_rest_are_taken_as_they_are() -> None:
-    """One cell that raves: the zero is told to be that noisy, and comes to its end."""
+    """One erratic cell: tare ends and returns the high noise."""
     leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
     assert zero_with(SensedHand(0), leaps).cell_noise > 0.3
 

@@ -206,7 +206,7 @@ def test_a_wish_that_is_too_fast_in_one_place_is_slowed_there():
 
 @pytest.mark.parametrize("kind", ["free", "path", "wish", "softened", "stop"])
 def test_accelerations_and_velocities_are_the_derivatives_of_what_is_before_them(kind):
-    """Both are told to the arms. Between samples 10 ms apart the jerk's limit bounds what a difference misses."""
+    """Both are sent to the arms. Between samples 10 ms apart the jerk limit bounds the error of a difference."""
     rng = np.random.default_rng(11)
     path = wavy(rng, size=0.5)
     if kind == "free":

@@ -95,7 +95,7 @@ Page = Callable[[Sequence[RunStatus], str], "Queue[str]"]
 
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
-    """Opens the page in a browser: what it says to a program that tells these boards, and then hangs."""
+    """Opens the page in a browser: its messages to a program that sends these statuses and then hangs."""
     with ExitStack() as closing:
 
         def opened(boards: Sequence[RunStatus], script: str) -> Queue[str]:

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
 
 
 class Told:
-    """A clock of a topic, and who tells it."""
+    """A clock that reads a topic, and its publisher."""
 
     def __init__(self, node: Node) -> None:
         m = load_messages()

@@ -273,7 +273,7 @@ def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
 def test_contacts_are_not_used_beyond_the_horizon_of_their_pairs(phase, pace):
-    """A patch of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
+    """A cluster of one vertex on its predicted path is searched again at the last possible time."""
     x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
     base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
     one, none = np.zeros(1, np.int32), np.zeros(1, bool)

@@ -159,7 +159,7 @@ def looked_at(after, before, step=STEP, motion=STILL, **shape):
 
 @pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
 def test_an_edge_too_far_out_or_in_is_measured(lag):
-    """To the 2 mm in which places are told."""
+    """To the resolution of 2 mm of reported places."""
     seen = looked_at(*towel(lag))
     assert np.abs(seen.lag - lag).max() < 0.0045
     assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005

@@ -70,7 +70,7 @@ def test_heights_at_the_rim_do_not_count(width: int) -> None:
 
 
 def test_unseen_pixels_do_not_count() -> None:
-    """Every other pixel of a bump is dark: of the mean over its neighbours nothing is told there."""
+    """Every other pixel of a bump has no depth and is left out of the mean over neighbours."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     whole = found(height, mask)[0]
     height[::2, ::2] = height[1::2, 1::2] = np.nan
@@ -98,7 +98,7 @@ def test_only_what_is_more_than_the_plans_layers_counts() -> None:
 
 
 def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
-    """Cloth that lies where the plan has none is a matter of the outline: nobody knows how many layers it has."""
+    """Cloth outside the planned shape is judged by the outline, because its number of layers is unknown."""
     height, mask = seen([])
     flat = sheet(4)
     half = PredictedShape(flat.vertices * (1.0, 0.5, 1.0), flat.triangles, flat.material)
