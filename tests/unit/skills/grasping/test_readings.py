@@ -34,7 +34,7 @@ def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening
     )
 
 
-def test_a_whole_and_fresh_reading_can_be_acted_on() -> None:
+def test_a_complete_and_fresh_reading_is_usable() -> None:
     assert fault(reading(), S) is None
 
 

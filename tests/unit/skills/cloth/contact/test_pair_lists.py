@@ -20,7 +20,7 @@ def drawn(rng, firsts, seconds, n):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_pairs_of_stale_patches_give_way_to_the_new_ones(seed):
+def test_pairs_of_stale_patches_are_replaced_and_others_kept(seed):
     """Both lists against sets, also such that are full in the end: no pair is lost or doubled, and what was known
     of a pair goes with it."""
     rng = np.random.default_rng(seed)

@@ -251,7 +251,7 @@ WRONG = [np.zeros((8, 4), np.float32), np.zeros((4, 8)).T, np.zeros(32), np.zero
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_other_arrays_are_refused(wrong):
+def test_arrays_of_another_type_or_layout_are_refused(wrong):
     """Otherwise their memory would be misread or overrun."""
     x, members, block = rows(8), np.zeros((8, 4), np.uint32), blocks(1, 1)
     order = np.zeros((1, EIGHT), np.uint32)

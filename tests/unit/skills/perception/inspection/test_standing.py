@@ -90,14 +90,14 @@ def test_a_hole_in_the_depth_does_not_change_the_edges(hole: int) -> None:
     assert not inside(np.array([0.60, 0.25 - EDGE + 0.005]))
 
 
-def test_only_what_is_more_than_the_plans_layers_counts() -> None:
+def test_only_heights_above_the_planned_layers_count() -> None:
     for layers in (2, 4, 6):
         assert len(found(*seen([], layers), layers)[0]) == 0
     places, above = found(*seen([], 6), 2)
     assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
 
 
-def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
+def test_cloth_outside_the_planned_shape_is_not_judged_by_height() -> None:
     """Cloth outside the planned shape is judged by the outline, because its number of layers is unknown."""
     height, mask = seen([])
     flat = sheet(4)
