@@ -27,7 +27,6 @@ COMPUTES_CLOTH = (
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
     "cell/simulation/test_cloth_body.py",
-    "cell/simulation/test_honest_loop.py",
     "cell/simulation/test_score.py",
     "cell/simulation/test_world.py",
     "skills/cloth",
