@@ -27,7 +27,6 @@ COMPUTES_CLOTH = (
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
     "cell/simulation/test_cloth_body.py",
-    "cell/simulation/test_honest_loop.py",
     "cell/simulation/test_score.py",
     "cell/simulation/test_world.py",
     "skills/cloth",
@@ -46,10 +45,14 @@ PLANS_MOTIONS = (
     "robots/test_robot_models.py",
     "skills/motion/test_plan.py",
 )
-OPENS_A_BROWSER = ("cell/operator/console/test_page.py",)
+STARTS_PROGRAMS = (
+    "cell/commands/test_cli.py",
+    "cell/operator/console/test_page.py",
+    "cell/recording/rerun/test_recorder.py",
+)
 LONG = tuple(
     UNIT / place
-    for group in (COMPUTES_CLOTH, COMPILES, DRAWS_PICTURES, PLANS_MOTIONS, OPENS_A_BROWSER)
+    for group in (COMPUTES_CLOTH, COMPILES, DRAWS_PICTURES, PLANS_MOTIONS, STARTS_PROGRAMS)
     for place in group
 )
 assert all(place.exists() for place in LONG)

@@ -1,4 +1,4 @@
-"""What README.md and docs/ tell a reader to type, to open or to look up is there."""
+"""Commands, files and links named by README.md and docs/ exist."""
 
 from __future__ import annotations
 

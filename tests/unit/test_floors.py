@@ -1,4 +1,4 @@
-"""The house: imports go down only, and the text belongs to nobody's workplace."""
+"""Imports go down only, and no text names a place outside the repository."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The bench's parts: what is asked for is measured, what was measured is kept, strain is found where it is."""
+"""The cloth bench: its parts, which figures are measured again, and the places of strain and creases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes a page of a bench's figures takes their output, and says so of anything else."""
+"""Reading a bench's figures from a file: its last line or the whole of it; other files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folds made without grippers, the yardstick of the optimiser: what a fabric can do, and nothing else."""
+"""Ideal folds without grippers, the reference of the optimiser."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_single_layer_crease_has_the_height_of_the_mapped_one(mesh: ClothMesh)
     assert 0.5 * FABRIC.thickness < d < distance_to_target(mesh, (HALF,), FABRIC, mapped)
 
 
-def test_mapped_layers_are_tangled_where_they_are_folded_together(mesh: ClothMesh) -> None:
+def test_mapped_layers_intersect_at_the_fold(mesh: ClothMesh) -> None:
     """Why the vertices are not simply mapped."""
     assert count_crossings(target_vertices(mesh, (HALF, QUARTER), FABRIC), mesh.triangles) > 20
     assert count_crossings(ideal_fold(mesh, (HALF, QUARTER), FABRIC), mesh.triangles) == 0

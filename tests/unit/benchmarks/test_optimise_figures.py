@@ -1,4 +1,4 @@
-"""The optimiser's benchmark: its worst figures by hand, and what it keeps between runs."""
+"""The optimiser's benchmark: its worst figures against hand calculation, and its kept results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page on perception is made of figures alone."""
+"""The results page on perception is made from figures alone."""
 
 from pathlib import Path
 

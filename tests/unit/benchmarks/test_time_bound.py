@@ -1,4 +1,4 @@
-"""The benchmark's own yardstick: least times that can be worked out by hand, and bounds that hold."""
+"""Lower bounds of motion times against closed forms and timed motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cell that answers a procedure's effects from a table of answers, and a robot's model."""
+"""A fake cell that answers a procedure's effects, and a robot's model."""
 
 from __future__ import annotations
 

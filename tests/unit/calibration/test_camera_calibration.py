@@ -1,4 +1,4 @@
-"""The board in pictures made by projection, and the camera that follows from them."""
+"""Detection of the board in projected pictures, and the camera fitted to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera's pose from a board in the hands: against exact data, noise, and data that cannot tell."""
+"""The camera's pose from a board in the hands: exact, noisy and insufficient data."""
 
 from __future__ import annotations
 

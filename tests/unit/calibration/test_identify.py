@@ -1,4 +1,4 @@
-"""Friction from one recorded fold: on folds simulated with another mesh, and on made outlines."""
+"""Friction from one recorded fold: simulated folds on another mesh, and synthetic outlines."""
 
 import numpy as np
 import pytest

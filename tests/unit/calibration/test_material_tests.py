@@ -1,4 +1,4 @@
-"""Hang, tilt and cantilever tests against closed forms, and what bad measurements give."""
+"""Hang, tilt and cantilever tests against closed forms, and bad measurements."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The independent cloth itself, where the optional extra is installed."""
+"""The independent cloth of MuJoCo, where the optional extra is installed."""
 
 from tests.optional_parts import MUJOCO
 

@@ -1,4 +1,4 @@
-"""The table's height from presses: a spring on a stop, a plane, and everything that is no table."""
+"""The table's height from presses: a spring on a stop, a plane, and contacts that are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fingers' figures and thresholds from readings of known noise and drift."""
+"""Tactile noise, drift and thresholds from readings of known noise and drift."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(
 
 
 def test_readings_shorter_than_the_horizon_count_no_false_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And that is told: none of none would look as good as none of twelve."""
+    """Zero windows are reported: 0 of 0 would look as good as 0 of 12."""
     monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
     heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}

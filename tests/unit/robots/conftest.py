@@ -1,4 +1,4 @@
-"""What several of these tests need."""
+"""Fixtures shared by the tests of robots."""
 
 from tests.rosmaster import rosmaster
 

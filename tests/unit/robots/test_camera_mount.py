@@ -1,4 +1,4 @@
-"""The camera's bracket: what it looks at, and that it turns with the head."""
+"""The camera's bracket: its view, and its turn with the head."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The depth of a still picture."""
+"""The mean depth of several exposures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Baxter's body in PyBullet: where it is, that it does not sag, and that it does not pass through itself."""
+"""Baxter's body in PyBullet: poses, stiffness, and self-collision."""
 
 from __future__ import annotations
 

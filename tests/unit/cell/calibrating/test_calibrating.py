@@ -1,4 +1,4 @@
-"""Calibrations with the simulated cell, as a user runs them: figures against the truth, files, refusals."""
+"""Calibration commands with the simulated cell: results against the ground truth, files, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said during a calibration: its end always, an approval of what is asked for."""
+"""Operator commands during a calibration: abort at any time, approve for an open question."""
 
 from __future__ import annotations
 

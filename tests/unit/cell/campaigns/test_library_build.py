@@ -1,4 +1,4 @@
-"""Building a library: the same on any executor, cut short and gone on from, and told of as it goes."""
+"""Building a library: the same result on any executor and after an interruption, with progress."""
 
 from __future__ import annotations
 

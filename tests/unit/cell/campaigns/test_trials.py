@@ -1,4 +1,4 @@
-"""Campaigns: the interval is Wilson's, the table counts what happened."""
+"""Campaigns: Wilson's interval, and the table of results."""
 
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool

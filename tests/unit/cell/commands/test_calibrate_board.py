@@ -1,4 +1,4 @@
-"""`foldcell calibrate board`: what is printed is found by the calibrations' detector, at the size it states."""
+"""`foldcell calibrate board`: the detector finds the printed board at its stated size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`foldcell calibrate shear|friction|bending`: the file that comes of it, and what is refused."""
+"""`foldcell calibrate shear|friction|bending`: the written garment file, and refused input."""
 
 import json
 import math

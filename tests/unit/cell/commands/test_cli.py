@@ -1,4 +1,4 @@
-"""The commands as a user meets them: names, exit codes, messages, the last JSON line; the run itself is faked."""
+"""The command line: names, exit codes, messages and the last JSON line. The run itself is faked."""
 
 import errno
 import io
@@ -76,7 +76,7 @@ class Result:
 
 
 class FakeRun:
-    """Stands in for cell.runs.fold_run: keeps what was asked, answers what it is told to, or raises it."""
+    """Replaces cell.runs.fold_run: records the requests and returns or raises the given answer."""
 
     def __init__(self) -> None:
         self.requests: list[Request] = []

@@ -1,4 +1,4 @@
-"""The doctor finds what is wrong, says what helps, and never falls ill."""
+"""`foldcell doctor` finds faults, gives a hint for each, and never crashes."""
 
 import json
 from importlib import metadata

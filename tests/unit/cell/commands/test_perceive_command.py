@@ -1,4 +1,4 @@
-"""`foldcell perceive` of photographs by a camera of which nothing is known, and the keys of its answer."""
+"""`foldcell perceive` on photographs of an unknown camera, and the keys of its JSON result."""
 
 import json
 from pathlib import Path

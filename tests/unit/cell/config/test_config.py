@@ -1,4 +1,4 @@
-"""Settings: what is refused, and whether the message lets a person mend it."""
+"""Settings: invalid values are refused with a helpful message."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Garment files: what is wrong is named, and nothing is guessed silently."""
+"""Garment files: errors are named, and assumed values are marked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The library's files: whole or not at all, the user's before the shipped, nothing broken used or lost."""
+"""Library files: written completely or not at all, user entries before shipped ones, damage contained."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_user_entries_come_first_and_accumulate(tmp_path: Path, built: Library) 
 
 
 def test_concurrent_additions_lose_no_entry(tmp_path: Path, built: Library) -> None:
-    """As a run that ends while a build writes what it has found in hours."""
+    """As when a run ends while a build writes its results."""
     begin = threading.Barrier(2)
 
     def add(who: str) -> None:

@@ -1,4 +1,4 @@
-"""`foldcell garment new`: a garment file from a photograph, as a person would use it."""
+"""`foldcell garment new`: a garment file from a photograph."""
 
 from __future__ import annotations
 

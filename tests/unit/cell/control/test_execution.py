@@ -1,4 +1,4 @@
-"""Streaming: the arms get what was planned, and every way of going wrong ends in a typed failure."""
+"""Streaming a motion: the arms get the planned set-points, and every fault ends in a typed failure."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) 
 
 @pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
 def test_arms_without_a_valid_state_are_not_moved(spoil) -> None:
-    """Their state is old, or no numbers: nobody knows where a motion would begin."""
+    """Their state is stale or not finite, so the start of a motion is unknown."""
     cell = FakeCell()
     cell.now = 5.0
     spoil(cell)
@@ -392,7 +392,7 @@ def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:
 
 @pytest.mark.parametrize("at", [0.6, 0.9, 1.3])
 def test_a_stall_does_not_end_a_pause(at: float) -> None:
-    """On the way to rest or at rest: nobody has said that the arms may go on."""
+    """While coming to rest or at rest: only a resume lets the arms continue."""
     cell, commands = FakeCell(), CommandQueue()
     cell.at(0.5, lambda: commands.put(Event.PAUSE))
     cell.at(1.8, lambda: commands.put(Event.RESUME))

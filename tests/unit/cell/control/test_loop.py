@@ -1,4 +1,4 @@
-"""The control loop: every kind of motion is judged by the same rules, on every tick, by the loop alone."""
+"""The control loop applies the same rules on every tick to every kind of motion."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Recorded:
 
 
 class OverTable(Hands):
-    """Hands whose height is told by the first joint of each arm."""
+    """Hands whose height is the first joint of each arm."""
 
     def height(self, side: Side, q: Array) -> float:
         return TOP - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
@@ -329,7 +329,7 @@ def test_the_first_failure_is_reported() -> None:
 
 
 class Script:
-    """A motion that stands, rests when it is told to, and keeps what it was sent."""
+    """A motion that stands still, rests on order, and keeps its feedback."""
 
     def __init__(self, begins: Array | None = None, ticks: int = 5) -> None:
         self.heard: list[Feedback] = []

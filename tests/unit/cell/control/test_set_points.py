@@ -1,4 +1,4 @@
-"""Where one motion ends the next begins: set-points never jump by what the arms' reading is off."""
+"""Transitions between motions: set-points never jump by the offset of the arms' reading."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def still(work: Workcell, control: Any) -> Outcome[Any]:
 
 
 def moving(work: Workcell, control: Any, arms: Callable[[], np.ndarray]) -> Outcome[Any]:
-    """The left hand at work while the arms go where they are told."""
+    """The left hand works while the arms follow their commands."""
     return work.loop.run(
         lambda start: control_hands(work.hands, work.last_command, start, {Side.LEFT: None}, control, arms)
     )

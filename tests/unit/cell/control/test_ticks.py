@@ -1,4 +1,4 @@
-"""The beat of what commands the arms."""
+"""The clock of the control loop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cell.control.ticks import LOST_S, TICK_S, Ticks
 
 
 class Late:
-    """A clock that oversleeps as it is told."""
+    """A clock that oversleeps by given times."""
 
     def __init__(self, *oversleeps: float) -> None:
         self.time, self._oversleeps = 5.0, list(oversleeps)

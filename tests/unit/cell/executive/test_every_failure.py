@@ -1,4 +1,4 @@
-"""Whatever goes wrong in whatever state: the run comes to a declared end, the cell safe, and says why."""
+"""Any failure in any state ends the run in a declared state with the cell safe and a reason."""
 
 from __future__ import annotations
 

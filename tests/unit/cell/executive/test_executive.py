@@ -1,4 +1,4 @@
-"""The table of states, walked: what must hold for any table that runs a robot cell."""
+"""Invariants of the transition table and the recovery table."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_run_without_failures_visits_the_nominal_states() -> None:
 
 
 def test_a_fold_is_pressed_only_right_after_it_was_inspected() -> None:
-    """The way of the hands was planned then; whoever approves, says so of that plan."""
+    """The hands' path was planned at that time, and the approval is for that plan."""
     ways_in = {(r.state, r.event) for r in ROWS if r.target is State.PRESSING and r.event is not Event.RESUME}
     assert ways_in == {(State.INSPECTING, Event.PRESS), (State.AWAITING_PRESSING, Event.APPROVE)}
     assert {r.state for r in ROWS if r.target is State.AWAITING_PRESSING} == {State.INSPECTING}
@@ -129,7 +129,7 @@ def test_resume_enters_the_interrupted_state_again() -> None:
 
 
 def test_an_interrupted_run_is_resumed_only_in_states_that_look_first() -> None:
-    """Never with hands on the cloth, and no further than the picture that tells how the garment lies."""
+    """Never with hands on the cloth, and no later than the picture that locates the garment."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is State.RESUMING}
     assert set(REENTRIES.values()) == to.keys() - {
         Event.STOP, Event.CRASH, Event.ABORT, Event.PAUSE, Event.UNRECORDED, Event.FAILED
@@ -182,7 +182,7 @@ def test_a_stop_is_never_recovered_by_itself() -> None:
 
 @pytest.mark.parametrize("kind", [FailureKind.TRACKING_ERROR, FailureKind.STALE_STATE])
 def test_strayed_arms_are_moved_again_once_after_half_a_second(kind: FailureKind) -> None:
-    """As docs/safety.md tells whoever stands by."""
+    """As stated in docs/safety.md."""
     first, second = (choose_recovery(kind, n, attended=False) for n in (1, 2))
     assert first.event is Event.GRASP_AGAIN and first.dwell_s == 0.5
     assert second.event is Event.GIVE_UP

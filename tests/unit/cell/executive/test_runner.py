@@ -1,4 +1,4 @@
-"""The runner: the journal around every effect; operator, stop and crash between two effects."""
+"""The runner: journal entries around every effect; operator, stop and crash between two effects."""
 
 from __future__ import annotations
 

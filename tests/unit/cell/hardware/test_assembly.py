@@ -1,4 +1,4 @@
-"""A cell is put together as its settings say: what motions are held to, and who is asked."""
+"""Assembling a workcell from its settings: motion limits and who is asked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Computing beside the cell: a stop is seen meanwhile, and simulated time is charged as declared."""
+"""Computing beside the cell: a stop is seen meanwhile, and the declared time is charged."""
 
 from __future__ import annotations
 

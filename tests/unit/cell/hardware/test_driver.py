@@ -1,4 +1,4 @@
-"""Which drivers there are, and what is told before one is opened."""
+"""The available drivers, and the checks before one is opened."""
 
 from __future__ import annotations
 

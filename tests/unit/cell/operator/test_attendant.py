@@ -1,4 +1,4 @@
-"""The person at a real cell: asked, waited for, and not for ever."""
+"""The person at a real cell: questions, waiting, and the ends of waiting."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.fakes import FakeCell
 
 
 class Asked:
-    """A person who is asked on another thread."""
+    """The attendant, asked on another thread."""
 
     def __init__(self) -> None:
         self.cell, self.commands = FakeCell(), CommandQueue()
@@ -76,7 +76,7 @@ def test_an_earlier_approval_is_no_confirmation(asked: Asked) -> None:
 
 
 def test_an_abort_is_no_confirmation(asked: Asked) -> None:
-    """Else the next effect follows: pads that close on fingers."""
+    """Otherwise the next effect would follow, and pads could close on fingers."""
     thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
     assert "left gripper" in str(asked.asked[0])
     asked.commands.put(Event.ABORT)

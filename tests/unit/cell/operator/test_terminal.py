@@ -1,4 +1,4 @@
-"""The operator's letters and the progress lines."""
+"""Operator commands from the terminal, and progress lines."""
 
 import io
 import os

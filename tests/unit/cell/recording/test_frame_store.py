@@ -1,4 +1,4 @@
-"""Pictures are kept bit for bit, once each, and a damaged one is told of."""
+"""The frame store keeps each picture once, bit for bit, and reports damaged ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The journal: what was acknowledged is there, whatever happened to who wrote it."""
+"""The journal: acknowledged entries survive any death of the writer."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""Two journals of one run are compared line by line; what the wall's clock and the disk put into them is not."""
+"""Comparison of two journals of one run, without wall-clock times and paths."""
 
 from __future__ import annotations
 

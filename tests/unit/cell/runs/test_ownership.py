@@ -1,4 +1,4 @@
-"""Whoever moves a cell owns it, and leaves the journal in a declared state."""
+"""The owner of a cell, and the journal it leaves."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_run_that_is_not_ended_shows_as_interrupted(tmp_path: Path) -> None:
 def test_a_run_whose_cell_could_not_be_opened_names_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Until something is begun an error is a refusal, no interruption: nobody killed anything."""
+    """Before the run begins an error is a refusal and not an interruption."""
     settings = load_settings(None)
     silent = ConfigurationError("no ROS master answers", "switch the robot on")
     with owned_cell(tmp_path) as (_, journal):

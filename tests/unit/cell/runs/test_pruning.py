@@ -1,4 +1,4 @@
-"""Freeing the disk of old runs: what goes, and what must stay."""
+"""Removing large files of old runs: which runs are pruned and which are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run was asked for is kept in its folder and read back as it was."""
+"""The request of a run is saved in its folder and read back unchanged."""
 
 from __future__ import annotations
 

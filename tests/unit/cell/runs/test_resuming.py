@@ -1,4 +1,4 @@
-"""Where an interrupted run is entered again, and which runs cannot be gone on with."""
+"""Resuming an interrupted run: the state it enters, and runs that cannot be resumed."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def test_changed_settings_are_refused(logs: Logs, file: str) -> None:
 
 
 def test_a_run_can_be_resumed_once(logs: Logs) -> None:
-    """Its garment lies where the later run left it, whatever the clock on the wall said then."""
+    """Its garment lies where the later run left it, at any wall-clock time."""
     first = logs.cut_off()
     logs.clock -= 3600.0
     later = logs.begin()

@@ -1,4 +1,4 @@
-"""Files that a run decides by are kept with it, and are what it is decided again by, whatever becomes of them."""
+"""Input files of a run are saved with it and used for its replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera: what the renderer sees, where it sees it, and what the sensor makes of it."""
+"""The simulated camera: rendering, projection, and sensor noise."""
 
 from __future__ import annotations
 

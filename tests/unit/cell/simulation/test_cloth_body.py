@@ -1,4 +1,4 @@
-"""What the cell asks of any cloth: one protocol, our solver and MuJoCo's flex behind it."""
+"""The cloth protocol of the simulated cell, with our solver and with MuJoCo's flex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults wait for all their conditions, happen once, and last as long as they say."""
+"""Injected faults wait for their conditions, happen once, and last for their duration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gripper: closes on what is there, says what it feels, refuses before calibration."""
+"""The simulated gripper: closing on cloth, sensing, refusal before calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scorer judges by the plan of the garment file that is folded."""
+"""The scorer uses the plan of the garment file that is folded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nobody but the simulation itself imports what leads to its world."""
+"""Only the simulation itself imports modules that lead to its world."""
 
 from __future__ import annotations
 

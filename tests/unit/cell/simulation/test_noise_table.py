@@ -1,4 +1,4 @@
-"""The noise table: read whole, every figure with unit and source."""
+"""The noise table: every figure with unit and source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The true outline: near the template, and not it."""
+"""The true outline of a garment: near its template and different from it."""
 
 from __future__ import annotations
 

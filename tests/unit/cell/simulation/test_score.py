@@ -1,4 +1,4 @@
-"""The scorer against exact folds, independent rasters, and each failure that it has to see."""
+"""The scorer against exact folds, independent rasters, and each kind of failure."""
 
 from __future__ import annotations
 
@@ -472,7 +472,7 @@ def test_the_result_is_plain_json_with_its_thresholds() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e4])
-def test_a_world_that_is_no_garment_is_a_bug_not_a_score(bad: float) -> None:
+def test_scoring_non_finite_positions_raises(bad: float) -> None:
     flat, triangles = towel(0.04)
     final = folded(flat)
     final[7, 2] = bad

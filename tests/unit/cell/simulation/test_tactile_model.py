@@ -1,4 +1,4 @@
-"""The pressure cells: 100 Hz, noise and linearity as tabled, the same reading within a sample."""
+"""The tactile cells: 100 Hz, noise and linearity from the table, one reading a sample."""
 
 from __future__ import annotations
 

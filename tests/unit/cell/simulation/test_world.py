@@ -1,4 +1,4 @@
-"""The simulated cell through its door: what a run can rely on, and what it can never reach."""
+"""The simulated cell through its ports."""
 
 from __future__ import annotations
 

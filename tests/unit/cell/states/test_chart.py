@@ -1,4 +1,4 @@
-"""The chart that reports and the operator's page show is that of the table."""
+"""The state chart agrees with the transition table."""
 
 import re
 from html import unescape

@@ -1,4 +1,4 @@
-"""What is kept of a fold at which a run ended: as much as was known of it."""
+"""The values that remain of the fold at which a run ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of a run on its page and in its report: failures, recoveries, and what the operator said."""
+"""Remarks on the page and in the report: failures, recoveries, and operator commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The driver at the emulator: at a new robot, and at one that others have left in some state."""
+"""The driver at the emulator: a new robot, and one in use before."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The electric gripper's protocol, over a gripper that notes what it is told."""
+"""The electric gripper's protocol, over a gripper that records its commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an emulated arm makes of joint commands: order, freshness, velocity, and what it does not obey."""
+"""Joint commands of an emulated arm: order, freshness, velocity, and ignored commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work for the loop's thread: when it is done, when its future tells, and what becomes of it at the end."""
+"""Tasks for the loop's thread: when they run, when they complete, and their end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A puppet robot, and the driver at its strings."""
+"""A puppet robot, and a driver connected to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening a cell: everything answers, or it is said what does not; and all is let go again."""
+"""Opening a cell: everything answers, or an error names the silent topics; closing releases everything."""
 
 from __future__ import annotations
 

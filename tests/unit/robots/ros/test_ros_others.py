@@ -1,4 +1,4 @@
-"""Who else is at the robot: another program that commands its arms is refused, one that died is not in the way."""
+"""Other programs at the robot: one that commands the arms is refused, a dead one is ignored."""
 
 from __future__ import annotations
 

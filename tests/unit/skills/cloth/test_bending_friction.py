@@ -1,4 +1,4 @@
-"""Friction in bending: the loop that the KES-F test draws, what stays bent, and what it must not do."""
+"""Bending friction: the loop of the KES-F test, residual bending, and conservation laws."""
 
 from itertools import pairwise
 

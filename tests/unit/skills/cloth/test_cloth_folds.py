@@ -1,4 +1,4 @@
-"""Pinch, folds and what is left of them: no crossings, at rest, near the target."""
+"""Pinches and folds: no crossings, at rest, near the target."""
 
 import numpy as np
 import pytest
@@ -114,7 +114,7 @@ def test_held_cloth_hangs_about_the_line_and_its_weight_is_felt():
     assert s.positions[:, 2].max() < 0.7
 
 
-def test_a_pinch_lets_go_of_what_it_cannot_bear():
+def test_a_pinch_releases_cloth_above_its_holding_force():
     """Two pads of friction mu bear 2 mu N: a weak squeeze loses the towel in the lift, a firm one does not."""
     weight = 0.4 * 0.24 * 9.81
     pads = PadGeometry(friction=0.8)

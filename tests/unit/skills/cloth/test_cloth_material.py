@@ -1,4 +1,4 @@
-"""Material and friction by the lab's own tests: cantilever, layers on a tilted table, stretch that can be had."""
+"""Material and friction against the lab tests: cantilever, layers on a tilted table, stretch."""
 
 from dataclasses import replace
 
@@ -142,7 +142,7 @@ def hung_by_springs(mesh, material, top):
 
 
 @pytest.mark.parametrize("edge", [0.015, 0.020, 0.026])
-def test_cloth_that_hangs_by_a_clip_is_as_long_as_its_springs_say(edge):
+def test_cloth_hung_by_a_clip_has_the_length_of_its_springs(edge):
     """All of it hangs by a few edges of which one end is held: the sweep has less to lift there. While that was
     overlooked they were too stiff, and garments by their clips 0.1 to 0.2 percentage points too short."""
     mesh = mesh_from_contour(np.array([[-0.08, 0.0], [0.08, 0.0], [0.02, 0.6], [-0.02, 0.6]]), edge)
@@ -280,7 +280,7 @@ def test_cloth_too_stiff_for_its_steps_is_a_typed_error_or_stays_finite():
         assert np.isfinite(s.positions).all()
 
 
-def test_lists_of_pairs_do_not_grow_until_the_memory_is_full(monkeypatch):
+def test_pair_lists_have_a_maximum_size(monkeypatch):
     """Cloth that is flung into itself asks for ever more: it is lost, and says so."""
     s = ClothSimulation(mesh_from_contour(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), 0.02), MATERIAL)
     monkeypatch.setattr(kernel, "run_frames", lambda *_: kernel.PAIRS_FULL)

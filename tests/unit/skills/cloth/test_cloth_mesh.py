@@ -1,4 +1,4 @@
-"""The mesher: what it keeps, what it promises, what it refuses."""
+"""The mesher."""
 
 import numpy as np
 import pytest

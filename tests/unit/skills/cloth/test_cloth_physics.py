@@ -77,7 +77,7 @@ def shuffled_edges(outline, edge):
 
 
 @pytest.mark.parametrize("size", [0.03, 0.1, 0.3])
-def test_edges_of_a_batch_share_no_vertex_and_edges_that_share_one_keep_their_order(size):
+def test_edges_of_one_colour_share_no_vertex_and_edges_that_do_keep_their_order(size):
     edge, n = shuffled_edges(size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
     order, bounds = colour_batches(edge)
     assert sorted(order.tolist()) == list(range(len(edge)))
@@ -171,7 +171,7 @@ def test_flat_cloth_at_rest_stays_and_sleeps():
     assert s.asleep.all()
 
 
-def test_a_falling_sheet_falls_like_a_stone_and_lands_on_the_table():
+def test_a_sheet_falls_freely_and_lands_on_the_table():
     settings = SolverSettings(drag=0.0)
     s = ClothSimulation(PATCH, MATERIAL, PATCH.lay_flat(0.003) + np.array([0, 0, 1.0]), settings)
     s.advance(24)

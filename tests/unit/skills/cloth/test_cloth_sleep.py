@@ -1,4 +1,4 @@
-"""What sleeps beside what is awake does not move it, and folds come to rest; what is packed for the sweeps."""
+"""Sleeping vertices: no effect on awake ones, folds at rest, and packed edges."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the compiled loop is made of: a file that is left out would change and the old code still be run."""
+"""The source files of the compiled loop: a missing one would leave stale code in the cache."""
 
 import ast
 from pathlib import Path

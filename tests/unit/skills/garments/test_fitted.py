@@ -1,4 +1,4 @@
-"""A template from seen points: turn, scale and symmetry."""
+"""A template from seen points: rotation, scale and symmetry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closing, confirming and lifting: what is held, how much of it, and how often that is told wrongly."""
+"""Closing, confirming and lifting: held cloth, layer counts, and error rates."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, go
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 2), (2.0, 4)])
 @pytest.mark.parametrize(("wanted", "got"), [(1, 2), (2, 1), (2, 4), (4, 2)])
 def test_an_unplanned_number_of_layers_is_reported(scale: float, wrong: int, wanted: int, got: int) -> None:
-    """Double and half grasps: at least 99 % (98 % at twice the noise) of 200 are told."""
+    """Double and half grasps: at least 99 % (98 % at twice the noise) of 200 are reported."""
     told = 0
     kind = FailureKind.MISSED_GRASP if got < wanted else FailureKind.MISSED_LAYER
     for seed in range(N):
@@ -174,7 +174,7 @@ def test_the_planned_number_of_layers_raises_no_alarm(scale: float, layers: int)
 
 
 def test_an_ambiguous_layer_count_has_low_confidence() -> None:
-    """Seven layers or eight, each 12 % uncertain: a guess, and said to be one."""
+    """Seven or eight layers, each 12 % uncertain: the probability is low."""
     count = count_layers(7.5 * NOMINAL, 1e-5, NOMINAL, SETTINGS)
     assert count.probability < 0.6 and count.sigma > 0.5
     sure = count_layers(2.02 * NOMINAL, 1e-5, NOMINAL, SETTINGS)

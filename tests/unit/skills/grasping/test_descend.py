@@ -1,4 +1,4 @@
-"""The guarded descent: where it stops, how hard it touches, and what it refuses to take for a garment."""
+"""The guarded descent: where it stops, its force, and objects that are not the garment."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_descent_presses_the_cloth_to_the_table_and_not_harder(scale: float) -
 
 
 @pytest.mark.parametrize("table", [-0.005, -0.002, 0.003])
-def test_a_table_that_is_not_where_it_was_thought_is_found(table: float) -> None:
+def test_a_table_at_an_unexpected_height_is_found(table: float) -> None:
     """Arms are off by millimetres: the touch decides, not the height."""
     for seed in range(40):
         hand = DescendingHand(seed, 1.0, table + TOP, table)
@@ -68,7 +68,7 @@ def test_a_first_touch_stops_on_top_of_the_cloth(scale: float) -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_no_touch_in_the_air(scale: float) -> None:
+def test_noise_in_the_air_is_no_touch(scale: float) -> None:
     """Nothing down to the bound is NO_CONTACT, in every descent: noise is never taken for a contact."""
     for seed in SEEDS:
         hand = DescendingHand(seed, scale, top=-0.05, floor=-0.06)
@@ -79,7 +79,7 @@ def test_no_touch_in_the_air(scale: float) -> None:
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("weak", [True, False])
-def test_the_joints_stop_a_hand_whose_tips_are_numb(scale: float, weak: bool) -> None:
+def test_joint_efforts_stop_a_hand_with_numb_tips(scale: float, weak: bool) -> None:
     """By the arm's lag, or on an arm that does not give way by its efforts."""
     for seed in range(30):
         hand = DescendingHand(seed, scale, TOP)
@@ -111,13 +111,13 @@ def test_an_arm_that_catches_up_is_not_held_up(delay: float) -> None:
         assert end.unwrap().by == "tip" and end.unwrap().height < 0.001
 
 
-def test_something_far_above_the_garment_is_not_the_garment() -> None:
+def test_a_contact_far_above_the_garment_is_a_failure() -> None:
     end, _ = lower(DescendingHand(1, top=0.042, floor=0.037))
     assert end.failure is not None and end.failure.kind is FailureKind.IN_COLLISION
     assert end.failure.values["height_m"] == pytest.approx(0.038, abs=0.004)
 
 
-def test_the_stop_height_ends_it_well_without_a_touch() -> None:
+def test_the_stop_height_ends_the_descent_without_a_touch() -> None:
     goal = DescentGoal(contact=0.0, bottom=-0.005, stop=0.006)
     end, _ = lower(DescendingHand(1, top=0.0, floor=-0.01), goal)
     assert end.unwrap().by == "height"
@@ -140,7 +140,7 @@ def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
     assert np.abs(np.diff(speed)).max() <= SETTINGS.acceleration * 0.01 + 1e-9
 
 
-def test_an_arm_that_does_not_follow_is_not_commanded_away_from_it() -> None:
+def test_the_command_stays_near_an_arm_that_does_not_follow() -> None:
     """A stalled arm: the command stays within the lead, and the descent ends; so it does just over the bound."""
     for height, kind in ((0.05, FailureKind.TRACKING_ERROR), (GOAL.bottom + 0.002, FailureKind.NO_CONTACT)):
         hand = DescendingHand(1)
@@ -182,7 +182,7 @@ def test_stale_or_invalid_readings_end_the_descent() -> None:
     assert command.hold and command.height == hand.height
 
 
-def test_limits_the_wrong_way_round_are_refused() -> None:
+def test_descent_limits_in_the_wrong_order_are_refused() -> None:
     with pytest.raises(ValueError, match="bottom"):
         DescentGoal(contact=0.0, bottom=0.01)
     with pytest.raises(ValueError, match="bottom"):

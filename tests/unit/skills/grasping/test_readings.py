@@ -1,4 +1,4 @@
-"""What can be acted on, and the closed forms that readings are judged by."""
+"""Usable readings, and the closed forms that judge them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening
     )
 
 
-def test_a_whole_and_fresh_reading_can_be_acted_on() -> None:
+def test_a_complete_and_fresh_reading_is_usable() -> None:
     assert validate_reading(reading(), S) is None
 
 
@@ -72,7 +72,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
 
 
 def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
-    """What it said before the order is no answer to it."""
+    """A state from before the command is no answer to it."""
     before = reading(opening=0.030)
     state: ReleaseState | Outcome = start_release(S, 0.030, before)
     for k in range(5):

@@ -1,4 +1,4 @@
-"""Slip through the fold, letting go, and cloth that clings: how fast, how surely, how often in vain."""
+"""Slip detection, release, and clinging cloth: delays and error rates."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_slow_drift_is_not_taken_for_a_slip() -> None:
         assert fold(hand, watch, settle)[0] is None
 
 
-def test_a_grip_that_has_grown_is_judged_by_what_it_has_grown_to() -> None:
+def test_the_slip_baseline_follows_a_growing_grip() -> None:
     """The cloth draws itself tight: from 4 N to 12 N in 8 s. Half a second at 5 N is then a loss."""
     for seed in range(10):
         hand, watch = start(seed, 1.0, 4.0)
@@ -186,7 +186,7 @@ def test_a_grip_that_has_grown_is_judged_by_what_it_has_grown_to() -> None:
         assert failure is not None and 12.0 < t < 12.1
 
 
-def test_a_grip_that_was_half_lost_does_not_become_the_usual_one() -> None:
+def test_the_slip_baseline_does_not_follow_a_half_lost_grip() -> None:
     """Cloth that slid to 65 % of its hold rests there for 10 s and slides on, to 45 %: that is under a half."""
     for seed in range(10):
         hand, watch = start(seed, 1.0)

@@ -1,4 +1,4 @@
-"""The tare of the pads, and the validation of every reading."""
+"""Tare of the pads, and the checks of every reading."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> N
         assert np.abs(found.tip).max() < 6 * TIP_NOISE / np.sqrt(12)
 
 
-def test_cells_that_never_rest_are_taken_as_they_are() -> None:
+def test_tare_accepts_cells_that_never_settle() -> None:
     """One cell is very noisy: the tare ends, and its noise estimate is large."""
     leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
     assert bias_with(SensedHand(0), leaps).cell_noise > 0.3

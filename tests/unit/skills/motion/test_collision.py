@@ -1,4 +1,4 @@
-"""Collision checks against geometry that can be worked out by hand."""
+"""Collision checks against geometry computed by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A set-point that follows a goal: within its bounds whatever the goal does, and on it in the end."""
+"""The jerk limiter: within its bounds for any goal, and at the goal in the end."""
 
 from __future__ import annotations
 

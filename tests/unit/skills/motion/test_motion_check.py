@@ -1,4 +1,4 @@
-"""The last check before anything is sent: every way a trajectory can be wrong has to be named."""
+"""Validation of a trajectory: every kind of error is named."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_a_trajectory_through_the_table_is_refused(checker):
 
 
 class Looked:
-    """A checker that keeps what it is shown, and meets something at the n-th pose of it."""
+    """A checker that records its poses and reports a contact at the n-th."""
 
     def __init__(self, meets=None):
         self.meets, self.path, self.fingers = meets, None, None

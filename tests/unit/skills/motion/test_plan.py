@@ -1,4 +1,4 @@
-"""Whole folds planned for Baxter: what the tools do, judged by kinematics and checks of its own."""
+"""Whole folds planned for Baxter, judged by independent kinematics and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time laws: within every limit as the arms will see them, on the path, and not much slower than they need."""
+"""Time laws: within every limit, on the path, and near the shortest time."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_the_cap_on_the_tools_speed_is_kept():
     assert speed.max() < 0.21
 
 
-def test_a_wished_law_is_kept_when_the_limits_allow_it():
+def test_a_requested_time_law_is_kept_when_the_limits_allow_it():
     t = np.linspace(0, 6.0, 120)
     u = t / 6.0
     s = 10 * u**3 - 15 * u**4 + 6 * u**5
@@ -145,7 +145,7 @@ def test_a_wished_law_is_kept_when_the_limits_allow_it():
         assert motion.at(ti)[0][3] == pytest.approx(wish, abs=1e-4)
 
 
-def test_a_wish_that_starts_with_a_jerk_is_softened():
+def test_a_requested_time_law_that_starts_with_a_jerk_is_softened():
     t = np.linspace(0, 6.0, 120)
     motion = time_law(np.linspace(0, 1, 120)[:, None] * np.full(14, 0.8), t, LIMITS)
     assert 6.0 < motion.duration < 6.5
@@ -153,7 +153,7 @@ def test_a_wish_that_starts_with_a_jerk_is_softened():
     assert np.abs(motion.qdd[[0, -1]] / LIMITS.jerk).max() < TICK
 
 
-def test_a_wish_beyond_the_limits_is_slowed_only_where_they_bind():
+def test_a_requested_time_law_beyond_the_limits_is_slowed_only_where_they_bind():
     rng = np.random.default_rng(6)
     path = wavy(rng, size=0.8, samples=200)
     t = np.linspace(0, 1.0, 200)
@@ -172,14 +172,14 @@ def smooth_wish(peak_share, gap=0.8):
 
 
 @pytest.mark.parametrize("share", [0.95, 1.05, 1.3, 1.5])
-def test_a_wish_is_kept_up_to_the_limit_and_slowed_beyond_it(share):
+def test_a_requested_time_law_is_kept_up_to_the_limit_and_slowed_beyond_it(share):
     t, path = smooth_wish(share, gap=1.5)
     motion = time_law(path, t, LIMITS)
     assert peaks(motion, LIMITS).worst <= TOLERANCE
     assert (motion.duration == pytest.approx(t[-1])) == (share < 1.0)
 
 
-def test_a_wish_that_begins_at_rest_with_full_acceleration_is_softened():
+def test_a_requested_start_at_full_acceleration_is_softened():
     """A cosine begins and ends at rest, but its acceleration begins and ends with a step."""
     t = np.linspace(0.0, 2.5, 200)
     path = np.outer(0.5 - 0.5 * np.cos(np.pi * t / 2.5), np.full(14, 0.8))
@@ -189,7 +189,7 @@ def test_a_wish_that_begins_at_rest_with_full_acceleration_is_softened():
     assert peaks(motion, LIMITS).worst <= TOLERANCE and 2.5 < motion.duration < 3.2
 
 
-def test_a_wish_that_is_too_fast_in_one_place_is_slowed_there():
+def test_a_requested_time_law_too_fast_in_one_place_is_slowed_there():
     """Slowly, with a burst at three times the velocity limit: stretched evenly it would take 24 s instead of 8."""
     t = np.linspace(0.0, 8.0, 400)
     burst = 0.5 * (1.0 + np.tanh((t - 4.0) / 0.1))
@@ -206,7 +206,7 @@ def test_a_wish_that_is_too_fast_in_one_place_is_slowed_there():
 
 @pytest.mark.parametrize("kind", ["free", "path", "wish", "softened", "stop"])
 def test_accelerations_and_velocities_are_the_derivatives_of_what_is_before_them(kind):
-    """Both are told to the arms. Between samples 10 ms apart the jerk's limit bounds what a difference misses."""
+    """Both are sent to the arms. Between samples 10 ms apart the jerk limit bounds the error of a difference."""
     rng = np.random.default_rng(11)
     path = wavy(rng, size=0.5)
     if kind == "free":

@@ -1,4 +1,4 @@
-"""Pictures are costly to draw: each is drawn once for the whole folder."""
+"""Rendered pictures, shared by the tests of this folder."""
 
 import functools
 

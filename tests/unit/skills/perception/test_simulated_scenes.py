@@ -1,4 +1,4 @@
-"""Garments through the simulated camera, with the truth beside them: the benchmark's scenes, a few of them."""
+"""A few scenes of the perception benchmark: garments through the simulated camera, with ground truth."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Plans: every step's grasps lie on cloth, on the side that moves, and land where the fold puts them."""
+"""Fold plans: grasps lie on the moving cloth and land where the fold puts them."""
 
 from __future__ import annotations
 

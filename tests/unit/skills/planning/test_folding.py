@@ -1,4 +1,4 @@
-"""Folding is an isometry of pieces: distances, areas and layers of paper, whatever the lines."""
+"""Folding is an isometry of pieces: distances, areas and layers of paper for any lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where hands press, and the way they take: what stands high is pressed, and nothing is swept or driven in."""
+"""Where and how hands press: high creases are pressed, and no cloth is swept along."""
 
 from __future__ import annotations
 

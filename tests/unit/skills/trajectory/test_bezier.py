@@ -1,4 +1,4 @@
-"""Bezier curves against closed forms and scipy's own."""
+"""Bezier curves against closed forms and scipy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same fold on a finer mesh: where points of the garment lie is kept."""
+"""Points of a garment keep their place on a finer mesh."""
 
 from __future__ import annotations
 

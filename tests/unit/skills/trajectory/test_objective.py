@@ -1,4 +1,4 @@
-"""D against integrals that can be done by hand."""
+"""The dissimilarity D against integrals computed by hand."""
 
 from __future__ import annotations
 

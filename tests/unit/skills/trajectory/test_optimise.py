@@ -164,7 +164,7 @@ def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
         assert most_robust(evaluator, plain, 1) is plain and evaluator.count == taken
 
 
-def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> None:
+def test_the_plain_arc_is_kept_if_the_gain_is_within_noise() -> None:
 
     def slope(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         top = max(p.position[:, 2].max() for p in paths.values())
@@ -181,7 +181,7 @@ def test_the_plain_arc_is_kept_where_a_better_one_gains_no_more_than_luck() -> N
             assert most_robust(evaluator, simple, 3).controls is arcs[expected]
 
 
-def test_an_arc_that_is_planned_worse_than_another_comes_to_is_not_simulated_with_mishaps() -> None:
+def test_mishaps_are_simulated_only_for_arcs_that_can_still_win() -> None:
     again: list[float] = []
 
     def level(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -218,7 +218,7 @@ def test_the_plain_arc_is_not_kept_where_it_is_worse_as_planned(better_with_mish
         assert most_robust(evaluator, plain, 2) is (plain if kept else high)
 
 
-def test_an_arc_that_is_good_on_the_mesh_that_it_was_found_on_only_is_not_taken() -> None:
+def test_an_arc_that_is_good_on_one_mesh_only_is_rejected() -> None:
 
     def lucky(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         low = max(p.position[:, 2].max() for p in paths.values()) < 0.2
@@ -234,7 +234,7 @@ def test_an_arc_that_is_good_on_the_mesh_that_it_was_found_on_only_is_not_taken(
 
 
 @pytest.mark.parametrize(("gain", "simulations"), [(0.0, 4), (0.1, 4), (0.3, 11)])
-def test_a_search_ends_where_probes_show_that_the_arc_does_not_matter(gain: float, simulations: int) -> None:
+def test_the_search_ends_early_if_the_arc_does_not_matter(gain: float, simulations: int) -> None:
     """A stack that opens again by itself leaves D as it is, whatever the arc: then the plain one is kept."""
 
     def stack(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -353,7 +353,7 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
         ((0.004, 0.005), 0.004, False),
     ],
 )
-def test_arcs_behind_their_promise_are_kept_where_they_gain_as_much(
+def test_arcs_short_of_their_promise_are_kept_if_they_gain_as_much(
     there: tuple[float, float], guess: float, kept: bool
 ) -> None:
     """Here the looked-up arcs come to 6 mm and the first guess to `guess`. There: promised, first guess. Those

@@ -1,4 +1,4 @@
-"""The library keeps what was optimised, scales it, and trusts nothing that was touched."""
+"""The trajectory library keeps, scales and verifies its entries."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_a_new_entry_replaces_only_its_predecessor() -> None:
 
 
 def _resigned(change: dict[str, object]) -> str:
-    """An entry altered by someone who knows how to hash."""
+    """An altered entry with a matching hash."""
     data = json.loads(to_json(Library((entry(),))))
     row = {k: v for k, v in data["entries"][0].items() if k != "sha256"} | change
     data["entries"] = [{"sha256": _digest(row), **row}]

@@ -1,4 +1,4 @@
-"""The director of HIL scripts: what is done when, on a clock that is only ever slept by."""
+"""The director of HIL scripts: its actions happen at their cell time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HIL scripts as files: what is good, and what is refused with its reason."""
+"""HIL script files: valid ones are read, invalid ones are refused with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a build server reads of scripts: well-formed, whatever they are called and say."""
+"""JUnit results of scripts are well-formed for any name and message."""
 
 from __future__ import annotations
 

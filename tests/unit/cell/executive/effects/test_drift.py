@@ -1,4 +1,4 @@
-"""A garment that drifted takes the belief of it along."""
+"""Drift of the garment moves the assumed shape and the plan."""
 
 from __future__ import annotations
 

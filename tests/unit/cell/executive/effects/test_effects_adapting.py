@@ -1,4 +1,4 @@
-"""What a fold teaches: where it dragged cloth the friction moves towards the truth, else nothing is computed."""
+"""Learning friction from a fold: only a fold that dragged cloth is computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is tried after a failure, and what an operator can say: bounds, dwell, waiting that is not charged."""
+"""The choice after a failure, and questions to the operator: limits, dwell, time that is not charged."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def test_a_retry_looks_for_the_garment_if_no_reference_picture_is_taken(tmp_path
 
 @pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
 def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> None:
-    """Else a folded garment would be taken for a smaller one that lies flat."""
+    """Otherwise a folded garment could be recognised as a smaller flat one."""
     carried = failed(kind, context=context_with(SEEN, carried=True))
     result = choose_next(fake_workcell(FakeCell()), carried)
     assert result.event is Event.LOOK_AFTER and result.record["recovery"] == "look_after"

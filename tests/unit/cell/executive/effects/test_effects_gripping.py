@@ -1,4 +1,4 @@
-"""What a hand does that takes hold."""
+"""Pressing, folding, lifting and releasing."""
 
 from __future__ import annotations
 

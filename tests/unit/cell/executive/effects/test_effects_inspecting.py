@@ -1,4 +1,4 @@
-"""What follows from a look at a fold: on to the next one, an end, or a failure with its name."""
+"""The result of an inspection: the next fold, the end of the run, or a typed failure."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
 
 
 def test_the_next_fold_starts_with_a_new_context() -> None:
-    """Else it would be carried on with, pressed, or judged by what was true of another fold."""
+    """Otherwise values of another fold would decide about carrying on, pressing or inspection."""
     before = made(
         inspection=seen(), failure=Failure(K.DRIFT, "it moved"), press_tries=2, adjustments=(Adjustment.LOWER,),
         grasps=3, waited_s=4.0, recoveries=((0, "drift -> carry_on"),),

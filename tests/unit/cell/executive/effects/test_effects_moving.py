@@ -1,4 +1,4 @@
-"""The effects that end a run: what could not be made safe says why, and a stop leaves by its own way."""
+"""Preparing, parking and making the cell safe."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_holding_sends_nothing_to_a_stopped_robot() -> None:
 
 
 class Watched:
-    """Arms, a head and a gripper that remember what they were asked for."""
+    """Arms, a head and a gripper that record their commands."""
 
     def __init__(self, part: Any, asked: list[str], name: str) -> None:
         self._part, self._asked, self._name = part, asked, name
@@ -349,7 +349,7 @@ def test_the_start_of_a_motion_is_checked_against_the_present_arm_state(baxter: 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
 def test_pauses_and_aborts_do_not_interrupt_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
-    """Only the stop ends it; what else was said before is not heard."""
+    """Only a stop ends it; other commands are ignored."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)
     cell.at(1.0, lambda: workcell.commands.put(said))

@@ -1,4 +1,4 @@
-"""The choice of a trajectory: the library's where it keeps its promise, or else optimised from there."""
+"""The choice of a trajectory: from the library if its promise holds, otherwise optimised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a fold is pressed, and how a pressing hand is guarded."""
+"""When a fold is pressed, and how the pressing hand is monitored."""
 
 from __future__ import annotations
 
@@ -401,7 +401,7 @@ def test_a_fault_while_pressing_is_a_failure(tmp_path: Path, monkeypatch: pytest
 
 
 def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> RunContext:
-    """A pressing that was planned, and arms that go where they are told while their watch looks on."""
+    """A planned pressing, and arms that follow commands while the force monitor watches."""
     still = ArmTrajectory(np.array([0.0, 1.0]), np.zeros((2, 14)), np.zeros((2, 14)), np.zeros((2, 14)))
     motion = SimpleNamespace(postures={Side.LEFT: None}, approach=still, tool_paths={})
     monkeypatch.setattr(pressing, "move", lambda *_, **__: None)

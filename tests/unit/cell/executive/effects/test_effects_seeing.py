@@ -1,4 +1,4 @@
-"""Looking: refused where the picture would mislead, and what is remembered of it."""
+"""Taking pictures: misleading ones are refused, and the context keeps the right ones."""
 
 from __future__ import annotations
 

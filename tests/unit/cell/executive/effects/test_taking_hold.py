@@ -1,4 +1,4 @@
-"""Taking hold, wholly: both hands come down on cloth, press, close and feel what they hold."""
+"""A whole grasp: both hands descend, press, close and confirm the layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's page over a real socket: what it is told, what it may say, and who may not speak at all."""
+"""The operator's page over a real socket: messages, commands, access."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's page in a browser, where there is one: what can be pressed when nothing is heard any more."""
+"""The operator's page in a browser: stop without a link, and fixed places of the buttons."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ Page = Callable[[Sequence[RunStatus], str], "Queue[str]"]
 
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
-    """Opens the page in a browser: what it says to a program that tells these boards, and then hangs."""
+    """Opens the page in a browser: its messages to a program that sends these statuses and then hangs."""
     with ExitStack() as closing:
 
         def opened(boards: Sequence[RunStatus], script: str) -> Queue[str]:

@@ -1,4 +1,4 @@
-"""A cold compile cache is told of, once a part; a warm one is not."""
+"""Messages about compiling: once for each part with a cold cache, none with a warm one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who follows a run hears of it, at the terminal and at the page."""
+"""Messages of a run reach the terminal and the page."""
 
 from __future__ import annotations
 

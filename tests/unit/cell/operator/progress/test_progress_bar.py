@@ -1,4 +1,4 @@
-"""The bar: over itself on a terminal, plain lines now and then elsewhere, harmless when nobody reads."""
+"""The progress bar: one line on a terminal, few plain lines elsewhere, no error on a closed stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run believes comes back as it was; what is damaged, foreign or of another version does not."""
+"""A checkpoint restores a run's context; damaged, foreign and other versions are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heights as pictures: the same place in each has the same colour for the same height."""
+"""Height maps: equal places and heights have equal colours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page and the pictures of folds: complete, self-contained, true to what they are drawn from."""
+"""The report page and the pictures of folds: complete, self-contained, true to their input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The view: complete in the file, harmless to the run, and geometrically true."""
+"""The Rerun recording: complete, harmless to the run, geometrically true."""
 
 from __future__ import annotations
 

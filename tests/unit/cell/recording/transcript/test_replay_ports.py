@@ -1,4 +1,4 @@
-"""What was asked of a cell is taken down, and answered again in the same order; another question is told of."""
+"""Recording of the ports' exchanges, and replay in the same order; another question is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A transcript is written beside the run, read back as far as it goes, and never makes a run wait or fail."""
+"""Writing and reading transcripts: truncated ones are readable, and no run waits or fails for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exchanges are kept bit for bit, and what is no exchange is refused without being executed."""
+"""The codec of exchanges: bit-exact values, and foreign bytes are refused without being executed."""
 
 from __future__ import annotations
 

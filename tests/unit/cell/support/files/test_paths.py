@@ -1,4 +1,4 @@
-"""Where logs go, and that a folder which cannot take them is found out before anything moves."""
+"""The logs folder, and unusable folders that are reported before anything moves."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and what is said where they are not."""
+"""Atomic writing of files, and its errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robots.errors import StorageError
 
 
 def test_an_error_after_the_rename_is_raised_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder that cannot be synced, as on some network drives; somebody who interrupts just then."""
+    """A folder that cannot be synced, as on some network drives, or an interrupt at that moment."""
 
     def fails(error: BaseException) -> None:
         def sync(_: Path) -> None:

@@ -38,7 +38,7 @@ def test_a_signal_stops_the_cell_without_killing_the_process(number: signal.Sign
 
 @pytest.mark.parametrize(("asked", "reason"), [(False, "SIGHUP"), (True, "")])
 def test_a_hangup_stops_an_unattended_run(asked: bool, reason: str) -> None:
-    """Who was asked there is missed by the one who asks: that run ends by itself, or goes on by the page."""
+    """An attended run is not stopped: its question ends with the terminal, or the page answers it."""
     cell = FakeCell()
     with taking_signals() as interrupts, interrupts.stop(cell.ports(), asked=asked):
         signal.raise_signal(signal.SIGHUP)

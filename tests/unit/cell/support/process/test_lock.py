@@ -1,4 +1,4 @@
-"""One owner at a time: refused while held, free the moment its process is gone."""
+"""One owner at a time: refused while held, free when its process is gone."""
 
 import os
 import signal

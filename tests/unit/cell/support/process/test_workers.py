@@ -1,4 +1,4 @@
-"""Worker processes end with the one that made them, however it ends."""
+"""Worker processes end with their parent."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if __name__ == "__main__":
 
 
 def alive(pid: int) -> bool:
-    """Whether a process runs; one that nobody has waited for yet does not."""
+    """Whether a process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -82,7 +82,7 @@ open(os.path.join({folder!r}, ("stopped" if asked else "whole") + "-{number}"), 
 
 @pytest.mark.parametrize("each", [None, 8])
 def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
-    """A run that heeds the signal ends in order; the executor's queue, which nobody can take back, is left."""
+    """The running task may finish in order; queued tasks are dropped."""
 
     def ended(how: str) -> list[str]:
         return sorted(path.name for path in tmp_path.glob(f"{how}-*"))

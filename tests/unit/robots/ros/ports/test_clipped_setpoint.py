@@ -1,4 +1,4 @@
-"""What a driver may send: inside the joints' ranges, within reach of what holds now, back inside from outside."""
+"""Clipping of set-points: within limits and reach, and back inside from outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture that was taken after it was asked for, or a fault that says what is wrong."""
+"""The camera port: a picture taken after the request, or a fault with its reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cell's time: this machine's own, or that of a simulated robot."""
+"""The cell's time: this machine's clock, or that of a simulated robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
 
 
 class Told:
-    """A clock of a topic, and who tells it."""
+    """A clock that reads a topic, and its publisher."""
 
     def __init__(self, node: Node) -> None:
         m = load_messages()

@@ -1,4 +1,4 @@
-"""Baxter's gripper: one command at a time, each until the robot says that it has handled it."""
+"""Baxter's gripper: one command at a time, repeated until the robot acknowledges it."""
 
 from __future__ import annotations
 

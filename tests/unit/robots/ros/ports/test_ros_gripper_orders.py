@@ -1,4 +1,4 @@
-"""What becomes of a gripper's orders, in whatever sequence they are given: without a network or a clock."""
+"""Gripper orders in any sequence, without a network or a clock."""
 
 from __future__ import annotations
 
@@ -336,7 +336,7 @@ def test_a_command_interrupted_by_a_stop_fails_as_stopped() -> None:
 
 
 def test_a_calibration_continues_when_another_command_is_echoed() -> None:
-    """The robot echoes whoever spoke last: it is not told again for that, and has its 10 s."""
+    """The robot echoes the last sender: the calibration is not sent again and keeps its 10 s."""
     bench = Bench()
     bench.calibrate()
     bench.states(2)

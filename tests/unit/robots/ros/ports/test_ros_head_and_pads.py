@@ -1,4 +1,4 @@
-"""The head turns until it is there; the pads' cells are read as they come."""
+"""The head turns until it arrives; tactile readings are read as they come."""
 
 from __future__ import annotations
 

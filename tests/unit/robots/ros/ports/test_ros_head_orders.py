@@ -1,4 +1,4 @@
-"""When the head is told where to turn, and when no longer: without a network or a clock."""
+"""When the head is commanded to turn, without a network or a clock."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_the_head_angle_is_clipped_to_its_limits(angle: float) -> None:
 @pytest.mark.parametrize("goal", [-0.5, 0.5])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_the_head_is_commanded_at_20_hz_until_it_arrives(goal: float, side: float) -> None:
-    """From whichever side it comes; 5 mrad before its goal it is there; it is told again if it is pushed away."""
+    """From either side, with a tolerance of 5 mrad; it is commanded again if it is pushed away."""
     bench = Bench()
     bench.port.command_pan(goal)
     bench.pan = goal + side * 0.0055

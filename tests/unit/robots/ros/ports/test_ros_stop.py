@@ -1,4 +1,4 @@
-"""The stop: from anywhere, at once, until the robot has stopped; and nothing leaves it by itself."""
+"""The stop: from anywhere, at once, until the robot has stopped, and no way out but a reset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search for pairs against every pair."""
+"""The broad phase against a search over all pairs."""
 
 import numpy as np
 import pytest
@@ -134,7 +134,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize(("half", "overlap"), [((0.01, 0.01), -5e-4), ((0.01, 0.01), 0.04), ((0.0, 0.05), 0.04)])
-def test_cloth_that_meets_itself_in_a_notch_is_found_however_flat_it_is(turn, half, overlap):
+def test_self_contact_in_a_notch_is_found_for_flat_cloth(turn, half, overlap):
     """The legs of pants on a table, drawn together until their seams all but touch, edge to edge, or one lies on
     the other. half: of the notch's width, at its end and where it opens [m]."""
     out, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])

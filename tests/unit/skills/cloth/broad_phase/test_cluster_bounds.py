@@ -1,4 +1,4 @@
-"""Clusters, and the geometry that bounds them, against numpy."""
+"""Clusters and their bounds against numpy."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Contacts of cloth with cloth: what they must not do to it."""
+"""Contacts of cloth with cloth."""
 
 from dataclasses import replace
 

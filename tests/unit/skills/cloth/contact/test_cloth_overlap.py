@@ -1,4 +1,4 @@
-"""Layers that overlap are shifted apart: nobody did work on them, so none is found in them afterwards."""
+"""Overlapping layers are shifted apart without gaining energy."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def apart(s, values):
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.3])
-def test_sheets_that_overlap_come_apart_and_are_not_thrown(turned):
+def test_overlapping_sheets_separate_without_speed(turned):
     """Next to nothing is found later of the speed that would part them within a frame, nor of its energy."""
     s = two_sheets_that_overlap(turned)
     begun = apart(s, s.positions)
@@ -57,14 +57,14 @@ def test_sheets_that_overlap_come_apart_and_are_not_thrown(turned):
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.3])
-def test_the_centre_of_mass_stays_while_they_come_apart(turned):
+def test_separating_layers_keeps_the_centre_of_mass(turned):
     s = two_sheets_that_overlap(turned)
     mass, begun = 1.0 / s.inverse_mass, s.positions
     s.advance(10)
     assert np.abs(np.average(s.positions - begun, axis=0, weights=mass)).max() < 1e-12
 
 
-def test_friction_does_not_drag_what_is_shifted():
+def test_friction_does_not_drag_shifted_layers():
     """A sheet that slides in its plane over another, overlapping: a shift is no load that could rub."""
     s = two_sheets_that_overlap(0.0)
     x, v = s.positions, np.zeros((2 * N, 3))

@@ -75,7 +75,7 @@ def test_the_kept_triangle_does_not_depend_on_the_order_of_the_pairs():
             assert kept == [toward]
 
 
-def test_weights_go_over_a_border_without_a_jump():
+def test_weights_are_continuous_across_a_border():
     x, tri = fan()
     at = []
     for turn in (-1e-6, 1e-6):  # from one side of the edge 0-1 to the other

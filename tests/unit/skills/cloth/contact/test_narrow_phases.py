@@ -1,4 +1,4 @@
-"""When pairs are looked at: as often as anything could come through, and none too late, whatever the others do."""
+"""The schedule of narrow phases: often enough that nothing passes through, and independent of other pairs."""
 
 import hypothesis.strategies as st
 import pytest

@@ -1,4 +1,4 @@
-"""What the lists of pairs hold after a search: the new pairs of stale clusters and the old ones of the others."""
+"""Pair lists after a search: new pairs of stale clusters, old pairs of the others."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def drawn(rng, firsts, seconds, n):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_pairs_of_stale_clusters_give_way_to_the_new_ones(seed):
+def test_pairs_of_stale_clusteres_are_replaced_and_others_kept(seed):
     """Both lists against sets, also such that are full in the end: no pair is lost or doubled, and what was known
     of a pair goes with it."""
     rng = np.random.default_rng(seed)

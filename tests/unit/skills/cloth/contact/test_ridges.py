@@ -1,4 +1,4 @@
-"""Which edges can touch edges: those of sheets that are bent, and those at their rims."""
+"""Edges that can touch edges: those of bent sheets and those at rims."""
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_edges_that_are_near_to_each_other_stay_ridges():
     np.testing.assert_array_equal(ridge, [1, 2, 1 | 1 << 15])
 
 
-def test_clusters_in_which_others_became_ridges_go_along_with_the_next_search():
+def test_clusteres_with_new_ridges_join_the_next_search():
     """Three rows of edges: two of a cluster that is not searched now, one of one that is."""
     start, stale = np.array([0, 2, 3], np.int32), np.array([False, True])
 

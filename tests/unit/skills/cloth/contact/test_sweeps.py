@@ -1,4 +1,4 @@
-"""Sweeps over contacts: where they lead to, against least distance programming, and when they are enough."""
+"""Sweeps over contacts against least-distance programming, and their stopping rule."""
 
 import numpy as np
 import pytest
@@ -251,8 +251,8 @@ WRONG = [np.zeros((8, 4), np.float32), np.zeros((4, 8)).T, np.zeros(32), np.zero
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_other_arrays_are_refused(wrong):
-    """Else they would be read as what they are not, or written beyond their ends."""
+def test_arrays_of_another_type_or_layout_are_refused(wrong):
+    """Otherwise their memory would be misread or overrun."""
     x, members, block = rows(8), np.zeros((8, 4), np.uint32), blocks(1, 1)
     order = np.zeros((1, EIGHT), np.uint32)
     for of in (

@@ -1,4 +1,4 @@
-"""Where vertices are about triangles, against scipy's least squares, and what pushes nothing that is apart."""
+"""Sides of vertices at triangles, against scipy's least squares."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sixteen numbers in a register against numpy, and corners against sets."""
+"""Sixteen single-precision lanes against numpy, and corners against sets."""
 
 import numpy as np
 import pytest
@@ -78,13 +78,13 @@ def test_operations_agree_with_numpy(k):
     assert bits_of(given, k) == (above << np.arange(LANES)).sum()
 
 
-def test_equal_is_not_above():
+def test_equal_numbers_do_not_compare_as_greater():
     given = np.ones((2, 2, LANES), np.float32)
     assert bits_of(given, 5) == 2**LANES - 1
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.float32)])
-def test_other_arrays_are_refused(wrong):
+def test_arrays_of_another_type_or_layout_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         njit(lambda a: mask_less_equal(load_f32x16(a, 0, 0), load_f32x16(a, 0, 0)))(wrong)
 
@@ -97,7 +97,7 @@ def choose(given, which, bits, out):
 
 
 @pytest.mark.parametrize("bits", [0, 1, 0b1010011100101, 2**LANES - 1])
-def test_numbers_are_picked_and_chosen_as_numpy_does(bits):
+def test_permute_and_select_agree_with_numpy(bits):
     rng = np.random.default_rng(bits)
     given, out = rng.normal(vabs=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
     which = rng.integers(0, 3 * LANES, (1, 1, LANES)).astype(np.int32)
@@ -116,7 +116,7 @@ def put_whole_numbers(given, bits, flat, pairs):
 
 
 @pytest.mark.parametrize("bits", [0, 1, 2 ** (LANES - 1), 0b1010011100101, 2**LANES - 1])
-def test_whole_numbers_are_compared_and_put_down_as_numpy_does(bits):
+def test_integer_comparison_and_store_agree_with_numpy(bits):
     given = np.random.default_rng(bits).integers(-3, 20, (1, 2, LANES)).astype(np.int32)
     a, b = given[0]
     flat, pairs = np.full(LANES + 4, -9, np.int32), np.full((LANES + 4, 2), -9, np.int32)
@@ -151,7 +151,7 @@ def shared(rows, i, j):
 
 
 @pytest.mark.parametrize("seed", range(200))
-def test_triangles_have_a_corner_in_common_or_not(seed):
+def test_common_corners_of_triangles_agree_with_sets(seed):
     """Their first number is no corner."""
     rng = np.random.default_rng(seed)
     given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
@@ -167,7 +167,7 @@ def put_down(given, out, at, step):
     store_singles(out, at, step, load(given, 0))
 
 
-def test_a_vector_is_put_down_in_single_precision():
+def test_a_vector_is_stored_in_single_precision():
     given, out = rows(1), np.zeros(12, np.float32)
     given[0, :3] = 1.1, -2.2, 3.3
     put_down(given, out, 2, 4)

@@ -1,4 +1,4 @@
-"""Numbers of four edges in a register against numpy."""
+"""Four double-precision lanes against numpy."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def of_four_edges(x, edge, first, number, out):
 
 
 @pytest.mark.parametrize("first", [0, 3, 5])
-def test_numbers_of_four_edges_are_those_of_each(first):
+def test_four_edges_at_once_equal_each_edge_alone(first):
     rng = np.random.default_rng(first)
     x, edge, number, out = rows(20), rng.integers(0, 20, (9, 2), np.uint32), rng.normal(size=20), rows(6)
     x[:, :3] = rng.normal(size=(20, 3))
@@ -45,6 +45,6 @@ def ends_of(a):
 @pytest.mark.parametrize(
     "wrong", [np.zeros((4, 2), np.int32), np.zeros(8, np.uint32), np.zeros((2, 4), np.uint32).T]
 )
-def test_ends_are_unsigned_pairs(wrong):
+def test_edge_ends_must_be_unsigned_pairs(wrong):
     with pytest.raises(TypingError, match="unsigned"):
         ends_of(wrong)

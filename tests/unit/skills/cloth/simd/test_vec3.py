@@ -1,4 +1,4 @@
-"""Vectors in registers against numpy."""
+"""Vectors in SIMD lanes against numpy."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def first(given, out):
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 4), np.float32), np.zeros(4), np.zeros((4, 2)).T])
-def test_other_arrays_are_refused(wrong):
+def test_arrays_of_another_type_or_layout_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         first(wrong, rows(1))
 
@@ -65,7 +65,7 @@ def test_other_arrays_have_no_members(wrong):
 
 
 @pytest.mark.parametrize("n", [1, 7, 1000])
-def test_rows_are_zero_writable_and_never_cross_a_line_of_the_cache(n):
+def test_rows_are_zero_writable_and_cache_aligned(n):
     made = rows(n)
     assert made.shape == (n, WIDTH) and made.flags.c_contiguous and not made.any()
     assert made.ctypes.data % 64 == 0

@@ -1,4 +1,4 @@
-"""The verdict on a fold, from its figures alone: each limit, which defect is named, and how sure that is."""
+"""The verdict on a fold from its figures: limits, named defect, confidence."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_the_confidence_of_a_good_fold_falls_towards_a_limit(figure, kind):
     [(None, False), (edge(unseen=slice(0, 3)), False), (edge(unseen=slice(6, 9)), False), (edge(), True)],
 )
 def test_a_layer_that_is_not_there_counts_where_the_edge_is_not_wholly_seen(share, seen, whole):
-    """And even then heights are doubtful: they make nobody very sure."""
+    """Even then heights are uncertain: the confidence stays low."""
     named, _ = verdict(missing_layer=share * S.missing_share, edge=seen)
     assert named is (K.DROPPED_CORNER if share > 1.0 and not whole else None)
     sureness = [verdict(missing_layer=x * S.missing_share, edge=None)[1] for x in (1.02, 1.6, 2.2)]

@@ -1,4 +1,4 @@
-"""Heights over a folded garment: where they are judged, and what is too much or too little of them."""
+"""Heights over a folded garment: where they are judged, and excess or missing height."""
 
 from __future__ import annotations
 

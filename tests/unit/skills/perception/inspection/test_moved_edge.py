@@ -99,7 +99,7 @@ def test_a_lost_corner_is_found_beside_a_loop(end):
 
 
 @pytest.mark.parametrize("behind", range(15, 24))
-def test_no_rounding_decides_about_a_corner(behind):
+def test_rounding_does_not_decide_about_a_corner(behind):
     """Strips say where they are in steps of 2 mm, a median of two of them in steps of 1 mm: 19 mm are within the
     limit and 20 beyond it, wherever they are counted from."""
     places = np.arange(-0.024, 0.120, 0.002)
@@ -159,7 +159,7 @@ def looked_at(after, before, step=STEP, motion=STILL, **shape):
 
 @pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
 def test_an_edge_too_far_out_or_in_is_measured(lag):
-    """To the 2 mm in which places are told."""
+    """To the resolution of 2 mm of reported places."""
     seen = looked_at(*towel(lag))
     assert np.abs(seen.lag - lag).max() < 0.0045
     assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005

@@ -1,4 +1,4 @@
-"""What stands above a flat stack is found where it stands, though the camera looks at it aslant."""
+"""High places on a flat stack are located despite the oblique view."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_heights_at_the_rim_do_not_count(width: int) -> None:
 
 
 def test_unseen_pixels_do_not_count() -> None:
-    """Every other pixel of a bump is dark: of the mean over its neighbours nothing is told there."""
+    """Every other pixel of a bump has no depth and is left out of the mean over neighbours."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     whole = found(height, mask)[0]
     height[::2, ::2] = height[1::2, 1::2] = np.nan
@@ -90,15 +90,15 @@ def test_a_hole_in_the_depth_does_not_change_the_edges(hole: int) -> None:
     assert not inside(np.array([0.60, 0.25 - EDGE + 0.005]))
 
 
-def test_only_what_is_more_than_the_plans_layers_counts() -> None:
+def test_only_heights_above_the_planned_layers_count() -> None:
     for layers in (2, 4, 6):
         assert len(found(*seen([], layers), layers)[0]) == 0
     places, above = found(*seen([], 6), 2)
     assert len(places) > 1000 and np.allclose(above, 4 * THICKNESS, atol=0.001)
 
 
-def test_cloth_beside_the_plans_is_not_measured_against_it() -> None:
-    """Cloth that lies where the plan has none is a matter of the outline: nobody knows how many layers it has."""
+def test_cloth_outside_the_planned_shape_is_not_judged_by_height() -> None:
+    """Cloth outside the planned shape is judged by the outline, because its number of layers is unknown."""
     height, mask = seen([])
     flat = sheet(4)
     half = PredictedShape(flat.vertices * (1.0, 0.5, 1.0), flat.triangles, flat.material)

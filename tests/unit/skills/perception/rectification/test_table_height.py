@@ -1,4 +1,4 @@
-"""The empty table's measured height, of which a part may be missing."""
+"""The measured height of the empty table, with missing parts."""
 
 from __future__ import annotations
 

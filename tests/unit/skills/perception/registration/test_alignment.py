@@ -1,4 +1,4 @@
-"""Two outlines of one shape: the motion between them is the one that was made, and what differs is found there."""
+"""Alignment of two outlines of one shape, and their largest deviation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def turned(points: Array, x: float, y: float, degrees: float) -> Array:
     st.floats(-0.06, 0.06), st.floats(-0.06, 0.06), st.floats(-12.0, 12.0), st.booleans(), st.booleans(),
     st.integers(0, 5),
 )  # fmt: skip
-def test_the_motion_that_was_made_is_found(
+def test_a_known_motion_is_recovered(
     x: float, y: float, degrees: float, ours_backwards: bool, seen_backwards: bool, first: int
 ) -> None:
     """Whichever way round the outlines run, and wherever they begin: to half a millimetre, a fifth of a degree."""
@@ -41,7 +41,7 @@ def test_the_motion_that_was_made_is_found(
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (-0.25, 0.3), (0.0, -0.4)])
-def test_however_far_it_was_moved_the_motion_is_found(x: float, y: float) -> None:
+def test_large_motions_are_recovered(x: float, y: float) -> None:
     moved = turned(SHIRT, x, y, 5.0)
     R, t = align(SHIRT, moved)
     assert np.abs(SHIRT @ R.T + t - moved).max() < 0.0007
@@ -115,7 +115,7 @@ def test_an_outline_does_not_deviate_from_itself() -> None:
     assert abs(edge_deviation(SHIRT[::-1], np.roll(SHIRT, 2, axis=0))[0]) < 0.001
 
 
-def test_an_outline_that_lies_off_as_a_whole_deviates_by_as_much() -> None:
+def test_a_shifted_outline_deviates_by_its_shift() -> None:
     assert abs(edge_deviation(SQUARE, SQUARE + np.array([0.0, 0.02]))[0]) == pytest.approx(0.02, abs=0.001)
     grown = (SQUARE - (0.6, 0.0)) * 1.1 + (0.6, 0.0)
     assert edge_deviation(SQUARE, grown)[0] == pytest.approx(0.02, abs=0.002)

@@ -1,4 +1,4 @@
-"""Where a garment's body lies, though its sleeves are turned and its blunt corners hardly show."""
+"""The pose of a garment's body with turned sleeves and blunt corners."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_the_body_pose_does_not_depend_on_blunt_corners():
     assert np.linalg.norm(found - truth, axis=1)[BODY].max() < 0.003
 
 
-def test_corners_that_no_motion_lays_in_place_are_no_body():
+def test_corners_without_a_common_rigid_motion_give_no_body():
     scattered = np.random.default_rng(3).uniform(-0.5, 0.5, TEMPLATE.shape)
     contour = resample_closed(place(TEMPLATE, 0.6, 0.0, 0.0), 0.002)
     few = CLEAR & (np.cumsum(CLEAR) <= 4)
