@@ -93,5 +93,5 @@ def test_pins_are_versions_and_no_addresses() -> None:
 
 
 def test_every_package_says_that_it_is_typed() -> None:
-    for floor in ("cell", "calibration", "skills", "robots"):
+    for floor in ("foldcell", "cell", "calibration", "skills", "robots"):
         assert (ROOT / floor / "py.typed").is_file()
