@@ -3,8 +3,8 @@
 Importing this package loads none of the cell; a function imports what it needs when it is called.
 
 Errors are those of `robots.errors`: ConfigurationError for an argument or a file that is wrong, StorageError for a
-disk that cannot be read or written. An expected failure (no garment in the picture, a fold that was not made) is no
-exception: the result holds it as `failure`.
+disk that cannot be read or written. An expected failure (no garment in the picture, a fold that was not made) is
+no exception: the result holds it as `failure`.
 """
 
 from typing import TYPE_CHECKING, Any
