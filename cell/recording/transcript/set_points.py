@@ -20,13 +20,13 @@ JOINTS = 14
 
 @dataclass(frozen=True, eq=False)
 class SetPoints:
-    """Every command of a run to arms, grippers and head, with its time on the cell's clock [s].
+    """Every command of a run to arms, grippers and head, each with the time of the cell's clock that the executive
+    had last read or slept until [s].
 
-    t: (n,) [s]. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's seven joints from
+    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's seven joints from
     shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less than that.
     grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit [N].
-    head: (m, 2), rows of time [s], pan angle [rad]. The time of a gripper or head command is the last that the
-    executive had read of the clock.
+    head: (m, 2), rows of time [s], pan angle [rad].
     """
 
     t: Array
@@ -54,7 +54,7 @@ def read_set_points(transcript: Transcript) -> SetPoints:
             elif exchange.channel is Channel.SET_POINT:
                 sent = unpack(exchange.answer)
                 if isinstance(sent, JointSetpoint):
-                    arms.append((sent.stamp, *unpack(exchange.question), bool(sent.clipped)))
+                    arms.append((now, *unpack(exchange.question), bool(sent.clipped)))
             elif exchange.channel is Channel.GRIP and unpack(exchange.answer) is None:
                 side, opening, force = unpack(exchange.question)
                 grippers[side.value].append((now, opening, force))
