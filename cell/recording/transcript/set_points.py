@@ -23,8 +23,8 @@ class SetPoints:
     """Every command of a run to arms, grippers and head, each with the time of the cell's clock that the executive
     had last read or slept until [s].
 
-    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's seven joints from
-    shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less than that.
+    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's
+    seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less.
     grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit [N].
     head: (m, 2), rows of time [s], pan angle [rad].
     """
