@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
-from cell.commands.skill.perceive import ANY_SIZE, photographed
 from cell.config.cell_settings import load_settings
+from cell.hardware.photograph import ANY_SIZE, photographed
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
 from skills.perception.perceive import Perception, perceive

@@ -13,7 +13,7 @@ import os
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,7 +26,7 @@ from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock, is_held
 from robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
-__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "to_json"]
+__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "performed", "to_json"]
 
 SCHEMA_VERSION = 1
 PAYLOAD_SCHEMA = 1
@@ -273,6 +273,12 @@ class Journal:
             raise InternalError(f"the journal refused an entry: {e}") from e
         except sqlite3.Error as e:
             raise _storage_error(self.path, e) from e
+
+
+def performed(entries: Sequence[Entry]) -> list[Intent]:
+    """The effects among a run's lines, in order, each with its result if it ended."""
+    results = {e.answers: e for e in entries if e.kind == "result"}
+    return [Intent(e, results.get(e.sequence)) for e in entries if e.kind == "intent"]
 
 
 class RunJournal:

@@ -92,5 +92,5 @@ def test_pins_are_versions_and_no_addresses() -> None:
 
 
 def test_every_package_is_marked_as_typed() -> None:
-    for floor in ("cell", "calibration", "skills", "robots"):
+    for floor in ("foldcell", "cell", "calibration", "skills", "robots"):
         assert (ROOT / floor / "py.typed").is_file()

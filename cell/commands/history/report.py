@@ -8,7 +8,7 @@ from typing import Any
 from cell.commands.history.runs import run_figures
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
-from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord
+from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord, performed
 from cell.runs.resumable import resumable
 from cell.support.files.paths import command_for, journal_path, logs_directory
 
@@ -69,10 +69,9 @@ def _no_page(record: RunRecord) -> str:
 
 def _effects(entries: list[Entry]) -> list[dict[str, Any]]:
     """Every effect in order, with what came of it."""
-    results = {e.answers: e for e in entries if e.kind == "result"}
     effects = []
-    for begun in (e for e in entries if e.kind == "intent"):
-        ended = results.get(begun.sequence)
+    for effect in performed(entries):
+        begun, ended = effect.begun, effect.result
         effects.append(
             {
                 "name": begun.name,

@@ -6,11 +6,11 @@ import argparse
 import csv
 import io
 import json
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cell.campaigns.plan_optimisation import StepOptimisation, check_step, optimise_plan
 from cell.commands.options import cell_option, count, json_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
@@ -20,12 +20,7 @@ from cell.operator.progress.compiling import compiling_told
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError
-from skills.cloth.mesh import mesh_from_contour
-from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
-from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import lifted, tool_paths
-from skills.vocabulary import FoldStep, GarmentState, Outcome, ToolPath
+from skills.vocabulary import FoldStep, ToolPath
 
 __all__ = ["add_options", "export_text", "run"]
 
@@ -47,44 +42,22 @@ def run(options: argparse.Namespace) -> int:
     """0 when every fold was optimised, 2 when one could not be."""
     settings = load_settings(options.cell)
     garment = load_garment(options.garment, settings.surface)
-    speed = min(garment.max_tool_speed, settings.motion.tool_speed)
     _check_export(options.export)
-    if options.step is not None and options.step > len(garment.plan):
-        raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no --step {options.step}")
+    check_step(garment, options.step)
     method = options.method or settings.optimiser.method
-    budget = options.budget or (None if method == "initial" else settings.optimiser.simulations)
     out = progress_stream(options.json)
 
-    state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
-    vertices = mesh.lay_flat(garment.material.thickness)
-    predict = ClothPredictor()
     bar = ProgressBar(out)
     told: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
-    steps = _steps(state, garment)[: options.step]
     with compiling_told(bar.line):
-        for step in steps:
-            wanted = options.step in (None, step.index + 1)
-            began = time.monotonic()
-            bar.restart()
-            outcome = optimise_fold(
-                step, mesh, vertices, garment.material,
-                method if wanted else "initial", budget if wanted else None,
-                threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
-                progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
-            )  # fmt: skip
-            if wanted or outcome.failure:
-                told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
-                bar.line(_line(told[-1]))
-            if outcome.failure:
-                break
-            arcs = tool_paths(outcome.unwrap(), step)
-            timed = {i: lifted(path, settings.grasp.lift_height) for i, path in arcs.items()}
-            if wanted:
-                paths[step.name] = {i.value: path for i, path in timed.items()}
-            if step is not steps[-1]:
-                vertices = predict(mesh, vertices, garment.material, timed)
+        for fold in optimise_plan(
+            garment, settings, options.step, method, options.budget, bar.restart, partial(_show, bar)
+        ):
+            told.append(_figures(fold, settings.grasp.lift_height))
+            bar.line(_line(told[-1]))
+            if fold.paths:
+                paths[fold.step.name] = {i.value: path for i, path in fold.paths.items()}
     bar.clear()
     if options.export is not None:
         write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())
@@ -93,13 +66,6 @@ def run(options: argparse.Namespace) -> int:
         export = str(options.export) if options.export else None
         print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
     return 2 if any(s["failure"] for s in told) else 0
-
-
-def _steps(state: GarmentState, garment: Garment) -> tuple[FoldStep, ...]:
-    planned = plan_folds(state, garment)
-    if planned.failure:
-        raise ConfigurationError(f"{garment.name}: {planned.failure.what}", planned.failure.hint)
-    return planned.unwrap()
 
 
 def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float) -> None:
@@ -115,15 +81,15 @@ def _check_export(path: Path | None) -> None:
         raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
 
 
-def _figures(step: FoldStep, outcome: Outcome, lift_height: float, wall_time_s: float) -> dict[str, Any]:
-    trajectory = outcome.value
+def _figures(fold: StepOptimisation, lift_height: float) -> dict[str, Any]:
+    step, outcome, trajectory = fold.step, fold.outcome, fold.outcome.value
     return {
         "name": step.name,
         "step": step.index + 1,
         **outcome.notes,
         "lift_m": lift_height,
         "duration_s": trajectory.duration if trajectory else None,
-        "wall_time_s": wall_time_s,
+        "wall_time_s": fold.wall_time_s,
         "control_points_m": trajectory.control_points if trajectory else None,
         "failure": outcome.failure,
     }

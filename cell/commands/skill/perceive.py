@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from cell.commands.options import cell_option, json_option
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.hardware.camera import camera_calibration
+from cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
-from robots.ports import Array, CameraFrame, Intrinsics, frozen
+from robots.ports import Array, CameraFrame
 from skills.perception.overlay import draw_on_camera
-from skills.perception.perceive import Perception, perceive
-from skills.vocabulary import CameraCalibration, Outcome, Table
+from skills.perception.perceive import Perception
+from skills.vocabulary import Outcome
 
-__all__ = ["ANY_SIZE", "add_options", "look_at", "photographed", "read_frame", "run", "write_overlay"]
-
-MILLIMETRES = 1e-3
-ANY_SIZE = 1e3
-"""Relative difference of sizes that nothing reaches."""
-WIDTH, HEIGHT = 1.2, 2.0
-"""Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
+__all__ = ["add_options", "look_at", "run", "write_overlay"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -71,22 +61,10 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
     is expected, or auto. Raises ConfigurationError for a file that cannot be used."""
     _check_reference(options)
     settings = load_settings(options.cell)
-    calibration, table = camera_calibration(settings), settings.table
-    if options.unit == "px":
-        calibration, table = photographed(_read_image(options.image, cv2.IMREAD_COLOR).shape)
-    names = list_garments() if garment == "auto" else (garment,)
-    garments = [load_garment(name, settings.surface) for name in names]
-    frame = read_frame(options.image, options.depth, calibration.intrinsics, 0)
-    empty = None
+    picture, empty = read_photograph(options.image, options.depth), None
     if options.reference is not None:
-        empty = read_frame(options.reference, options.reference_depth, calibration.intrinsics, 1)
-    thresholds = settings.perception.settings()
-    if options.depth is None:  # that there is none is the user's choice, not a broken camera
-        thresholds = replace(thresholds, depth_holes=1.0)
-    if options.unit == "px":  # nor how large it is
-        thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
-    expected = None if garment == "auto" else garments[0].name
-    return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
+        empty = read_photograph(options.reference, options.reference_depth)
+    return perceive_photograph(picture, empty, garment, options.unit, settings)
 
 
 def _check_reference(options: argparse.Namespace) -> None:
@@ -97,78 +75,6 @@ def _check_reference(options: argparse.Namespace) -> None:
         raise ConfigurationError(
             "--reference with --depth, but without --reference-depth",
             "give the empty table's depth as well, or leave out --reference or --depth",
-        )
-
-
-def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
-    """A stand-in for a camera of which nothing is known, for a picture (rows, columns): straight above the table,
-    the picture as wide as `WIDTH`. What it says in metres means nothing; in pixels it is right."""
-    rows, columns = shape[:2]
-    focal = HEIGHT * columns / WIDTH
-    intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
-    T = np.array([[0.0, -1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, HEIGHT], [0.0, 0.0, 0.0, 1.0]])
-    half = 0.5 * WIDTH * rows / columns
-    return CameraCalibration(intrinsics, frozen(T)), Table(0.0, (-half, half), (-0.5 * WIDTH, 0.5 * WIDTH))
-
-
-def read_frame(image: Path, depth: Path | None, intrinsics: Intrinsics, sequence: int) -> CameraFrame:
-    """A picture from files. Raises ConfigurationError when one cannot be read or has another size."""
-    size = (intrinsics.height, intrinsics.width)
-    bgr = _read_image(image, cv2.IMREAD_COLOR)
-    _check_size(image, bgr.shape[:2], size)
-    metres = np.full(size, np.nan, np.float32)
-    if depth is not None:
-        metres = _read_depth(depth)
-        _check_size(depth, metres.shape, size)
-    return CameraFrame(0.0, sequence, np.ascontiguousarray(bgr[:, :, ::-1]), metres, intrinsics)
-
-
-def _read_image(path: Path, flags: int) -> NDArray:
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as e:
-        raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
-    try:
-        image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:  # claims to be a picture of an impossible size
-        image = None
-    if image is None:
-        raise ConfigurationError(
-            f"{path}: is no picture that can be read (PNG or JPEG)", "export or copy it anew", path=str(path)
-        )
-    return np.asarray(image)
-
-
-def _read_depth(path: Path) -> NDArray[np.float32]:
-    """(H, W) [m]: `.npy` in metres, otherwise a picture of 16 bits in millimetres; 0 is no measurement."""
-    if path.suffix == ".npy":
-        try:
-            raw = np.load(path, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as e:
-            raise ConfigurationError(f"{path}: is no array that can be read: {e}", path=str(path)) from e
-        if not isinstance(raw, np.ndarray):
-            raw.close()
-            raise ConfigurationError(
-                f"{path}: is no single array (an .npz holds several)", "save it with numpy.save", path=str(path)
-            )
-        metres = raw.astype(np.float32) if raw.ndim == 2 and raw.dtype.kind == "f" else None
-    else:
-        raw = _read_image(path, cv2.IMREAD_UNCHANGED)
-        metres = raw.astype(np.float32) * MILLIMETRES if raw.ndim == 2 and raw.dtype == np.uint16 else None
-    if metres is None:
-        raise ConfigurationError(
-            f"{path}: holds {raw.dtype} of shape {raw.shape}", "give 16-bit millimetres (PNG) or metres (.npy)"
-        )
-    return np.where(metres > 0, metres, np.nan).astype(np.float32)
-
-
-def _check_size(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -> None:
-    if tuple(found) != expected:
-        wanted = f"{expected[1]} x {expected[0]}"
-        raise ConfigurationError(
-            f"{path}: is {found[1]} x {found[0]} pixels, the camera is calibrated for {wanted}",
-            "give a picture as the cell's camera takes it, a calibration of the camera that took it (--cell), or "
-            "--unit px for a camera of which nothing is known",
         )
 
 
@@ -201,19 +107,14 @@ def _figures(image: Path, perception: Perception, overlay: Path, unit: str) -> d
         "ambiguous": state.ambiguous,
         "unit": unit,
         "keypoints": _keypoints(perception, unit),
-        "contour": _in_unit(perception, state.contour, unit),
+        "contour": in_unit(perception, state.contour, unit),
         **metres,
         "overlay": str(overlay),
     }
 
 
 def _keypoints(perception: Perception, unit: str) -> dict[str, Array]:
-    return {name: _in_unit(perception, p, unit) for name, p in perception.state.keypoints.items()}
-
-
-def _in_unit(perception: Perception, points: Array, unit: str) -> Array:
-    """Points (..., 2) [m], table frame, as they are, or in the picture's pixels (column, row)."""
-    return points if unit == "m" else perception.view.to_image(points)
+    return {name: in_unit(perception, p, unit) for name, p in perception.state.keypoints.items()}
 
 
 def _print(perception: Perception, overlay: Path, unit: str) -> None:

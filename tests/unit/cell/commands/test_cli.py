@@ -665,18 +665,18 @@ def test_perceive_refuses_a_picture_of_another_size(tmp_path: Path, capsys: pyte
 
 
 def test_depth_files(tmp_path: Path) -> None:
-    from cell.commands.skill.perceive import _read_depth
+    from cell.support.files.picture_file import read_depth
 
     cv2.imwrite(str(tmp_path / "d.png"), np.array([[1100, 0]], np.uint16))
     np.save(tmp_path / "d.npy", np.array([[1.1, 0.0]]))
     for name in ("d.png", "d.npy"):
-        depth = _read_depth(tmp_path / name)
+        depth = read_depth(tmp_path / name)
         assert depth[0, 0] == pytest.approx(1.1) and np.isnan(depth[0, 1])
     cv2.imwrite(str(tmp_path / "rgb.png"), np.zeros((2, 2, 3), np.uint8))
     np.save(tmp_path / "int.npy", np.array([[1100]]))
     for name in ("rgb.png", "int.npy"):
         with pytest.raises(ConfigurationError, match="16-bit millimetres"):
-            _read_depth(tmp_path / name)
+            read_depth(tmp_path / name)
 
 
 # optimise's export

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.skill.perceive import photographed
+from cell.hardware.photograph import photographed
 from skills.perception.perceive import height_above
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.boundary import refine_boundary, smooth_closed

@@ -1,0 +1,93 @@
+"""The folds of a garment's plan optimised one after another, from the garment as it lies flat."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from cell.config.cell_settings import CellSettings
+from robots.errors import ConfigurationError
+from skills.cloth.mesh import mesh_from_contour
+from skills.garments.garment import Garment
+from skills.planning.plan import plan_folds
+from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
+from skills.trajectory.paths import lifted, tool_paths
+from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
+
+__all__ = ["StepOptimisation", "check_step", "optimise_plan"]
+
+Progress = Callable[[FoldStep, int, int, float], None]
+"""Called after each simulation with: the fold, simulations done, budget, best D so far [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepOptimisation:
+    """One fold. paths: of each tool, from the grasp through the straight lift to the release; none where the
+    optimisation failed. wall_time_s: of the optimisation."""
+
+    step: FoldStep
+    outcome: Outcome[GraspTrajectory]
+    paths: Mapping[GraspId, ToolPath]
+    wall_time_s: float
+
+
+def check_step(garment: Garment, number: int | None) -> None:
+    """Raises ConfigurationError for a fold that the garment's plan does not have. number: from 1; None: all."""
+    if number is not None and not 1 <= number <= len(garment.plan):
+        raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no step {number}")
+
+
+def optimise_plan(
+    garment: Garment,
+    settings: CellSettings,
+    only: int | None = None,
+    method: str | None = None,
+    budget: int | None = None,
+    begin: Callable[[], None] = lambda: None,
+    progress: Progress = lambda step, done, budget, best: None,
+) -> Iterator[StepOptimisation]:
+    """Each fold when it is optimised, up to the first that fails.
+
+    only: the number of one fold, from 1; the folds before it are made by their initial arcs. method, budget
+    [simulations a fold]: None as in the settings. begin: called before each fold.
+
+    Raises ConfigurationError at the first fold for an unknown method, for a number that the plan does not have,
+    and for a plan that the flat garment does not allow.
+    """
+    check_step(garment, only)
+    method = method or settings.optimiser.method
+    if method not in METHODS:
+        raise ConfigurationError(f"there is no method '{method}'", f"it is one of {', '.join(METHODS)}")
+    budget = budget or (None if method == "initial" else settings.optimiser.simulations)
+    speed = min(garment.max_tool_speed, settings.motion.tool_speed)
+
+    state = garment.flat_state(*garment.poses.middle)
+    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+    vertices = mesh.lay_flat(garment.material.thickness)
+    predict = ClothPredictor()
+    planned = plan_folds(state, garment)
+    if planned.failure:
+        raise ConfigurationError(f"{garment.name}: {planned.failure.what}", planned.failure.hint)
+    steps = planned.unwrap()[:only]
+    for step in steps:
+        wanted = only in (None, step.index + 1)
+        began = time.monotonic()
+        begin()
+        outcome = optimise_fold(
+            step, mesh, vertices, garment.material,
+            method if wanted else "initial", budget if wanted else None,
+            threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
+            progress=partial(progress, step), lift_height=settings.grasp.lift_height,
+        )  # fmt: skip
+        took = time.monotonic() - began
+        if outcome.failure:
+            yield StepOptimisation(step, outcome, {}, took)
+            return
+        arcs = tool_paths(outcome.unwrap(), step)
+        paths = {i: lifted(path, settings.grasp.lift_height) for i, path in arcs.items()}
+        if wanted:
+            yield StepOptimisation(step, outcome, paths, took)
+        if step is not steps[-1]:
+            vertices = predict(mesh, vertices, garment.material, paths)

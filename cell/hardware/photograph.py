@@ -1,0 +1,103 @@
+"""Perception of a picture that no run took: from a file or an array, by the cell's camera or an unknown one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.config.cell_settings import CellSettings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.hardware.camera import camera_calibration
+from cell.support.files.picture_file import read_depth, read_picture
+from robots.errors import ConfigurationError
+from robots.ports import Array, CameraFrame, Intrinsics, frozen
+from skills.perception.perceive import Perception, perceive
+from skills.vocabulary import CameraCalibration, Outcome, Table
+
+__all__ = ["ANY_SIZE", "Photograph", "in_unit", "perceive_photograph", "photographed", "read_photograph"]
+
+ANY_SIZE = 1e3
+"""Relative difference of sizes that nothing reaches."""
+WIDTH, HEIGHT = 1.2, 2.0
+"""Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """rgb: (H, W, 3) uint8. depth: (H, W) float32 [m], NaN where unknown; None: there is none. name, depth_name:
+    what messages call them."""
+
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32] | None
+    name: str
+    depth_name: str
+
+
+def read_photograph(image: Path, depth: Path | None) -> Photograph:
+    """A picture from files. Raises ConfigurationError when one cannot be read."""
+    metres = read_depth(depth) if depth is not None else None
+    return Photograph(read_picture(image), metres, str(image), str(depth))
+
+
+def perceive_photograph(
+    picture: Photograph, reference: Photograph | None, garment: str, unit: str, settings: CellSettings
+) -> tuple[Outcome[Perception], CameraFrame]:
+    """What is seen in the picture, and the picture as a camera's frame. reference: the empty table. garment: a
+    name, a file, or auto. unit: 'm', taken by the cell's camera, or 'px', from above by an unknown one.
+
+    Raises ConfigurationError for a garment that is not known, and for a picture of another size than the camera's.
+    """
+    calibration, table = camera_calibration(settings), settings.table
+    if unit == "px":
+        calibration, table = photographed(picture.rgb.shape)
+    names = list_garments() if garment == "auto" else (garment,)
+    garments = [load_garment(name, settings.surface) for name in names]
+    frame = _frame(picture, calibration.intrinsics, 0)
+    empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
+    thresholds = settings.perception.settings()
+    if picture.depth is None:  # that there is none is the user's choice, not a broken camera
+        thresholds = replace(thresholds, depth_holes=1.0)
+    if unit == "px":  # nor how large it is
+        thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
+    expected = None if garment == "auto" else garments[0].name
+    return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
+
+
+def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
+    """A stand-in for a camera of which nothing is known, for a picture (rows, columns): straight above the table,
+    the picture as wide as `WIDTH`. What it says in metres means nothing; in pixels it is right."""
+    rows, columns = shape[:2]
+    focal = HEIGHT * columns / WIDTH
+    intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
+    T = np.array([[0.0, -1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, HEIGHT], [0.0, 0.0, 0.0, 1.0]])
+    half = 0.5 * WIDTH * rows / columns
+    return CameraCalibration(intrinsics, frozen(T)), Table(0.0, (-half, half), (-0.5 * WIDTH, 0.5 * WIDTH))
+
+
+def in_unit(perception: Perception, points: Array, unit: str) -> Array:
+    """Points (..., 2) [m], table frame, as they are, or in the picture's pixels (column, row)."""
+    return points if unit == "m" else perception.view.to_image(points)
+
+
+def _frame(picture: Photograph, intrinsics: Intrinsics, sequence: int) -> CameraFrame:
+    size = (intrinsics.height, intrinsics.width)
+    _check_size(picture.name, picture.rgb.shape[:2], size)
+    depth = picture.depth
+    if depth is None:
+        depth = np.full(size, np.nan, np.float32)
+    else:
+        _check_size(picture.depth_name, depth.shape, size)
+    return CameraFrame(0.0, sequence, picture.rgb, depth, intrinsics)
+
+
+def _check_size(name: str, found: tuple[int, ...], expected: tuple[int, int]) -> None:
+    if tuple(found) != expected:
+        wanted = f"{expected[1]} x {expected[0]}"
+        raise ConfigurationError(
+            f"{name}: is {found[1]} x {found[0]} pixels, the camera is calibrated for {wanted}",
+            "give a picture as the cell's camera takes it, the settings of the camera that took it (--cell), or "
+            "the unit px (--unit px) for a camera of which nothing is known",
+        )

@@ -1,0 +1,72 @@
+"""The commands of a run as arrays, read from its transcript."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.recording.transcript.transcript import Transcript
+from cell.recording.transcript.transcript_codec import Channel, unpack
+from robots.errors import StorageError
+from robots.ports import Array, JointSetpoint, frozen
+
+__all__ = ["SetPoints", "read_set_points"]
+
+JOINTS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class SetPoints:
+    """Every command of a run to arms, grippers and head, each with the time of the cell's clock that the executive
+    had last read or slept until [s].
+
+    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's
+    seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less.
+    grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit [N].
+    head: (m, 2), rows of time [s], pan angle [rad].
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    clipped: NDArray[np.bool_]
+    grippers: Mapping[str, Array]
+    head: Array
+
+
+def read_set_points(transcript: Transcript) -> SetPoints:
+    """The commands as far as the transcript goes; without those that a driver refused. Raises StorageError for a
+    transcript that is damaged."""
+    now = 0.0
+    arms: list[tuple[float, Array, Array, bool]] = []
+    grippers: dict[str, list[tuple[float, ...]]] = {side.value: [] for side, _ in transcript.constants.max_opening}
+    head: list[tuple[float, ...]] = []
+    for exchange in transcript:
+        try:
+            if exchange.channel is Channel.NOW:
+                answer = unpack(exchange.answer)
+                now = answer if isinstance(answer, float) else now
+            elif exchange.channel is Channel.SLEEP:
+                now = max(now, *map(float, unpack(exchange.question)))
+            elif exchange.channel is Channel.SET_POINT:
+                sent = unpack(exchange.answer)
+                if isinstance(sent, JointSetpoint):
+                    arms.append((now, *unpack(exchange.question), bool(sent.clipped)))
+            elif exchange.channel is Channel.GRIP and unpack(exchange.answer) is None:
+                side, opening, force = unpack(exchange.question)
+                grippers[side.value].append((now, opening, force))
+            elif exchange.channel is Channel.HEAD and unpack(exchange.answer) is None:
+                head.append((now, *unpack(exchange.question)))
+        except (ValueError, KeyError, TypeError) as e:
+            raise StorageError(f"the transcript {transcript.path} is damaged: {e}", "read another run") from None
+    return SetPoints(
+        t=frozen(np.array([row[0] for row in arms], float)),
+        q=frozen(np.array([row[1] for row in arms], float).reshape(-1, JOINTS)),
+        qd=frozen(np.array([row[2] for row in arms], float).reshape(-1, JOINTS)),
+        clipped=frozen(np.array([row[3] for row in arms], bool)),
+        grippers={side: frozen(np.array(rows, float).reshape(-1, 3)) for side, rows in grippers.items()},
+        head=frozen(np.array(head, float).reshape(-1, 2)),
+    )

@@ -1,0 +1,65 @@
+"""Pictures and depth images from files, as arrays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import ConfigurationError
+
+__all__ = ["known_depth", "read_depth", "read_picture"]
+
+MILLIMETRES = 1e-3
+
+
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB. Raises ConfigurationError for a file that is no picture."""
+    return np.ascontiguousarray(_read_image(path, cv2.IMREAD_COLOR)[:, :, ::-1])
+
+
+def read_depth(path: Path) -> NDArray[np.float32]:
+    """(H, W) [m], NaN where nothing was measured: `.npy` in metres, otherwise a picture of 16 bits in millimetres.
+    Raises ConfigurationError for a file that is neither."""
+    if path.suffix == ".npy":
+        try:
+            raw = np.load(path, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as e:
+            raise ConfigurationError(f"{path}: is no array that can be read: {e}", path=str(path)) from e
+        if not isinstance(raw, np.ndarray):
+            raw.close()
+            raise ConfigurationError(
+                f"{path}: is no single array (an .npz holds several)", "save it with numpy.save", path=str(path)
+            )
+        metres = raw.astype(np.float32) if raw.ndim == 2 and raw.dtype.kind == "f" else None
+    else:
+        raw = _read_image(path, cv2.IMREAD_UNCHANGED)
+        metres = raw.astype(np.float32) * MILLIMETRES if raw.ndim == 2 and raw.dtype == np.uint16 else None
+    if metres is None:
+        raise ConfigurationError(
+            f"{path}: holds {raw.dtype} of shape {raw.shape}", "give 16-bit millimetres (PNG) or metres (.npy)"
+        )
+    return known_depth(metres)
+
+
+def known_depth(metres: NDArray) -> NDArray[np.float32]:
+    """(H, W) [m]: NaN in place of 0 and of what is negative."""
+    return np.where(metres > 0, metres, np.nan).astype(np.float32)
+
+
+def _read_image(path: Path, flags: int) -> NDArray:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as e:
+        raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:  # claims to be a picture of an impossible size
+        image = None
+    if image is None:
+        raise ConfigurationError(
+            f"{path}: is no picture that can be read (PNG or JPEG)", "export or copy it anew", path=str(path)
+        )
+    return np.asarray(image)

@@ -1,0 +1,66 @@
+"""One run of the cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from foldcell.settings import Settings, cell_settings
+
+if TYPE_CHECKING:
+    from cell.states.fold_request import FoldResult
+
+__all__ = ["fold"]
+
+LARGEST_SEED = 2**31 - 1
+
+
+def fold(
+    garment: str | Path,
+    *,
+    seed: int = 0,
+    settings: Settings = None,
+    driver: str = "sim",
+    logs: str | Path | None = None,
+    approve: bool = False,
+    record: bool = True,
+    quiet: bool = True,
+) -> FoldResult:
+    """Fold a garment once, as the command `fold` does, and wait for the end.
+
+    garment: a shipped name, a garment file, or 'auto' (the cell recognises it). seed: of the simulated cell, 0 to
+    2147483647; a simulated run is a function of its seed. driver: 'sim', 'emulator' or 'ros' (the robot that
+    ROS_MASTER_URI names). logs: folder of journal and runs; None: FOLDCELL_LOGS, else the usual one. approve: ask
+    at the terminal before each fold; with a robot the cell always asks. record: keep recording, transcript and
+    report in the run's folder. quiet: no progress lines on standard output.
+
+    The result has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
+    'not_folded' or 'fault', `failure` the reason, `score` the judgement of the simulated truth (None on hardware),
+    `steps` a mapping a fold, `run_dir` the folder for `load_run`. On the main thread SIGINT and SIGTERM stop the
+    cell while it runs; the result's `signal` then says which it was.
+
+    Raises ConfigurationError and StorageError before anything moves.
+    """
+    from cell.config.garments.garment_file import load_garment
+    from cell.runs.fold_run import fold_once
+    from cell.states.fold_request import FoldRequest
+    from cell.support.files.paths import logs_directory, prepare_logs
+    from robots.errors import ConfigurationError
+
+    if not 0 <= seed <= LARGEST_SEED:
+        raise ConfigurationError(f"{seed} is no seed", f"a whole number from 0 to {LARGEST_SEED} is")
+    checked = cell_settings(settings)
+    if str(garment) != "auto":
+        load_garment(garment, checked.surface)
+    request = FoldRequest(
+        garment=str(garment),
+        seed=seed,
+        driver=driver,
+        settings=checked,
+        settings_path=Path(settings) if isinstance(settings, str | Path) else None,
+        logs=prepare_logs(logs_directory(None if logs is None else Path(logs))),
+        approve=approve,
+        record=record,
+        quiet=quiet,
+    )
+    return fold_once(request)

@@ -1,0 +1,126 @@
+"""Finished runs, read from their folder and the journal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cell.recording.journal import Intent
+    from cell.recording.transcript.set_points import SetPoints
+
+__all__ = ["Run", "load_run"]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run that has ended. Times `..._s` are of the cell's clock [s], lengths `..._m` [m].
+
+    status: its result ('folded', 'not_folded', 'fault', 'not_begun'; of a calibration 'done', 'not_done'), or
+    'interrupted' where its process ended without ending the run. seed: None on hardware without one. started,
+    ended: seconds since 1970, of the wall's clock; ended is None for an interrupted run. versions: package ->
+    version.
+
+    result: all that `fold --json` prints; empty for an interrupted run. folds: its `steps`, a mapping a fold.
+    stage_times_s: state -> time spent in it. events: every line of the journal in order (sequence, cell_time [s],
+    wall_time [s since 1970], state, kind: 'event', 'intent' or 'result', name, answers: the sequence of a result's
+    intent, payload). effects: everything that was performed, in order (name, state, fold: index into `folds`,
+    attempt, begun_s, ended_s, event, failure, what); ended_s is None where the run was cut off.
+    """
+
+    id: str
+    status: str
+    garment: str
+    seed: int | None
+    driver: str
+    started: float
+    ended: float | None
+    versions: Mapping[str, str]
+    settings_hash: str
+    folder: Path
+    result: Mapping[str, Any]
+    events: tuple[Mapping[str, Any], ...]
+    effects: tuple[Mapping[str, Any], ...]
+
+    @property
+    def folds(self) -> tuple[Mapping[str, Any], ...]:
+        return tuple(self.result.get("steps") or ())
+
+    @property
+    def stage_times_s(self) -> Mapping[str, float]:
+        return dict(self.result.get("stage_times_s") or {})
+
+    @property
+    def robot_time_s(self) -> float | None:
+        """Without waiting for an operator; None for a run that has no result."""
+        return self.result.get("robot_time_s")
+
+    def set_points(self) -> SetPoints | None:
+        """What was commanded, read from the transcript; None for a run without a recording, which keeps none.
+
+        The arrays' shapes and units stand at `cell.recording.transcript.set_points.SetPoints`. Raises StorageError
+        for a transcript that is damaged or of another version.
+        """
+        from cell.recording.transcript.set_points import read_set_points
+        from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
+
+        path = self.folder / TRANSCRIPT
+        return read_set_points(Transcript(path)) if path.is_file() else None
+
+
+def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
+    """A finished run. run: its id, the beginning of one, its folder, or 'last'. logs: folder of the journal; None:
+    the one that holds the run's folder, else FOLDCELL_LOGS, else the usual one.
+
+    Raises ConfigurationError for a run that there is not, or that has not ended, and StorageError for a journal
+    that cannot be read.
+    """
+    from cell.recording.journal import Journal, performed
+    from cell.support.files.paths import journal_path, logs_directory
+    from robots.errors import ConfigurationError
+
+    named = None if logs is None else Path(logs)
+    folder = Path(run).absolute()
+    if named is None and folder.is_dir() and journal_path(folder.parent).is_file():
+        named = folder.parent
+    with Journal.open(journal_path(logs_directory(named)), readonly=True) as journal:
+        record = journal.run(str(run))
+        if record.status == "running":
+            raise ConfigurationError(
+                f"the run {record.id} has not ended (pid {record.pid})", "try again when it has"
+            )
+        entries = journal.entries(record.id)
+    return Run(
+        id=record.id,
+        status=record.status,
+        garment=record.garment,
+        seed=record.seed,
+        driver=record.driver,
+        started=record.started,
+        ended=record.ended,
+        versions=record.versions,
+        settings_hash=record.settings_hash,
+        folder=record.directory,
+        result=record.summary,
+        events=tuple(dataclasses.asdict(entry) for entry in entries),
+        effects=tuple(_effect(effect) for effect in performed(entries)),
+    )
+
+
+def _effect(effect: Intent) -> dict[str, Any]:
+    begun, ended = effect.begun, effect.result
+    came = ended.payload if ended else {}
+    return {
+        "name": begun.name,
+        "state": begun.state,
+        "fold": begun.payload.get("step"),
+        "attempt": begun.payload.get("attempt"),
+        "begun_s": begun.cell_time,
+        "ended_s": ended.cell_time if ended else None,
+        "event": came.get("event"),
+        "failure": came.get("kind"),
+        "what": came.get("what"),
+    }

@@ -1,0 +1,24 @@
+"""`import foldcell` is quick, and all that it promises is there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import foldcell
+
+
+def test_the_import_loads_none_of_the_cell() -> None:
+    code = "import sys; before = set(sys.modules); import foldcell; print(*sorted(set(sys.modules) - before))"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    roots = {name.partition(".")[0] for name in answer.stdout.split()}
+    assert "foldcell" in roots
+    assert roots & {"cell", "skills", "numpy", "numba", "cv2", "pydantic", "yaml"} == set()
+
+
+def test_every_public_name_is_there() -> None:
+    assert all(getattr(foldcell, name) for name in foldcell.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'unfold'"):
+        _ = foldcell.unfold

@@ -1,0 +1,88 @@
+"""`foldcell.perceive` of drawn pictures whose key points are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import foldcell
+from cell.config.cell_settings import load_settings
+from cell.hardware.camera import camera_calibration
+from robots.errors import FailureKind
+from robots.ports import CameraFrame
+from tests.scenes import TOWEL_NAMES, render, towel_scene
+
+
+@pytest.fixture(scope="module")
+def taken() -> tuple[CameraFrame, CameraFrame, np.ndarray]:
+    """A medium towel and the empty table by the shipped cell's camera, and the true corners (4, 2)."""
+    scene, corners = towel_scene(0)
+    calibration = camera_calibration(load_settings())
+    return render(scene, calibration), render(replace(scene, polygons=[]), calibration, 1), corners
+
+
+def worst(seen: foldcell.PerceivedGarment, corners: np.ndarray) -> float:
+    """Largest distance of a key point from the truth [m]."""
+    return max(np.linalg.norm(seen.keypoints[n] - p) for n, p in zip(TOWEL_NAMES, corners, strict=True))
+
+
+def test_arrays_by_the_cells_camera(taken: tuple[CameraFrame, CameraFrame, np.ndarray]) -> None:
+    frame, bare, corners = taken
+    seen = foldcell.perceive(
+        frame.rgb, frame.depth, reference=bare.rgb, reference_depth=bare.depth, garment="medium_towel"
+    )
+    assert seen.failure is None and seen.unit == "m"
+    assert (seen.garment, seen.category) == ("medium_towel", "towel")
+    assert seen.confidence > 0.8
+    assert worst(seen, corners) < 0.008
+    x, y = seen.contour.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))  # positive: counter-clockwise
+    assert area == pytest.approx(0.24, rel=0.05)
+
+
+def test_files_are_read_as_the_arrays(taken: tuple[CameraFrame, CameraFrame, np.ndarray], tmp_path: Path) -> None:
+    frame, _, _ = taken
+    cv2.imwrite(str(tmp_path / "rgb.png"), frame.rgb[:, :, ::-1])
+    np.save(tmp_path / "depth.npy", frame.depth)
+    by_arrays = foldcell.perceive(frame.rgb, frame.depth)
+    by_files = foldcell.perceive(tmp_path / "rgb.png", str(tmp_path / "depth.npy"))
+    assert by_arrays.failure is None
+    assert by_arrays.garment == by_files.garment
+    assert np.array_equal(by_arrays.contour, by_files.contour)
+
+
+def test_no_garment_is_a_failure_and_no_error() -> None:
+    table = np.random.default_rng(0).normal(170, 2, (240, 320, 3)).astype(np.uint8)
+    seen = foldcell.perceive(table, unit="px")
+    assert seen.failure is not None and seen.failure.kind is FailureKind.NO_GARMENT
+    assert seen.garment is None and seen.keypoints == {} and seen.contour.shape == (0, 2)
+
+
+PICTURE = np.zeros((480, 640, 3), np.uint8)
+DEPTH = np.ones((480, 640), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"rgb": PICTURE[:48, :64]}, "rgb: is 64 x 48 pixels"),
+        ({"rgb": PICTURE[:, :, 0]}, "rgb: holds uint8"),
+        ({"rgb": PICTURE.astype(float)}, "rgb: holds float64"),
+        ({"rgb": PICTURE, "depth": DEPTH.astype(np.uint16)}, "depth: holds uint16"),
+        ({"rgb": PICTURE, "depth": DEPTH[:48, :64]}, "depth: is 64 x 48 pixels"),
+        ({"rgb": PICTURE, "reference_depth": DEPTH}, "reference_depth without reference"),
+        ({"rgb": PICTURE, "depth": DEPTH, "reference": PICTURE}, "without reference_depth"),
+        ({"rgb": PICTURE, "unit": "cm"}, "no unit 'cm'"),
+        ({"rgb": PICTURE, "garment": "sock"}, "sock"),
+        ({"rgb": "nowhere.png"}, "nowhere.png: cannot be read"),
+        ({"rgb": PICTURE, "settings": {"perception": {"metod": "plain"}}}, "metod"),
+    ],
+)
+def test_wrong_arguments_are_told(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(foldcell.ConfigurationError, match=words):
+        foldcell.perceive(**arguments)

@@ -1,0 +1,146 @@
+"""`foldcell.fold` and `foldcell.load_run`: a run of the simulated cell, and what is read of it afterwards."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import foldcell
+from cell.recording.journal import Journal
+from cell.support.files.paths import journal_path
+from robots.ports import JointSetpoint
+from tests.runs import PLAIN
+
+
+def begun(logs: Path) -> Any:
+    """A run of a few lines that nobody has ended yet: (the journal, the run)."""
+    journal = Journal.open(journal_path(logs))
+    run = journal.begin_run(garment="small_towel", seed=4, driver="sim", versions={"foldcell": "0.1.0"})
+    run.event(0.5, "idle", "started")
+    look = run.intent(1.0, "observing", "look", {"step": 0, "attempt": 0})
+    run.result(look, 3.5, {"event": "done"})
+    grasp = run.intent(4.0, "grasping", "grasp", {"step": 0, "attempt": 1})
+    run.result(grasp, 6.0, {"event": "failed", "kind": "missed_grasp", "what": "nothing between the pads"})
+    run.intent(7.0, "grasping", "grasp", {"step": 1, "attempt": 0})
+    return journal, run
+
+
+@pytest.fixture
+def ended(tmp_path: Path) -> Iterator[Path]:
+    """The folder of a run that has ended."""
+    journal, run = begun(tmp_path)
+    steps = [{"name": "half", "done": True}, {"name": "quarter", "done": False}]
+    summary = {"steps": steps, "robot_time_s": 6.5, "stage_times_s": {"grasping": 4.0}}
+    run.end("not_folded", summary)
+    journal.close()
+    yield run.directory
+
+
+def test_a_run_by_each_of_its_names(ended: Path) -> None:
+    by_folder = foldcell.load_run(ended)
+    for name in (ended.name, ended.name[:12], "last", str(ended)):
+        assert foldcell.load_run(name, logs=ended.parent).id == by_folder.id == ended.name
+    assert by_folder.folder == ended
+
+
+def test_figures_and_effects(ended: Path) -> None:
+    run = foldcell.load_run(ended)
+    assert (run.status, run.garment, run.seed, run.driver) == ("not_folded", "small_towel", 4, "sim")
+    assert run.versions == {"foldcell": "0.1.0"}
+    assert run.ended is not None and run.started <= run.ended
+    assert [fold["name"] for fold in run.folds] == ["half", "quarter"]
+    assert run.stage_times_s == {"grasping": 4.0} and run.robot_time_s == 6.5
+    assert [event["sequence"] for event in run.events] == [1, 2, 3, 4, 5, 6]
+    assert run.events[0]["name"] == "started" and run.events[0]["cell_time"] == 0.5
+    look, missed, open_ = run.effects
+    assert (look["name"], look["fold"], look["begun_s"], look["ended_s"]) == ("look", 0, 1.0, 3.5)
+    assert (missed["attempt"], missed["failure"], missed["event"]) == (1, "missed_grasp", "failed")
+    assert (open_["fold"], open_["ended_s"], open_["event"]) == (1, None, None)
+    assert run.set_points() is None
+
+
+def test_an_interrupted_run_has_no_result(tmp_path: Path) -> None:
+    journal, run = begun(tmp_path)
+    run.abandon()
+    journal.close()
+    read = foldcell.load_run("last", logs=tmp_path)
+    assert (read.status, read.ended, read.result, read.folds) == ("interrupted", None, {}, ())
+    assert read.robot_time_s is None and read.stage_times_s == {}
+    assert len(read.effects) == 3
+
+
+def test_a_run_that_has_not_ended_is_refused(tmp_path: Path) -> None:
+    journal, run = begun(tmp_path)
+    with pytest.raises(foldcell.ConfigurationError, match="has not ended"):
+        foldcell.load_run("last", logs=tmp_path)
+    run.abandon()
+    journal.close()
+
+
+def test_a_run_that_there_is_not(ended: Path, tmp_path: Path) -> None:
+    with pytest.raises(foldcell.ConfigurationError, match="no run '2001'"):
+        foldcell.load_run("2001", logs=ended.parent)
+    with pytest.raises(foldcell.StorageError):
+        foldcell.load_run("last", logs=tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"garment": "sock"}, "sock"),
+        ({"garment": "small_towel", "seed": -1}, "-1 is no seed"),
+        ({"garment": "small_towel", "driver": "tractor"}, "no driver 'tractor'"),
+        ({"garment": "small_towel", "settings": "nowhere.yaml"}, "nowhere.yaml"),
+    ],
+)
+def test_fold_refuses_before_there_is_a_run(arguments: dict[str, Any], words: str, tmp_path: Path) -> None:
+    with pytest.raises(foldcell.ConfigurationError, match=words):
+        foldcell.fold(logs=tmp_path, **arguments)
+    assert not journal_path(tmp_path).exists()
+
+
+@pytest.mark.slow
+def test_a_run_is_read_as_it_was_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The set-points are compared with what passed the arms' port."""
+    passed: list[tuple[float, np.ndarray, np.ndarray, bool]] = []
+    from cell.recording.transcript.port_recorder import PortRecorder
+
+    between = PortRecorder.between
+
+    def listening(recorder: PortRecorder, ports: Any, commands: Any) -> Any:
+        command = type(ports.arms).command
+
+        def heard(port: Any, q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
+            sent = command(port, q, qd)
+            passed.append((ports.clock.now(), np.array(q), np.array(qd), sent.clipped))
+            return sent
+
+        monkeypatch.setattr(type(ports.arms), "command", heard)
+        return between(recorder, ports, commands)
+
+    monkeypatch.setattr(PortRecorder, "between", listening)
+    result = foldcell.fold("small_towel", seed=1, settings=PLAIN, logs=tmp_path)
+    run = foldcell.load_run(result.run_dir)
+    assert isinstance(result, foldcell.FoldResult)
+    assert run.status == result.result == "folded"
+    assert json.loads((run.folder / "result.json").read_text()) == {
+        k: v for k, v in run.result.items() if k != "schema"
+    }
+    assert [fold["name"] for fold in run.folds] == [step["name"] for step in result.steps]
+    assert all(effect["ended_s"] >= effect["begun_s"] for effect in run.effects)
+    sent = run.set_points()
+    assert isinstance(sent, foldcell.SetPoints)
+    t, q, qd, clipped = (np.array(column) for column in zip(*passed, strict=True))
+    assert np.allclose(sent.t, t, rtol=0.0, atol=1e-9) and np.all(np.diff(sent.t) >= 0)
+    assert np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd)
+    assert np.array_equal(sent.clipped, clipped)
+    assert set(sent.grippers) == {"left", "right"}
+    for rows in sent.grippers.values():
+        assert rows.shape[1] == 3 and len(rows) > 0
+        assert np.all(np.diff(rows[:, 0]) >= 0) and np.all((rows[:, 1] >= 0) & (rows[:, 1] < 0.2))
+    assert sent.head.ndim == 2 and sent.head.shape[1] == 2
