@@ -228,7 +228,7 @@ def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
     if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
         raise DriverError(
             FailureKind.CAMERA_FAULT,
-            f"the camera's intrinsics do not fit the picture ({info.width}x{info.height} pixels, fx = {info.K[0]:g})",
+            f"the intrinsics do not fit the picture ({info.width}x{info.height} pixels, fx = {info.K[0]:g})",
             HINT,
         )
     return Intrinsics(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5])
