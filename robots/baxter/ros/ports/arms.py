@@ -67,8 +67,8 @@ class RosArms:
 
     def state(self) -> JointState:
         """The latest joint state. Before the first message: NaN with stamp -inf."""
-        unheard = frozen(np.full(14, np.nan))
-        return self.joints.newest or JointState(-np.inf, unheard, unheard, unheard, np.nan)
+        unknown = frozen(np.full(14, np.nan))
+        return self.joints.newest or JointState(-np.inf, unknown, unknown, unknown, np.nan)
 
     def enable(self) -> None:
         """Switch the motors on. Raises DriverError: STOPPED, or HARDWARE_FAULT if the motors stay off."""

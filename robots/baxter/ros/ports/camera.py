@@ -107,10 +107,10 @@ class RosCamera:
     def capture(self) -> CameraFrame:
         """A still picture taken after the request. The first picture that arrives is skipped, because it may be
         older. Raises DriverError: CAMERA_FAULT for no picture, a frozen one or an unreadable one; STOPPED."""
-        picture = self._fetched(_Wanted(2, self._settle, self._exposures))
+        picture = self._fetch(_Wanted(2, self._settle, self._exposures))
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
-            self._not_stopped()
+            self._refuse_stopped()
             if time.monotonic() > until:
                 raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
         return picture.result()
@@ -123,10 +123,10 @@ class RosCamera:
             if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
                 return frame
         if self._glimpse is None:
-            self._glimpse = self._fetched(_Wanted(1, 0.0, 1))
+            self._glimpse = self._fetch(_Wanted(1, 0.0, 1))
         return None
 
-    def _fetched(self, wanted: _Wanted) -> Future[CameraFrame]:
+    def _fetch(self, wanted: _Wanted) -> Future[CameraFrame]:
         """Run `_picture` on a thread."""
         picture: Future[CameraFrame] = Future()
 
@@ -167,15 +167,15 @@ class RosCamera:
                     break
                 shots.arrived.wait(POLL_S)
         if not chosen:
-            self._not_stopped()
-            raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
+            self._refuse_stopped()
+            raise DriverError(FailureKind.CAMERA_FAULT, self._missing(shots), HINT)
         _, arrived, rgb, _ = chosen[-1]
         mean = mean_depth([read_depth(depths, rgb) for _, _, _, depths in chosen])
         return CameraFrame(
             arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(mean), read_intrinsics(shots.info, rgb)
         )
 
-    def _not_stopped(self) -> None:
+    def _refuse_stopped(self) -> None:
         if self._stopped():
             raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
 
@@ -185,7 +185,7 @@ class RosCamera:
             shots.pair(self._clock.now())
             shots.arrived.notify_all()
 
-    def _lacking(self, shots: _Shots) -> str:
+    def _missing(self, shots: _Shots) -> str:
         t = self._topics
         heard = {t.rgb: shots.colour, t.depth: shots.depth, t.info: shots.info}
         silent = [topic for topic, messages in heard.items() if not messages]

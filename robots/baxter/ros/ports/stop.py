@@ -56,11 +56,11 @@ class RosStop:
         messages = load_messages()
         self._clock, self._empty = clock, messages.empty
         self._stop, self._reset = node.publisher(STOP, messages.empty), node.publisher(RESET, messages.empty)
-        self._seen: StopState | None = None
-        self._asked: StopState | None = None
-        self._excused: StopState | None = None
+        self._observed: StopState | None = None
+        self._requested: StopState | None = None
+        self._resetting: StopState | None = None
         """The requested stop that is being reset; it is no longer sent to the robot."""
-        self._forgiven: StopState | None = None
+        self._lifted: StopState | None = None
         """The requested stop that has been reset."""
         self.robot = LatestMessage(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
         self._wake, self._wakener = os.pipe()
@@ -71,17 +71,17 @@ class RosStop:
 
     def trigger(self, reason: str) -> None:
         """Request a stop. May be called from any thread and from a signal handler."""
-        if self._asked is self._forgiven or self._asked is self._excused:
-            self._asked = StopState(self._clock.now(), True, reason or "no reason given")
+        if self._requested is self._lifted or self._requested is self._resetting:
+            self._requested = StopState(self._clock.now(), True, reason or "no reason given")
         self._wake_thread(b"s")
 
     def state(self) -> StopState:
         """The state. Its stamp is the time of the request or observation of a stop, otherwise of the last
         message."""
-        asked, robot = self._asked, self.robot.newest
-        if asked is not None and asked is not self._forgiven:
-            return asked
-        return self._seen or StopState(-math.inf if robot is None else robot.stamp, False)
+        requested, robot = self._requested, self.robot.newest
+        if requested is not None and requested is not self._lifted:
+            return requested
+        return self._observed or StopState(-math.inf if robot is None else robot.stamp, False)
 
     def reset(self) -> None:
         """Leave the stop. Raises DriverError(STOPPED), and stays stopped, if the button is still pressed, the
@@ -91,12 +91,12 @@ class RosStop:
             raise DriverError(
                 FailureKind.STOPPED, "the emergency button is still pressed", "turn it until it springs back"
             )
-        excused = self._excused = self._asked
+        resetting = self._resetting = self._requested
         try:
-            self._leave(excused)
-            self._forgiven, self._seen = excused, None
+            self._leave(resetting)
+            self._lifted, self._observed = resetting, None
         finally:
-            self._excused = self._forgiven
+            self._resetting = self._lifted
             self._wake_thread(b"s")  # there may be a new stop to send
 
     def close(self) -> None:
@@ -109,16 +109,18 @@ class RosStop:
             os.close(wakener)
             os.close(self._wake)
 
-    def _leave(self, excused: StopState | None) -> None:
+    def _leave(self, resetting: StopState | None) -> None:
         """Repeat the reset command until the robot reports that it has left its stop with its motors off."""
         begun = self._clock.now()
         while self._clock.now() < begun + RESET_S:
             self._reset.tell(self._empty())
             self._clock.sleep_until(self._clock.now() + TICK_S)
-            asked, robot = self._asked, self.robot.newest
-            if asked is not None and asked is not excused:
+            requested, robot = self._requested, self.robot.newest
+            if requested is not None and requested is not resetting:
                 raise DriverError(
-                    FailureKind.STOPPED, f"stopped again during the reset ({asked.reason})", "reset it once more"
+                    FailureKind.STOPPED,
+                    f"stopped again during the reset ({requested.reason})",
+                    "reset it once more",
                 )
             if robot is None or robot.stamp <= begun:
                 continue
@@ -136,9 +138,9 @@ class RosStop:
             os.write(self._wakener, what)
 
     def _watch(self, robot: AssemblyState) -> None:
-        if robot.stopped and self._seen is None:
+        if robot.stopped and self._observed is None:
             why = SOURCES.get(robot.source, "the robot reports that it is stopped")
-            self._seen = StopState(robot.stamp, True, why)
+            self._observed = StopState(robot.stamp, True, why)
 
     def _insist(self) -> None:
         """Repeat the stop command until the robot reports that it has stopped."""
@@ -150,10 +152,10 @@ class RosStop:
                 return
 
     def _unconfirmed(self) -> bool:
-        asked, robot = self._asked, self.robot.newest
-        if asked is None or asked is self._forgiven or asked is self._excused:
+        requested, robot = self._requested, self.robot.newest
+        if requested is None or requested is self._lifted or requested is self._resetting:
             return False
-        return robot is None or not robot.stopped or robot.stamp <= asked.stamp
+        return robot is None or not robot.stopped or robot.stamp <= requested.stamp
 
 
 def _assembly(message: Any, stamp: float) -> AssemblyState:

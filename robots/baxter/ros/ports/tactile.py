@@ -27,8 +27,8 @@ class RosTactile:
 
     def reading(self) -> TactileReading:
         """The latest reading, with its time of arrival. Before the first message: NaN with stamp -inf."""
-        unheard = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
-        return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unheard))
+        unknown = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
+        return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unknown))
 
     def _read(self, message: Any, stamp: float) -> TactileReading | None:
         """Read a message. None if a channel is missing, a value is not finite, or the shape differs from the first
