@@ -132,33 +132,32 @@ Effect = Look | Reach | Touch | Listen | Grip | Bring | Note
 T = TypeVar("T")
 Answer = Outcome[Any]
 Procedure = Generator[Effect, Answer, Outcome[T]]
-CalibrationStep = Generator[Effect, Answer, Outcome[T]]
 
 
-def look() -> CalibrationStep[Sight]:
+def look() -> Procedure[Sight]:
     return (yield Look())
 
 
-def reach(side: Side, T_base_tool: Array) -> CalibrationStep[Array]:
+def reach(side: Side, T_base_tool: Array) -> Procedure[Array]:
     """Returns the joints (14,) at that pose [rad]."""
     return (yield Reach(side, T_base_tool))
 
 
-def touch(side: Side, x: float, y: float) -> CalibrationStep[Touched]:
+def touch(side: Side, x: float, y: float) -> Procedure[Touched]:
     return (yield Touch(side, x, y))
 
 
-def listen(seconds: float) -> CalibrationStep[Heard]:
+def listen(seconds: float) -> Procedure[Heard]:
     return (yield Listen(seconds))
 
 
-def grip(side: Side, opening: float, force: float) -> CalibrationStep[bool]:
+def grip(side: Side, opening: float, force: float) -> Procedure[bool]:
     return (yield Grip(side, opening, force))
 
 
-def bring(place: BoardPlace) -> CalibrationStep[bool]:
+def bring(place: BoardPlace) -> Procedure[bool]:
     return (yield Bring(place))
 
 
-def note(text: str, picture: NDArray[np.uint8] | None = None, name: str = "") -> CalibrationStep[bool]:
+def note(text: str, picture: NDArray[np.uint8] | None = None, name: str = "") -> Procedure[bool]:
     return (yield Note(text, picture, name))

@@ -73,7 +73,7 @@ class Director:
         self._states: list[State] = []
         self._failures: list[FailureKind] = []
         self._parked = False
-        self._said: list[tuple[QueuedCommand, Action]] = []
+        self._commanded: list[tuple[QueuedCommand, Action]] = []
         self._dropped: list[Action] = []
         self._missed: tuple[Action, ...] = script.do
         self._limit = script.limit_s
@@ -158,7 +158,7 @@ class Director:
             self._cell.simulated.faults.add(fault)
         elif action.say is not None:
             self._overdue = self._overdue or action is GIVE_UP
-            self._said.append((self._commands.put(action.say), action))
+            self._commanded.append((self._commands.put(action.say), action))
         elif action.stop is not None:
             self._cell.ports.stop.trigger(action.stop)
         elif action.tell is not None:
@@ -178,7 +178,7 @@ class Director:
             else:
                 absent.append(action)
         due = [action for _, action in self._due]
-        not_taken = [action for command, action in self._said if not command.taken]
+        not_taken = [action for command, action in self._commanded if not command.taken]
         missed = (*self._pending, *self._dropped, *due, *not_taken, *absent)
         self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)
 

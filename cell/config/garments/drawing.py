@@ -1,4 +1,4 @@
-"""A garment file as a picture: outline, key points, and each fold with its line and grasps. Pure."""
+"""Draw a garment file: outline, key points, and each fold with its line and grasps."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from skills.vocabulary import FoldStep
 __all__ = ["draw_garment"]
 
 SCALE = 400.0
-"""Pixels a metre."""
+"""Pixels per metre."""
 MARGIN = 60
 _INK, _CLOTH, _LINE, _GRASP, _TARGET = (40, 44, 52), (214, 226, 240), (208, 52, 44), (36, 140, 60), (44, 90, 208)
 
 
 def draw_garment(garment: Garment) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB: one panel a fold, from left to right, seen from above with the robot at the bottom."""
+    """(H, W, 3) RGB picture with one panel per fold, from left to right, in top view with the robot at the
+    bottom."""
     x, y, angle = garment.poses.middle
     state = garment.flat_state(x, y, angle)
     steps = plan_folds(state, garment).unwrap()
@@ -36,7 +37,7 @@ def _panel(garment: Garment, outline: Array, step: FoldStep, centre: tuple[float
     picture = np.full((size, size, 3), 255, np.uint8)
 
     def pixel(p: Array) -> tuple[int, int]:
-        dx, dy = np.asarray(p)[:2] - centre  # table x is up in the picture, table y to the left
+        dx, dy = np.asarray(p)[:2] - centre  # in the picture table x points up and table y to the left
         return int(size / 2 - dy * SCALE), int(size / 2 - dx * SCALE)
 
     before = np.array([pixel(p) for p in silhouette(step.earlier, outline)], np.int32)

@@ -1,4 +1,4 @@
-"""Garment files: YAML -> Garment, with every mistake named. A new garment is a file and no code."""
+"""Read garment files (YAML) as Garment values, with validation. A new garment needs a file and no code."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ AVERAGE = {
     "friction_dynamic_ratio": 0.85,
     "friction_layers": 0.6,
 }
-"""A garment that nobody measured: the paper's averages (the first two), and our own assumptions."""
+"""Material of a garment without measurements: the first two values are the paper's averages, the others are
+assumed."""
 
 
 def list_garments() -> tuple[str, ...]:
@@ -57,7 +58,7 @@ def shipped_garment_path(name: str) -> Path:
 def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Garment:
     """Read a garment by its shipped name or from a YAML file, with its friction on `surface`.
 
-    Raises ConfigurationError, which names the file, the key, the value and what is allowed.
+    Raises ConfigurationError with the file, the key, the value and the allowed values.
     """
     path = garment_path(name_or_path)
     data = read_yaml(path, "garment file").data
@@ -71,8 +72,8 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
 
 
 def garment_path(name_or_path: str | Path) -> Path:
-    """The file of a garment given by its shipped name or by a path. Raises ConfigurationError for a name that
-    nothing has."""
+    """The file of a garment given by its shipped name or by a path. Raises ConfigurationError for an unknown
+    name."""
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
         return Path(text)
@@ -82,8 +83,8 @@ def garment_path(name_or_path: str | Path) -> Path:
     guess = f"did you mean {close[0]}? " if close else ""
     known = ", ".join(list_garments())
     raise ConfigurationError(
-        f"no garment is called {text!r}",
-        f"{guess}Shipped: {known}; or give the path of a YAML file.",
+        f"there is no garment {text!r}",
+        f"{guess}Shipped garments: {known}. You can also give the path of a YAML file.",
         garment=text,
     )
 
@@ -139,7 +140,7 @@ FabricField = Literal[
     "friction_layers",
 ]  # fmt: skip
 FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
-"""What is stated of a fabric, and may be assumed instead of measured."""
+"""Properties of a fabric. Each of them may be assumed instead of measured."""
 
 
 class _MaterialFile(_Strict):
@@ -165,7 +166,7 @@ class _Poses(_Strict):
         for name in ("x", "y", "angle_deg"):
             low, high = getattr(self, name)
             if low > high:
-                raise ValueError(f"{name}: the lower end {low} comes first, then the upper end")
+                raise ValueError(f"{name}: the lower end {low} has to come first, not {high}")
         return self
 
 
@@ -187,7 +188,7 @@ class _GarmentFile(_Strict):
         points = np.array(list(self.keypoints.values()))
         polygon = shapely.Polygon(points)
         if not polygon.is_valid or polygon.area < 1e-3:
-            raise ValueError("keypoints: the outline through them, in their order, crosses itself or has no area")
+            raise ValueError("keypoints: the outline through them in this order crosses itself or has no area")
         if not polygon.exterior.is_ccw:
             raise ValueError("keypoints: list them counter-clockwise (x away from the robot, y to its left)")
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -199,10 +200,12 @@ class _GarmentFile(_Strict):
     def _known_points(self) -> _GarmentFile:
         for where, name in self._mentions():
             if name not in self.keypoints:
-                raise ValueError(f"{where}: {name!r} is no key point; known: {', '.join(self.keypoints)}")
+                raise ValueError(f"{where}: {name!r} is not a key point; known: {', '.join(self.keypoints)}")
         for where, anchor in self._anchors():
             if abs(sum(anchor.values()) - 1.0) > 1e-6:
-                raise ValueError(f"{where}: the weights of an anchor sum to one, not {sum(anchor.values()):g}")
+                raise ValueError(
+                    f"{where}: the weights of an anchor must sum to one, not {sum(anchor.values()):g}"
+                )
         names = [step.name for step in self.plan]
         if len(names) != len(set(names)):
             raise ValueError("plan: two steps have the same name")
@@ -240,10 +243,10 @@ def _readable(path: Path, data: Mapping[str, Any], error: ValidationError) -> Co
         message = "this key is not known"
     value = "" if first["type"] in ("missing", "value_error") else f" = {first['input']!r}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    hint = "Lengths are metres; angles are degrees where the key ends in _deg."
+    hint = "Lengths are in metres; angles are in degrees if the key ends in _deg."
     if first["type"] == "extra_forbidden":
         close = difflib.get_close_matches(str(first["loc"][-1]), _known_keys(), n=1)
-        hint = f"Did you mean {close[0]!r}?" if close else "Remove it; keys are never ignored."
+        hint = f"Did you mean {close[0]!r}?" if close else "Remove it; unknown keys are not ignored."
     where = f"{path}: {key}{value}: " if key else f"{path}: "
     return ConfigurationError(f"{where}{message}{more}", hint, file=str(path), key=key)
 
@@ -293,14 +296,14 @@ def _material(path: Path, file: _MaterialFile, surface: str) -> Material:
         known = ", ".join(file.friction_angle_deg)
         raise ConfigurationError(
             f"{path}: material.friction_angle_deg has no surface {surface!r}",
-            f"It has {known}. Measure this one with `foldcell calibrate friction`, or name another surface.",
+            f"It has {known}. Measure this surface with `foldcell calibrate friction`, or choose another surface.",
             file=str(path),
             surface=surface,
         )
     mu = math.tan(math.radians(angle))
     return Material(
         areal_mass=given("areal_mass"),
-        # of the garment hung by a clip -> of a strip of its fabric (calibration/shear.py)
+        # from the stretch of a garment hung by a clip to that of a strip of its fabric (calibration/shear.py)
         stretch_fraction=given("stretch_fraction") * REFERENCE_DROP / file.hang_drop,
         bending_length=given("bending_length"),
         thickness=given("thickness"),

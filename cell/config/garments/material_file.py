@@ -1,4 +1,4 @@
-"""Putting a measured value into a copy of a garment file, and nothing else: its comments and layout stay."""
+"""Insert a measured value into a copy of a garment file. Its comments and layout are preserved."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def with_material(
     no_longer_assumed: Sequence[str],
     surface: str = DEFAULT_SURFACE,
 ) -> str:
-    """The garment file `text` with `values` under `material`, and where they come from under `material.measured`.
+    """The garment file `text` with `values` under `material` and their origin under `material.measured`.
 
-    A value that is a mapping is merged with what is there. no_longer_assumed: names taken off `material.assumed`.
-    name: the file's (NAME.yaml), for messages. Raises ConfigurationError when the result is no good garment file.
+    A mapping is merged with the existing one. no_longer_assumed: names removed from `material.assumed`. name: stem
+    of the file name, for messages. Raises ConfigurationError if the result is not a valid garment file.
     """
     file = Path(f"{name}.yaml")
     wanted = dict(parse_yaml(text, file, "garment file").data)
@@ -39,7 +39,7 @@ def with_material(
         changed["assumed"] = [field for field in material["assumed"] if field not in no_longer_assumed]
     wanted["material"] = material | changed
     edited = _edited(text, changed)
-    if parse_yaml(edited, file, "garment file").data != wanted:  # a layout that is not edited line by line
+    if parse_yaml(edited, file, "garment file").data != wanted:  # this layout cannot be edited line by line
         edited = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True)
     with tempfile.TemporaryDirectory() as folder:
         trial = Path(folder) / file
@@ -53,7 +53,8 @@ def _merged(old: Any, new: Any) -> Any:
 
 
 def _edited(text: str, changed: Mapping[str, Any]) -> str:
-    """`changed` in the block `material:`, one line a key; what stands there of these keys goes."""
+    """Write `changed` into the block `material:`, one line per key, in place of the existing lines of these
+    keys."""
     lines = text.splitlines()
     start = next((i for i, line in enumerate(lines) if re.match(r"material:\s*(#.*)?$", line)), None)
     if start is None:

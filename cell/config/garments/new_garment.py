@@ -1,4 +1,4 @@
-"""The file of a garment of one's own: like one that is known, with the outline that was seen."""
+"""Create a garment file for a user's garment from a known garment and an observed outline."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ __all__ = ["check_plan", "new_garment_text"]
 def new_garment_text(like: str, name: str, title: str, template: Array, origin: str, surface: str) -> str:
     """A garment file with the folds, fabric and poses of the garment `like`, and the key points `template` (k, 2).
 
-    All of its fabric is marked as assumed: it was measured on another garment, if at all. origin: a line that says
-    where the outline is from. Raises ConfigurationError where the folds cannot be planned on this outline.
+    All fabric values are marked as assumed, because they belong to another garment. origin: a line that states the
+    origin of the outline. Raises ConfigurationError if the folds cannot be planned on this outline.
     """
     data = dict(read_yaml(garment_path(like), "garment file").data)
     fabric = {k: v for k, v in data.get("material", {}).items() if k not in ("measured", "hang_drop")}
@@ -43,7 +43,7 @@ def new_garment_text(like: str, name: str, title: str, template: Array, origin: 
 
 
 def check_plan(name: str, garment: Garment) -> None:
-    """Raises ConfigurationError for a garment whose folds cannot be planned."""
+    """Raises ConfigurationError if the folds of the garment cannot be planned."""
     planned = plan_folds(garment.flat_state(*garment.poses.middle), garment)
     if planned.failure is not None:
         raise ConfigurationError(

@@ -1,4 +1,4 @@
-"""Whether the fold plan of a garment file can be made on its own outline: every way of every step."""
+"""Check that the fold plan of a garment file is feasible on its outline, for every combination of variants."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["check_lines_and_grasps"]
 
 
 def check_lines_and_grasps(path: Path, garment: Garment) -> None:
-    """Each fold line divides what the folds before it leave, and hands take hold of what it moves.
+    """Check that each fold line divides the garment as folded so far and that the grasps lie on the moved part.
 
-    Raises ConfigurationError, which names the step and its variant.
+    Raises ConfigurationError with the step and its variant.
     """
     state = garment.flat_state(0.0, 0.0)
     for chosen in _choices(garment):
@@ -28,41 +28,43 @@ def check_lines_and_grasps(path: Path, garment: Garment) -> None:
         if planned.failure is not None:
             f, name = planned.failure, str(planned.failure.values["step"])
             key = f"plan.{name}.line"
-            hint = f"{f.hint}; its two points lie apart, and the key points in `moves` on one side of it"
+            hint = (
+                f"{f.hint}; its two points must differ, and the key points in `moves` must lie on one side of it"
+            )
             raise ConfigurationError(
-                f"{path}: {key}{_way(name, garment, chosen)}: {f.what}", hint, file=str(path), key=key
+                f"{path}: {key}{_variant(name, garment, chosen)}: {f.what}", hint, file=str(path), key=key
             )
         for step in planned.unwrap():
             if any(chosen[s.name] != s.variants[0].name for s in garment.plan[: step.index]):
-                break  # grasps are stated for what the preferred ways have left
-            what = _out_of_hand(step, garment)
+                break  # the grasps are defined for the garment after the preferred variants
+            what = _grasp_error(step, garment)
             if what is not None:
                 key = f"plan.{step.name}.grasps"
-                hint = "take hold at a key point that moves, or between two; `inset` leads inwards from there"
-                where = f"{path}: {key}{_way(step.name, garment, chosen)}"
+                hint = "grasp at a moving key point, or between two of them; `inset` leads inwards from there"
+                where = f"{path}: {key}{_variant(step.name, garment, chosen)}"
                 raise ConfigurationError(f"{where}: {what}", hint, file=str(path), key=key)
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
-    """Every way through the plan, the preferred one first: the scorer asks for all of them."""
-    ways = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
-    yield from map(dict, product(*ways))
+    """Every combination of variants, the preferred one first. The scorer accepts all of them."""
+    variants = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
+    yield from map(dict, product(*variants))
 
 
-def _way(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
-    """The variant in brackets, where the step has more than one."""
+def _variant(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
+    """The chosen variant in brackets, if the step has more than one."""
     several = any(s.name == step and len(s.variants) > 1 for s in garment.plan)
     return f" ({chosen[step]})" if several else ""
 
 
-def _out_of_hand(step: FoldStep, garment: Garment) -> str | None:
-    """What is wrong with the place of a grasp, None where hands find moving cloth."""
+def _grasp_error(step: FoldStep, garment: Garment) -> str | None:
+    """Error message for a grasp that is not on moving cloth, or None."""
     outline = np.asarray(garment.flat_state(0.0, 0.0).contour)
     for grasp_id, grasp in step.grasps.items():
         if layers_at(step.earlier, outline, grasp.point, garment.layers) == 0:
             return f"the {grasp_id} hand's grasp lies beside the garment"
         beyond = float(step.line.signed_distance(grasp.point))
         if beyond < LEAST_FLAP:
-            least = f"not {1e3 * LEAST_FLAP:.0f} mm or more"
-            return f"the {grasp_id} hand's grasp lies {1e3 * beyond:.0f} mm inside what moves, {least}"
+            minimum = f"at least {1e3 * LEAST_FLAP:.0f} mm are needed"
+            return f"the {grasp_id} hand's grasp lies {1e3 * beyond:.0f} mm inside the moved part; {minimum}"
     return None

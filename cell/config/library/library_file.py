@@ -1,4 +1,4 @@
-"""The trajectory library's files: the shipped one and the user's own."""
+"""Files of the trajectory library: the shipped one and the user's."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ __all__ = [
 ]
 
 
-_HINT = "make room or make the library's folder writable, or put the logs elsewhere with --logs"
+_HINT = "free disk space or make the library's folder writable, or choose another folder with --logs"
 
 
 @dataclass(frozen=True)
 class LoadedLibrary:
-    """library: what can be used. refused: file and reason of what cannot, for the operator to see."""
+    """library: the valid entries. refused: file and reason of each invalid entry, for the operator."""
 
     library: Library
     refused: tuple[tuple[Path, Refusal], ...] = ()
@@ -47,12 +47,12 @@ def shipped_library_path() -> Path:
 
 
 def user_library_path(logs: Path) -> Path:
-    """Where this user's own optimised folds are kept."""
+    """Path of the user's library of optimised folds."""
     return logs / "library.json"
 
 
 def load_library(logs: Path | None = None) -> LoadedLibrary:
-    """The user's library, then the shipped one. A file that is missing is empty; a broken one is refused."""
+    """The user's library, then the shipped one. A missing file counts as empty; a broken one is refused."""
     library, refused = Library(), []
     paths = [] if logs is None else [user_library_path(logs)]
     for path in (*paths, shipped_library_path()):
@@ -65,7 +65,7 @@ def load_library(logs: Path | None = None) -> LoadedLibrary:
 def entry_of(
     garment: Garment, step: FoldStep, trajectory: GraspTrajectory, method: str, dissimilarity_initial: float
 ) -> LibraryEntry:
-    """What a library keeps of a fold. dissimilarity_initial: of the arc that the search began with [m]."""
+    """The library entry of a fold. dissimilarity_initial: of the initial arc of the search [m]."""
     return entry_from(
         trajectory,
         step,
@@ -83,7 +83,7 @@ def entry_of(
 
 
 def add_entry(logs: Path, entry: LibraryEntry) -> Path:
-    """Keep one more fold in the user's library. Raises StorageError; a broken library is set aside, not lost."""
+    """Add a fold to the user's library. A broken library is renamed first. Raises StorageError."""
     path = user_library_path(logs)
     with alone_with(path):
         library, refused = _load(path)
@@ -94,9 +94,9 @@ def add_entry(logs: Path, entry: LibraryEntry) -> Path:
 
 
 def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
-    """Write `library` in place of what the file holds of these garments; what it holds of others stays.
+    """Replace the file's entries of these garments by `library`. Entries of other garments stay.
 
-    Raises StorageError; a broken library is set aside, not lost.
+    A broken library is renamed first. Raises StorageError.
     """
     with alone_with(path):
         there, refused = _load(path)
@@ -108,32 +108,32 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
 
 def write_library(path: Path, library: Library) -> None:
-    """Write the whole file or none of it. Raises StorageError."""
+    """Write the file atomically. Raises StorageError."""
     write_text(path, to_json(library))
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write the whole file or none of it, and the folder where there is none. Raises StorageError."""
-    _made(path.parent)
+    """Write the file atomically, and create its folder if necessary. Raises StorageError."""
+    _create(path.parent)
     write_whole(path, text, _HINT)
 
 
-def _made(folder: Path) -> Path:
+def _create(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"{folder} cannot be made: {error.strerror}", _HINT, path=str(folder)) from None
+        raise StorageError(f"{folder} cannot be created: {error.strerror}", _HINT, path=str(folder)) from None
     return folder
 
 
 @contextmanager
 def alone_with(path: Path) -> Iterator[None]:
-    """Nobody else reads a library to write it anew meanwhile: a run that ends beside a build would undo it. Raises
-    StorageError.
+    """Exclusive access to a library file for a read and write, so that a run and a build do not overwrite each
+    other's entries. Raises StorageError.
 
-    The lock is the folder's (`flock`), for the instant that it takes; where a file system has none, there is none.
+    It locks the folder (`flock`) for that time. On a file system without locks it does not lock.
     """
-    folder = _made(path.absolute().parent)
+    folder = _create(path.absolute().parent)
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
@@ -157,7 +157,7 @@ def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:
 
 
 def _set_aside(path: Path) -> None:
-    """Under a name that is free: what was set aside before stays. One that another program has moved is gone."""
+    """Rename a broken library to a free name. If another program has moved it already, nothing is done."""
     names = itertools.chain([".refused"], (f".refused-{k}" for k in itertools.count(2)))
     there = next(p for name in names if not (p := path.with_name(path.name + name)).exists())
     try:
@@ -166,5 +166,5 @@ def _set_aside(path: Path) -> None:
         return
     except OSError as error:
         raise StorageError(
-            f"{path}: a broken library cannot be set aside: {error.strerror}", "Remove it by hand.", path=str(path)
+            f"{path}: a broken library cannot be renamed: {error.strerror}", "Remove it by hand.", path=str(path)
         ) from None

@@ -1,4 +1,4 @@
-"""A real Baxter's ports: connected, checked that everything answers, and let go again."""
+"""Connection to the ports of a real Baxter: connect, check that every device answers, disconnect."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from robots.ports import Attendant, Ports, Side, Stop
 __all__ = ["RosSettings", "connected", "connected_stop"]
 
 ANSWER_S = 5.0
-"""On the wall, in which everything has to be heard of once."""
+"""Wall time within which every topic has to deliver a message [s]."""
 
 
 @dataclass(frozen=True)
 class RosSettings:
-    """raw_position: the robot's own collision avoidance is off and its inverse dynamics are fed forward: it
-    follows more closely. tactile_rows: of cells on each pad. camera_settle [s]: before a picture counts."""
+    """raw_position: switches the robot's own collision avoidance off and uses feed-forward for closer tracking.
+    tactile_rows: rows of cells on each pad. camera_settle: streaming time before a picture is used [s]."""
 
     camera: CameraTopics = field(default_factory=CameraTopics)
     raw_position: bool = False
@@ -44,11 +44,11 @@ def connected(
     settings: RosSettings, limits: JointLimits, attendant: Callable[[Stop], Attendant], *, driver: str,
     simulated: bool,
 ) -> Iterator[Ports]:  # fmt: skip
-    """The ports of the robot that ROS_MASTER_URI names. limits: that no set-point leaves. attendant: made with the
-    stop, which ends its waiting. simulated: what answers is no robot; results are labelled by it.
+    """The ports of the robot at ROS_MASTER_URI. limits: set-points are clipped to them. attendant: creates the
+    attendant from the stop, which ends its waiting. simulated: the robot is simulated; results are marked so.
 
-    Raises ConfigurationError: no ROS, no master, something that does not answer, more than one robot, or another
-    program that commands its arms.
+    Raises ConfigurationError: no ROS, no master, a device that does not answer, more than one robot, or another
+    program that commands the arms.
     """
     node = open_node("foldcell")
     with ExitStack() as closing:
@@ -68,18 +68,18 @@ def connected(
         pads = {side: RosTactile(node, clock, side, settings.tactile_rows) for side in Side}
         hands: list[LatestMessage[Any]] = [gripper.hearing for gripper in grippers.values()]
         hands += [pad.hearing for pad in pads.values()]
-        silent = _silent([*_topics_of(clock), stop.robot, arms.joints, *hands])
+        silent = _silent([*_clock_topics(clock), stop.robot, arms.joints, *hands])
         if silent:
             raise ConfigurationError(
-                f"nothing (or nothing that is understood) came from {', '.join(silent)} within {ANSWER_S:.0f} s",
-                f"see whether the robot, its grippers and the pads' readers are on, and ROS_IP is this machine's "
+                f"no valid message came from {', '.join(silent)} within {ANSWER_S:.0f} s",
+                f"check that the robot, its grippers and the pads' readers are on and ROS_IP is this machine's "
                 f"address; the master is {master_address()[0]}",
             )
         robots = node.publishers(ROBOT_STATE)
         if len(robots) != 1:
             raise ConfigurationError(
-                f"{len(robots)} nodes say what state the robot is in ({', '.join(robots)})",
-                "leave one robot, real or emulated, at this master",
+                f"{len(robots)} nodes publish the robot's state ({', '.join(robots)})",
+                "leave only one robot, real or emulated, at this master",
             )
         yield Ports(
             driver=driver,
@@ -97,38 +97,39 @@ def connected(
 
 @contextmanager
 def connected_stop() -> Iterator[RosStop]:
-    """The robot's stop circuit alone. Raises ConfigurationError: no ROS, no master, a robot that is silent."""
+    """The robot's stop circuit alone. Raises ConfigurationError: no ROS, no master, a robot that does not
+    answer."""
     node = open_node("foldcell")
     with ExitStack() as closing:
         closing.callback(node.close)
         clock = cell_clock(node)
         stop = RosStop(node, clock)
         closing.callback(stop.close)
-        if _silent([*_topics_of(clock), stop.robot]):
+        if _silent([*_clock_topics(clock), stop.robot]):
             raise ConfigurationError(
-                f"nothing came from {ROBOT_STATE} within {ANSWER_S:.0f} s",
-                f"see whether the robot is on, and ROS_IP is this machine's address; the master is "
+                f"no message came from {ROBOT_STATE} within {ANSWER_S:.0f} s",
+                f"check that the robot is on and that ROS_IP is this machine's address; the master is "
                 f"{master_address()[0]}",
             )
         yield stop
 
 
 def _refuse_others(node: Node) -> None:
-    """Before anything is published: two programs would pull at one arm."""
+    """Refuse to connect if another program commands the arms, before anything is published."""
     others = {name for side in Side for name in node.publishers(joint_command(side))} - {node.name}
     if others:
         raise ConfigurationError(
             f"other programs command the robot's arms: {', '.join(sorted(others))}",
-            "end them (rosnode kill NAME), a trajectory action server too",
+            "end them (rosnode kill NAME); this includes trajectory action servers",
         )
 
 
-def _topics_of(clock: WallClock | TopicClock) -> list[TopicClock]:
-    """What has to be heard before the time is known."""
+def _clock_topics(clock: WallClock | TopicClock) -> list[TopicClock]:
+    """The clock's topic, if the time comes from one."""
     return [clock] if isinstance(clock, TopicClock) else []
 
 
-def _silent(hearings: Sequence[TopicClock | LatestMessage[Any]]) -> list[str]:
-    """The topics of which nothing was heard in time."""
+def _silent(subscriptions: Sequence[TopicClock | LatestMessage[Any]]) -> list[str]:
+    """The topics without a valid message within ANSWER_S."""
     until = time.monotonic() + ANSWER_S
-    return [h.topic for h in hearings if not h.wait(max(0.0, until - time.monotonic()))]
+    return [s.topic for s in subscriptions if not s.wait(max(0.0, until - time.monotonic()))]

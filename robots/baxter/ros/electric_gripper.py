@@ -1,4 +1,4 @@
-"""Baxter's electric gripper in figures: what its percentages mean."""
+"""Constants of Baxter's electric gripper: its commands and the meaning of its percentages."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = [
 
 HARDWARE_ID = 65538
 FULL_OPENING = 0.0416
-"""Between the pads at position 100 % [m]: twice a finger's stroke in the URDF."""
+"""Opening at position 100 % [m]: twice a finger's stroke in the URDF."""
 FULL_FORCE = 30.0
-"""At 100 % [N] (Rethink's data sheet: about 35)."""
+"""Force at 100 % [N]. Rethink's data sheet states about 35 N."""
 
 CALIBRATE = "calibrate"
 CONFIGURE = "configure"
 """args: JSON of PARAMETERS."""
 PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
-"""With the SDK's defaults [%]."""
+"""Parameters with the SDK's defaults [%]."""
 GO = "go"
-"""args: JSON {"position": 0-100}, 0 closed. Refused until it is calibrated."""
+"""args: JSON {"position": 0-100}, 0 is closed. Refused until the gripper is calibrated."""
 STOP = "stop"
 RESET = "reset"
 """Clears an error."""

@@ -1,4 +1,5 @@
-"""ROS 1's Python, which no package index carries: a distribution installs it beside the system's own Python."""
+"""Import of ROS 1's Python modules. They are on no package index; a distribution installs them for the system
+Python."""
 
 from __future__ import annotations
 
@@ -12,22 +13,22 @@ from robots.errors import ConfigurationError
 __all__ = ["PACKAGES", "find_ros", "import_ros"]
 
 FOLDERS = (Path("/opt/ros/noetic/lib/python3/dist-packages"), Path("/usr/lib/python3/dist-packages"))
-"""Where distributions put it: that of ROS itself, then Debian's and Ubuntu's own packages."""
+"""Folders of the installations: ROS's own distribution, then the packages of Debian and Ubuntu."""
 
 PACKAGES = "python3-rospy python3-rosmaster python3-sensor-msgs python3-rosgraph-msgs python3-trajectory-msgs"
-"""What Debian and Ubuntu call what is needed here."""
+"""The required packages of Debian and Ubuntu."""
 
 
 def find_ros() -> Path | None:
-    """The folder with rospy, None where there is none."""
-    shown = (Path(entry) for entry in sys.path if entry)
-    return next((folder for folder in (*shown, *FOLDERS) if (folder / "rospy").is_dir()), None)
+    """The folder that contains rospy, or None."""
+    on_path = (Path(entry) for entry in sys.path if entry)
+    return next((folder for folder in (*on_path, *FOLDERS) if (folder / "rospy").is_dir()), None)
 
 
 def import_ros(name: str = "rospy") -> ModuleType:
-    """A module of ROS. Raises ConfigurationError where it is not installed.
+    """Import a module of ROS. Raises ConfigurationError if it is not installed.
 
-    The folder goes to the end of the path: what this program brings along is never replaced by a system's copy.
+    Its folder is added at the end of sys.path, so that it never replaces this program's own packages.
     """
     folder = find_ros()
     if folder is not None and str(folder) not in sys.path:
@@ -37,5 +38,5 @@ def import_ros(name: str = "rospy") -> ModuleType:
     except ImportError as error:
         raise ConfigurationError(
             f"ROS 1 is not installed: {error}",
-            f"on Debian and Ubuntu: apt-get install {PACKAGES}; elsewhere have ROS's Python on PYTHONPATH",
+            f"on Debian and Ubuntu: apt-get install {PACKAGES}; elsewhere add ROS's Python folder to PYTHONPATH",
         ) from error

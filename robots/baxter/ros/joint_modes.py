@@ -1,12 +1,12 @@
-"""What the figures of a JointCommand are: its mode."""
+"""Modes of a JointCommand."""
 
 from __future__ import annotations
 
 __all__ = ["POSITION", "RAW_POSITION", "TORQUE", "VELOCITY"]
 
 POSITION = 1
-"""Angles, with the robot's own collision avoidance and its limit of speed (`topics.speed_ratio`)."""
+"""Joint angles, with the robot's own collision avoidance and its speed limit (`topics.speed_ratio`)."""
 VELOCITY = 2
 TORQUE = 3
 RAW_POSITION = 4
-"""Angles, without either and with the robot's filter off."""
+"""Joint angles, without collision avoidance, speed limit and filter of the robot."""

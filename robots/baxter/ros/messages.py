@@ -1,7 +1,7 @@
-"""The messages that Baxter, its camera and its pads speak, as classes.
+"""Message classes of Baxter, its camera and its pads.
 
-Baxter's own come with its SDK and in no distribution, so they are stated here: names and types of fields and
-constants are the wire format, and ROS checks them by hash when two nodes meet. genpy makes the classes.
+Baxter's own messages come only with its SDK, so they are defined here. The names and types of fields and constants
+are the wire format, which ROS checks by a hash when two nodes connect. genpy generates the classes.
 """
 
 from __future__ import annotations
@@ -118,8 +118,7 @@ float32[] values
 
 @dataclass(frozen=True)
 class Messages:
-    """Classes by what they are. The first seven are of Baxter's SDK (baxter_core_msgs) and of tactile_msgs; the
-    others come with ROS."""
+    """The message classes. The first eight are generated from the definitions above; the others come with ROS."""
 
     assembly_state: Any
     joint_command: Any
@@ -143,7 +142,7 @@ class Messages:
 
 @cache
 def load_messages() -> Messages:
-    """Raises ConfigurationError where ROS is not installed."""
+    """Raises ConfigurationError if ROS is not installed."""
     sensor, std = import_ros("sensor_msgs.msg"), import_ros("std_msgs.msg")
     tactile = _made("tactile_msgs/TactileState", TACTILE_STATE)
     return Messages(

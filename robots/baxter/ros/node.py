@@ -1,7 +1,7 @@
 """This process's ROS node.
 
-rospy has one node a process, for the process's life: what a cell publishes and hears is opened on it and closed
-again, the node stays.
+rospy allows one node per process, for the life of the process. A cell opens and closes its topics on that node;
+the node stays.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from robots.errors import ConfigurationError
 __all__ = ["Node", "Publisher", "master_address", "open_node"]
 
 MASTER = "http://localhost:11311"
-"""Where ROS looks for its master unless ROS_MASTER_URI says otherwise."""
+"""Default address of the ROS master, without ROS_MASTER_URI."""
 ANSWER_S = 3.0
 CLOSE_S = 3.0
 
@@ -29,7 +29,7 @@ _opening = threading.Lock()
 
 
 class Publisher:
-    """What a topic is told by. `tell` is callable from any thread and never blocks."""
+    """Publisher of a topic. `tell` may be called from any thread and never blocks."""
 
     def __init__(self, publisher: Any) -> None:
         self._publisher = publisher
@@ -39,12 +39,12 @@ class Publisher:
 
     @property
     def listeners(self) -> int:
-        """How many are connected."""
+        """Number of connected subscribers."""
         return int(self._publisher.get_num_connections())
 
 
 class Node:
-    """Topics of one cell on this process's node. `close` ends all of them."""
+    """The topics of one cell on this process's node. `close` closes all of them."""
 
     def __init__(self, rospy: Any) -> None:
         self._rospy = rospy
@@ -56,12 +56,12 @@ class Node:
         return Publisher(publisher)
 
     def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
-        """`heard` is called with each message, on a thread of the topic's."""
+        """Call `heard` with each message, on the topic's thread."""
         self._stack.enter_context(self.listening(topic, kind, heard, queue))
 
     @contextmanager
     def listening(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> Iterator[None]:
-        """As `subscribe`, for as long as the context lasts."""
+        """Subscribe inside the context."""
         subscriber = self._rospy.Subscriber(topic, kind, heard, queue_size=queue, tcp_nodelay=True)
         try:
             yield
@@ -69,29 +69,29 @@ class Node:
             subscriber.unregister()
 
     def parameter(self, name: str, default: Any) -> Any:
-        """Of ROS's parameter server."""
+        """A value of ROS's parameter server."""
         return self._rospy.get_param(name, default)
 
     def set_parameter(self, name: str, value: Any) -> None:
         self._rospy.set_param(name, value)
 
     def delete_parameter(self, name: str) -> None:
-        """Nothing when there is none of that name."""
+        """Delete a parameter, if it exists."""
         if self._rospy.has_param(name):
             self._rospy.delete_param(name)
 
     @property
     def name(self) -> str:
-        """This process's."""
+        """Name of this process's node."""
         return str(self._rospy.get_name())
 
     def publishers(self, topic: str) -> list[str]:
-        """The nodes that publish it. The master still knows those that died: they are left out."""
+        """The live nodes that publish a topic. The master also lists nodes that died; they are left out."""
         known = self._rospy.get_master().getSystemState()[2][0]
         nodes: list[str] = next((nodes for name, nodes in known if name == topic), [])
-        return [node for node in nodes if node == self.name or self._lives(node)]
+        return [node for node in nodes if node == self.name or self._is_alive(node)]
 
-    def _lives(self, node: str) -> bool:
+    def _is_alive(self, node: str) -> bool:
         code, _, uri = self._rospy.get_master().lookupNode(node)
         address = urlparse(uri) if code == 1 else None
         if address is None or address.hostname is None or address.port is None:
@@ -100,44 +100,44 @@ class Node:
             socket.create_connection((address.hostname, address.port), ANSWER_S).close()
         except ConnectionError:
             return False
-        except OSError:  # a name that is not known here, a network that answers nothing: nobody can tell
+        except OSError:  # an unknown host name or no answer: assume that it is alive
             return True
         return True
 
     def close(self) -> None:
-        """All topics, unless the master is gone: nothing waits for it for longer than a few seconds."""
+        """Close all topics. If the master is gone, this gives up after CLOSE_S."""
         closing = threading.Thread(target=self._stack.close, name="signing off", daemon=True)
         closing.start()
         closing.join(CLOSE_S)
 
 
 def open_node(name: str) -> Node:
-    """Raises ConfigurationError: ROS is not installed, no master answers, or this process is a node of another
-    master."""
+    """Open this process's node. Raises ConfigurationError: ROS is not installed, no master answers, or this
+    process is a node of another master."""
     global _opened
     rospy = import_ros()
     uri, host, port = master_address()
     with _opening:
         if _opened is not None and _opened != uri:
             raise ConfigurationError(
-                f"this process is a node of {_opened} and cannot be one of {uri}", "begin another process"
+                f"this process is a node of {_opened} and cannot be one of {uri}", "start another process"
             )
         try:
             socket.create_connection((host, port), ANSWER_S).close()
         except OSError as error:
             raise ConfigurationError(
                 f"no ROS master answers at {uri}: {error}",
-                "switch the robot on, and set ROS_MASTER_URI (and ROS_IP, this machine's address) as for its SDK",
+                "switch the robot on and set ROS_MASTER_URI and ROS_IP (this machine's address) as for its SDK",
             ) from error
         if _opened is None:
-            # signals are the executive's; its clock is the cell's own
+            # the executive handles signals and uses the cell's clock
             rospy.init_node(name, anonymous=True, disable_signals=True, disable_rosout=True, disable_rostime=True)
             _opened = uri
     return Node(rospy)
 
 
 def master_address() -> tuple[str, str, int]:
-    """The master's URI, host and port. Raises ConfigurationError for what is no URI."""
+    """The master's URI, host and port. Raises ConfigurationError for an invalid URI."""
     uri = os.environ.get("ROS_MASTER_URI") or MASTER
     parsed = urlparse(uri)
     try:
@@ -145,5 +145,5 @@ def master_address() -> tuple[str, str, int]:
     except ValueError:
         host = port = None
     if not host or not port:
-        raise ConfigurationError(f"ROS_MASTER_URI={uri} is no address", "it reads http://HOST:11311")
+        raise ConfigurationError(f"ROS_MASTER_URI={uri} is not an address", "its form is http://HOST:11311")
     return uri, host, port

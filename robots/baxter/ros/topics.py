@@ -1,4 +1,4 @@
-"""Names of Baxter's topics, each with what it carries (facts of its SDK 1.2)."""
+"""Names and message types of Baxter's topics (SDK 1.2)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 CLOCK = "/clock"
-"""rosgraph_msgs/Clock, only where the parameter /use_sim_time is true."""
+"""rosgraph_msgs/Clock, only if the parameter /use_sim_time is true."""
 JOINT_STATES = "/robot/joint_states"
 """sensor_msgs/JointState of arms and head_pan, 100 Hz, in any order of names."""
 ROBOT_STATE = "/robot/state"
@@ -59,7 +59,7 @@ def inverse_dynamics(side: Side) -> str:
 
 
 def speed_ratio(side: Side) -> str:
-    """std_msgs/Float64, latched: of position moves, 0.3 unless it is told."""
+    """std_msgs/Float64, latched: speed ratio of position moves, 0.3 by default."""
     return f"/robot/limb/{side}/set_speed_ratio"
 
 
@@ -75,14 +75,14 @@ def gripper_state(side: Side) -> str:
 
 def tactile(side: Side) -> str:
     """tactile_msgs/TactileState of a hand: channels `pad_0`, `pad_1` (cells row by row, row 0 at the tips, [N])
-    and `tips` (two, [N]), 100 Hz. Not Baxter's: of whoever reads the pads."""
+    and `tips` (two, [N]), 100 Hz. The reader of the pads publishes it, not Baxter."""
     return f"/tactile/{side}_gripper"
 
 
 @dataclass(frozen=True)
 class CameraTopics:
-    """sensor_msgs/Image (rgb8 or bgr8), Image of the depth registered to it (32FC1 [m] or 16UC1 [mm]), CameraInfo:
-    openni2_launch's names, with depth_registration."""
+    """Topics of the camera: sensor_msgs/Image (rgb8 or bgr8), Image of the depth registered to it (32FC1 [m] or
+    16UC1 [mm]), CameraInfo. The defaults are the names of openni2_launch with depth_registration."""
 
     rgb: str = "/camera/rgb/image_raw"
     depth: str = "/camera/depth_registered/image_raw"

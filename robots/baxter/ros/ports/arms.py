@@ -33,12 +33,12 @@ COMMAND_TIMEOUT = 0.2
 ENABLE_S = 2.0
 TICK_S = 0.05
 SILENT_S = 1.0
-"""Of the robot's own state: after that nobody knows whether its motors are on."""
+"""Largest age of the robot's state. Beyond it the state of the motors is unknown."""
 
 
 class RosArms:
-    """limits: what a set-point is clipped to, whoever asks for more. raw: with RAW_POSITION, and each set-point's
-    velocity and acceleration for the robot's inverse dynamics beside it. watch: is shown each joint state."""
+    """Baxter's arms. limits: every set-point is clipped to them. raw: use RAW_POSITION, with velocity and
+    acceleration of each set-point for the robot's inverse dynamics. watch: called with each joint state."""
 
     def __init__(
         self,
@@ -66,12 +66,12 @@ class RosArms:
             )
 
     def state(self) -> JointState:
-        """As it was last heard; before that of no time at all."""
-        unheard = frozen(np.full(14, np.nan))
-        return self.joints.newest or JointState(-np.inf, unheard, unheard, unheard, np.nan)
+        """The latest joint state. Before the first message: NaN with stamp -inf."""
+        unknown = frozen(np.full(14, np.nan))
+        return self.joints.newest or JointState(-np.inf, unknown, unknown, unknown, np.nan)
 
     def enable(self) -> None:
-        """Raises DriverError: STOPPED, or HARDWARE_FAULT when the motors do not come on."""
+        """Switch the motors on. Raises DriverError: STOPPED, or HARDWARE_FAULT if the motors stay off."""
         self._refuse_stopped("the arms stay disabled")
         self._sent = None
         begun = self._clock.now()
@@ -85,26 +85,27 @@ class RosArms:
                 return
         raise DriverError(
             FailureKind.HARDWARE_FAULT, "the robot does not switch its motors on",
-            "see the robot's own display for a fault; `rosrun baxter_tools enable_robot.py -s` tells its state",
+            "check the robot's own display for a fault; `rosrun baxter_tools enable_robot.py -s` shows its state",
         )  # fmt: skip
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Raises DriverError: STOPPED; STALE_STATE when the joints were not heard of late; HARDWARE_FAULT when the
-        motors are off, and for what is no joint vector."""
+        """Send a set-point. Raises DriverError: STOPPED; STALE_STATE if the joint state is too old; HARDWARE_FAULT
+        if the motors are off, if the robot's state is too old, and for an invalid joint vector."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
-            raise DriverError(FailureKind.HARDWARE_FAULT, f"no joint vectors of 14: shapes {q.shape}, {qd.shape}")
+            what = f"a set-point needs two finite vectors of 14; the shapes are {q.shape} and {qd.shape}"
+            raise DriverError(FailureKind.HARDWARE_FAULT, what)
         self._refuse_stopped("nothing moves")
         now, robot = self._clock.now(), self._stop.robot.newest
         if robot is None or now - robot.stamp > SILENT_S:
             raise DriverError(
-                FailureKind.HARDWARE_FAULT, "the robot says nothing of its state", "check the network to the robot"
+                FailureKind.HARDWARE_FAULT, "the robot does not report its state", "check the network to the robot"
             )
         if not robot.enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the motors are off", "enable them first")
-        if now - self.state().stamp > COMMAND_TIMEOUT:  # what is sent would come when nobody expects it any more
+        if now - self.state().stamp > COMMAND_TIMEOUT:  # the command might arrive too late as well
             raise DriverError(
-                FailureKind.STALE_STATE, "nobody knows where the arms stand", "check the network to the robot"
+                FailureKind.STALE_STATE, "the positions of the arms are unknown", "check the network to the robot"
             )
         before = self._last(now)
         setpoint = clip_setpoint(q, qd, before.q, self.state().q, self._limits, now)
@@ -121,7 +122,7 @@ class RosArms:
         return setpoint
 
     def _last(self, now: float) -> JointSetpoint:
-        """The set-point that holds, or where the arms stand when none does any more."""
+        """The last set-point if it is still valid, otherwise the measured position of the arms."""
         if self._sent is not None and now - self._sent.stamp <= COMMAND_TIMEOUT:
             return self._sent
         return JointSetpoint(now, self.state().q, frozen(np.zeros(14)), False)
@@ -129,11 +130,11 @@ class RosArms:
     def _point(self, setpoint: JointSetpoint, before: JointSetpoint, part: slice) -> Any:
         step = setpoint.stamp - before.stamp
         qdd = (setpoint.qd - before.qd) / step if step > 1e-3 else np.zeros(14)
-        most = self._limits.acceleration
+        limit = self._limits.acceleration
         return self._messages.joint_trajectory_point(
             positions=list(setpoint.q[part]),
             velocities=list(setpoint.qd[part]),
-            accelerations=list(np.clip(qdd, -most, most)[part]),
+            accelerations=list(np.clip(qdd, -limit, limit)[part]),
         )
 
     def _refuse_stopped(self, what: str) -> None:
@@ -145,17 +146,17 @@ class RosArms:
 
 
 def _joint_state(message: Any, stamp: float) -> JointState | None:
-    """By name: a message of something else (the robot's grippers publish there too) is none of ours, and one whose
-    figures are no numbers is none."""
-    place = {name: k for k, name in enumerate(message.name)}
-    if "head_pan" not in place or any(name not in place for name in JOINT_NAMES):
+    """Read a message by joint names. None for messages without all joints (the grippers publish on the topic too)
+    and for values that are not finite."""
+    position = {name: k for k, name in enumerate(message.name)}
+    if "head_pan" not in position or any(name not in position for name in JOINT_NAMES):
         return None
-    index = [place[name] for name in JOINT_NAMES]
+    index = [position[name] for name in JOINT_NAMES]
     values = [np.asarray(v, dtype=np.float64) for v in (message.position, message.velocity, message.effort)]
     if any(len(v) != len(message.name) for v in values):
         return None
     q, qd, effort = (frozen(v[index]) for v in values)
-    head_pan = float(values[0][place["head_pan"]])
+    head_pan = float(values[0][position["head_pan"]])
     if not np.isfinite([*q, *qd, *effort, head_pan]).all():
         return None
     return JointState(stamp, q, qd, effort, head_pan)

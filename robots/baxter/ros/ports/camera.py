@@ -1,6 +1,6 @@
-"""The RGB-D camera over ROS, as openni2_launch publishes it with its depth registered to the colour picture.
+"""The RGB-D camera over ROS, as published by openni2_launch with the depth registered to the colour picture.
 
-It is listened to only while a picture is wanted: openni2 publishes nothing that nobody hears.
+The topics are subscribed only while a picture is needed. openni2 publishes only to subscribers.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from robots.ports import CameraFrame, Intrinsics, frozen
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 
 ANSWER_S = 4.0
-"""On the wall."""
+"""Wall time within which the camera has to answer [s]."""
 POLL_S = 0.02
 GRACE_S = 1.0
-"""Beyond which whoever fetches a picture is stuck."""
+"""Additional wall time after which the fetching thread counts as stuck [s]."""
 EXPOSED_S = 0.42
-"""After which a still picture is made of the exposures that came, of the cell's clock: a camera may be slow, and
-whoever asked takes none that is older than half a second."""
+"""Cell time after which a still picture is made of the exposures so far [s]. A camera may be slow, and the caller
+accepts no picture older than half a second."""
 LAST_S = 0.3
-"""Of the cell's clock: for so long a further exposure is waited for."""
+"""Cell time to wait for a further exposure [s]."""
 GLIMPSE_AGE_S = 0.5
-"""Of the cell's clock: an older one was meant for another moment."""
+"""Largest age of a glimpse, in cell time [s]."""
 TOGETHER_S = 0.025
-"""Colour and depth whose stamps differ by less belong together."""
+"""Largest difference of the stamps of a colour and a depth image that belong together [s]."""
 HINT = "check the camera's cable and driver (openni2_launch with depth_registration:=true)"
 
 
 @dataclass
 class _Shots:
-    """What came since the picture was asked for, by topic: newest message, and the stamps that were seen."""
+    """Messages since the request: colour and depth by stamp, the latest CameraInfo, and the matched pairs."""
 
     arrived: Condition = field(default_factory=Condition)
     colour: dict[float, Any] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class _Shots:
     """(stamp of the colour, cell time of arrival, colour, depth), one for each stamp."""
 
     def pair(self, now: float) -> None:
-        """Put together what belongs together, once no depth that is nearer can come."""
+        """Match colour and depth images, once no closer depth image can arrive."""
         for t, colour in sorted(self.colour.items()):
             if any(t == seen for seen, *_ in self.pairs):
                 continue
@@ -65,7 +65,7 @@ class _Shots:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
     def chosen(self, wanted: _Wanted, now: float, last: bool = False) -> list[tuple[float, float, Any, Any]]:
-        """The pairs that make the picture; none: not yet. last: no more are waited for."""
+        """The pairs for the picture; empty if more have to arrive. last: do not wait for more."""
         if self.info is None:
             return []
         late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
@@ -76,7 +76,8 @@ class _Shots:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """From the first-th pair on, or the first one so long after the first [s], whichever is later; so many."""
+    """Requested pairs. first: number of the first pair to use; settle: smallest time between the first pair that
+    arrived and the first pair to use [s]; exposures: number of pairs."""
 
     first: int
     settle: float
@@ -84,9 +85,9 @@ class _Wanted:
 
 
 class RosCamera:
-    """settle [s]: for so long the camera streams before a picture counts: its brightness settles. exposures: whose
-    mean is a still picture's depth. stopped: whether the robot is, which ends the waiting. A picture is fetched on
-    a thread of its own: a master that has gone holds up nobody else."""
+    """The camera. settle: streaming time before a picture is used, so that the exposure settles [s]. exposures:
+    number of exposures in the mean depth of a still picture. stopped: whether the robot is stopped, which ends the
+    waiting. A thread of its own fetches each picture, so that a missing master blocks nothing else."""
 
     def __init__(
         self,
@@ -99,35 +100,34 @@ class RosCamera:
     ) -> None:
         self._node, self._clock, self._topics, self._exposures = node, clock, topics, exposures
         self._settle, self._stopped = settle, stopped
-        # never the same as in another process: a picture that comes again is told by its number
+        # the numbers differ between processes, so that a repeated picture is recognised
         self._numbers = itertools.count(time.time_ns() // 1_000_000)
         self._glimpse: Future[CameraFrame] | None = None
 
     def capture(self) -> CameraFrame:
-        """A picture that was taken after it was asked for: from the second one that comes on, since the first may
-        have been under way. Raises DriverError(CAMERA_FAULT): no picture, always the same one, or one that cannot
-        be read."""
-        picture = self._fetched(_Wanted(2, self._settle, self._exposures))
+        """A still picture taken after the request. The first picture that arrives is skipped, because it may be
+        older. Raises DriverError: CAMERA_FAULT for no picture, a frozen one or an unreadable one; STOPPED."""
+        picture = self._fetch(_Wanted(2, self._settle, self._exposures))
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
-            self._not_stopped()
+            self._refuse_stopped()
             if time.monotonic() > until:
                 raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
         return picture.result()
 
     def glimpse(self) -> CameraFrame | None:
-        """Taken on a thread of its own: at once None, until it is there."""
+        """The latest requested picture, or None until it has arrived. A thread fetches it."""
         if self._glimpse is not None and self._glimpse.done():
             taken, self._glimpse = self._glimpse, None
             frame = taken.result()
             if self._clock.now() - frame.stamp <= GLIMPSE_AGE_S:
                 return frame
         if self._glimpse is None:
-            self._glimpse = self._fetched(_Wanted(1, 0.0, 1))
+            self._glimpse = self._fetch(_Wanted(1, 0.0, 1))
         return None
 
-    def _fetched(self, wanted: _Wanted) -> Future[CameraFrame]:
-        """What `_picture` gives, later."""
+    def _fetch(self, wanted: _Wanted) -> Future[CameraFrame]:
+        """Run `_picture` on a thread."""
         picture: Future[CameraFrame] = Future()
 
         def fetch() -> None:
@@ -140,7 +140,7 @@ class RosCamera:
         return picture
 
     def _picture(self, wanted: _Wanted) -> CameraFrame:
-        """Of what comes from now on: the last exposure's colours, the mean of their depths."""
+        """A picture from the coming messages: the colours of the last exposure and the mean depth."""
         shots, messages = _Shots(), load_messages()
 
         def colour(message: Any) -> None:
@@ -167,15 +167,15 @@ class RosCamera:
                     break
                 shots.arrived.wait(POLL_S)
         if not chosen:
-            self._not_stopped()
-            raise DriverError(FailureKind.CAMERA_FAULT, self._lacking(shots), HINT)
+            self._refuse_stopped()
+            raise DriverError(FailureKind.CAMERA_FAULT, self._missing(shots), HINT)
         _, arrived, rgb, _ = chosen[-1]
         mean = mean_depth([read_depth(depths, rgb) for _, _, _, depths in chosen])
         return CameraFrame(
             arrived, next(self._numbers), frozen(read_colour(rgb)), frozen(mean), read_intrinsics(shots.info, rgb)
         )
 
-    def _not_stopped(self) -> None:
+    def _refuse_stopped(self) -> None:
         if self._stopped():
             raise DriverError(FailureKind.STOPPED, "stopped before a picture came", "reset the stop first")
 
@@ -185,14 +185,14 @@ class RosCamera:
             shots.pair(self._clock.now())
             shots.arrived.notify_all()
 
-    def _lacking(self, shots: _Shots) -> str:
+    def _missing(self, shots: _Shots) -> str:
         t = self._topics
         heard = {t.rgb: shots.colour, t.depth: shots.depth, t.info: shots.info}
         silent = [topic for topic, messages in heard.items() if not messages]
         if silent:
             return f"the camera does not answer: nothing on {', '.join(silent)} in {ANSWER_S:.0f} s"
         if not shots.pairs:
-            return "colour and depth are of different moments"
+            return "colour and depth images are from different moments"
         return "the camera's picture stands still"
 
 
@@ -205,12 +205,12 @@ def read_colour(message: Any) -> NDArray[np.uint8]:
 
 
 def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
-    """(H, W) [m], NaN where nothing was seen. Raises DriverError(CAMERA_FAULT) for another encoding, and for depth
-    that is not registered to the colour picture."""
+    """(H, W) depth [m], NaN where there is no value. Raises DriverError(CAMERA_FAULT) for another encoding and for
+    depth that is not registered to the colour picture."""
     if (message.height, message.width) != (colour.height, colour.width):
         raise DriverError(
             FailureKind.CAMERA_FAULT,
-            f"depth has {message.width}x{message.height} pixels, colour {colour.width}x{colour.height}", HINT,
+            f"depth has {message.width}x{message.height} pixels, colour has {colour.width}x{colour.height}", HINT,
         )  # fmt: skip
     order = ">" if message.is_bigendian else "<"
     if message.encoding == "32FC1":
@@ -223,22 +223,23 @@ def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
 
 
 def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
-    """Of a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) when it is not of this picture."""
+    """The intrinsics in a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) if they do not fit the
+    picture."""
     if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
         raise DriverError(
             FailureKind.CAMERA_FAULT,
-            f"the camera's figures are of {info.width}x{info.height} pixels, fx = {info.K[0]:g}, and do not fit",
+            f"the intrinsics do not fit the picture ({info.width}x{info.height} pixels, fx = {info.K[0]:g})",
             HINT,
         )
     return Intrinsics(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5])
 
 
 def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
-    """(H, W * channels), rows without their padding."""
+    """(H, W * channels) pixels without row padding."""
     row = message.width * channels
     rows = np.frombuffer(message.data, dtype=np.uint8)
     if message.step < row * kind.itemsize or rows.size < message.height * message.step:
-        raise _unread(message, "whole rows")
+        raise _unread(message, "complete rows")
     rows = rows[: message.height * message.step].reshape(message.height, message.step)
     return np.ascontiguousarray(rows[:, : row * kind.itemsize]).view(kind)
 
@@ -246,7 +247,7 @@ def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
 def _unread(message: Any, wanted: str) -> DriverError:
     return DriverError(
         FailureKind.CAMERA_FAULT,
-        f"a picture of encoding {message.encoding!r}, {message.width}x{message.height}, step {message.step}: "
-        f"{wanted} is understood",
+        f"the picture has encoding {message.encoding!r}, {message.width}x{message.height} pixels and step"
+        f" {message.step}; supported: {wanted}",
         HINT,
     )

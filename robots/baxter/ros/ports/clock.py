@@ -1,6 +1,6 @@
-"""The cell's time over ROS: this machine's own, or that of the topic /clock where the robot is simulated.
+"""The cell's time over ROS: this machine's clock, or the topic /clock if the robot is simulated.
 
-Stamps of other machines are not trusted: what is heard is stamped by this clock when it arrives.
+Stamps of other machines are not used. Messages are stamped by this clock on arrival.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from robots.errors import DriverError, FailureKind
 __all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
 
 SILENCE_S = 20.0
-"""On the wall: a simulated robot's clock that stands still for so long has died."""
+"""Wall time after which the clock of a simulated robot that stands still counts as dead [s]."""
 ROUNDING = 1e-6
 WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""Linux's monotonic clock stands still while the machine is suspended."""
+"""The boot-time clock, because Linux's monotonic clock stops while the machine is suspended."""
 
 
 class RosClock(Protocol):
-    """A port's clock (robots.ports.Clock)."""
+    """The clock port (robots.ports.Clock)."""
 
     def now(self) -> float: ...
 
@@ -32,8 +32,8 @@ class RosClock(Protocol):
 
 
 class WallClock:
-    """Seconds since it was made; never set back. The time in which the machine was suspended counts: what was
-    known before it slept is old."""
+    """Seconds since its creation. It never runs backwards. Time in suspend counts, so that values from before it
+    are old."""
 
     def __init__(self) -> None:
         self._start = time.clock_gettime(WALL)
@@ -48,7 +48,7 @@ class WallClock:
 
 
 class TopicClock:
-    """What /clock says. It may stand still and it may go slower or faster than the wall's."""
+    """The time of /clock. It may stand still and may run slower or faster than the wall clock."""
 
     topic = CLOCK
 
@@ -63,7 +63,7 @@ class TopicClock:
             self._told.notify_all()
 
     def wait(self, seconds: float) -> bool:
-        """Whether anything was heard within so long, on the wall."""
+        """Wait up to `seconds` of wall time for a message. Returns whether any has arrived."""
         with self._told:
             return self._told.wait_for(lambda: self._heard, seconds)
 
@@ -71,21 +71,21 @@ class TopicClock:
         return self._now
 
     def sleep_until(self, t: float) -> None:
-        """Raises DriverError(HARDWARE_FAULT) when the clock has died."""
+        """Raises DriverError(HARDWARE_FAULT) if the clock stands still for SILENCE_S."""
         with self._told:
             while self._now < t - ROUNDING:
                 before = self._now
-                if not self._goes_on(before):
+                if not self._advances(before):
                     raise DriverError(
                         FailureKind.HARDWARE_FAULT,
                         f"the robot's clock stands still at {before:.2f} s",
-                        "see whether the simulated robot is still running",
+                        "check whether the simulated robot is still running",
                     )
 
-    def _goes_on(self, before: float) -> bool:
+    def _advances(self, before: float) -> bool:
         return self._told.wait_for(lambda: self._now > before, SILENCE_S)
 
 
 def cell_clock(node: Node) -> WallClock | TopicClock:
-    """As the parameter /use_sim_time says."""
+    """The clock that the parameter /use_sim_time selects."""
     return TopicClock(node) if node.parameter("/use_sim_time", False) else WallClock()

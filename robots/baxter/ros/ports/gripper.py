@@ -1,8 +1,8 @@
 """Baxter's electric gripper over ROS.
 
-The robot handles one command at a time and says which one it handled last: each is repeated until it has, and only
-then the next one follows. A newer command takes the place of those that wait, but never of a calibration: what is
-commanded right after one is carried out when it has ended.
+The robot handles one command at a time and reports the last one that it handled. Each command is repeated until
+the robot has handled it; then the next one follows. A newer command replaces those that wait, but never a
+calibration. A command after a calibration is executed when the calibration has ended.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ __all__ = ["RosGripper"]
 
 REPEAT_S = 0.05
 DEAF_S = 2.0
-"""Whoever commands a gripper that has not handled a command for so long is told [s]."""
+"""Time without an answer after which the next command raises an error [s]."""
 CALIBRATION_S = 10.0
-"""After so long a calibration is given up, and so is whatever was not handled: nobody expects it any more [s]."""
+"""Time after which a calibration, or any other unanswered command, is given up [s]."""
 VELOCITY = 100.0
-"""[%]"""
+"""Velocity of the pads [%]."""
 DEAD_ZONE = 2.0
-"""[%] of the stroke within which a position counts as reached."""
+"""Position tolerance [% of the stroke]."""
 
 
-REFUSED = "see whether it is free to move; the next run resets and calibrates it"
-DEAF = "see whether the gripper is plugged in and free to move, then start again"
+REFUSED = "check whether it is free to move; the next run resets and calibrates it"
+DEAF = "check whether the gripper is plugged in and free to move, then start again"
 
 
 @dataclass(frozen=True)
 class _Order:
-    """A command that is to be handled. force [N]: that it configures."""
+    """A command in the queue. force: grip force that it configures [N]."""
 
     what: str
     message: Any
@@ -61,7 +61,8 @@ class _Order:
 
 
 class RosGripper:
-    """One gripper, `side`'s. max_opening [m]. stopped: whether the robot is; orders that wait are void then."""
+    """The gripper of one side. max_opening [m]. stopped: whether the robot is stopped, which voids waiting
+    orders."""
 
     def __init__(
         self, node: Node, clock: RosClock, side: Side, stopped: Callable[[], bool] = lambda: False
@@ -70,28 +71,28 @@ class RosGripper:
         self.side, self.max_opening = side, FULL_OPENING
         self._stopped = stopped
         self._clock, self._kind = clock, messages.end_effector_command
-        # the robot echoes the last command of whoever was here before: it is never taken for one of these
+        # the robot still echoes the last command of an earlier program; a unique sender avoids confusion
         self._sender, self._sequence = f"foldcell_{side}_{uuid4().hex[:12]}", 0
         self._publisher = node.publisher(gripper_command(side), messages.end_effector_command)
         self._lock = Lock()
         self._waiting: tuple[_Order, ...] = ()
-        """The first is under way. Replaced as a whole, so that `state` needs no lock."""
+        """The first order is being handled. The tuple is replaced as a whole, so `state` needs no lock."""
         self._begun = self._told = -math.inf
         self._calibrating = False
         self._uncalibrated = False
-        """Whether the last calibration that was asked for was given up."""
+        """Whether the last requested calibration was given up."""
         self._force: float | None = None
-        """That the robot was configured to squeeze with [N]."""
+        """The configured grip force [N]."""
         self._last: tuple[float, float] | None = None
-        """Opening and force that were commanded last."""
+        """Opening [m] and force [N] of the last command."""
         self._fault: DriverError | None = None
-        """What it did not do, until somebody was told."""
+        """The last fault, until `command` raises it."""
         self.hearing = LatestMessage(
             node, clock, gripper_state(side), messages.end_effector_state, _read, self._heard
         )
 
     def calibrate(self) -> None:
-        """What is commanded meanwhile follows after it. Raises DriverError(STOPPED)."""
+        """Start a calibration. Later commands wait until it ends. Raises DriverError(STOPPED)."""
         self._refuse_stopped()
         with self._lock:
             again = _calibrates(self._waiting)
@@ -101,15 +102,15 @@ class RosGripper:
             if heard is not None and heard[0].error == 1:
                 self._add(RESET)
             if again or (heard is not None and heard[0].calibrated == 1):
-                self._add(CLEAR_CALIBRATION)  # else nobody could tell when the new one is done
+                self._add(CLEAR_CALIBRATION)  # otherwise the end of the new calibration is not visible
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
-        """Raises DriverError: STOPPED; GRIPPER_FAULT for no numbers, and when it is not calibrated, does not
-        answer, or refused what it was told before."""
+        """Move the pads. Raises DriverError: STOPPED; GRIPPER_FAULT for values that are not finite, and if the
+        gripper is not calibrated, does not answer or refused an earlier command."""
         self._refuse_stopped()
         if not (math.isfinite(opening) and math.isfinite(force)):
-            raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")
+            raise DriverError(FailureKind.GRIPPER_FAULT, f"invalid command: opening {opening} m, force {force} N")
         with self._lock:
             if self._waiting and self._waited() > (CALIBRATION_S if self._calibrating else DEAF_S):
                 self._give_up()
@@ -119,7 +120,7 @@ class RosGripper:
             heard = self.hearing.newest
             calibrated = heard is not None and self._calibrated(heard[0])
             if not (calibrated or _calibrates(self._waiting)):
-                self._refuse_stopped()  # a stop that came meanwhile has made the order void
+                self._refuse_stopped()  # a stop in the meantime has voided the calibration
                 raise self._error("is not calibrated", "calibrate it first")
             if self._last == (opening, force):
                 return
@@ -133,9 +134,9 @@ class RosGripper:
             self._add(GO, json.dumps({"position": _percent(opening, FULL_OPENING)}))
 
     def state(self) -> GripperState:
-        """As last heard, stamped when it was; before that of no time. A command that was not handled yet counts as
-        a motion."""
-        waiting = self._waiting  # before what was heard, which may be the news that nothing waits any more
+        """The latest state, with its time of arrival. Before the first message: NaN with stamp -inf. An unhandled
+        command counts as a motion."""
+        waiting = self._waiting  # read before the latest message, which may empty the queue
         heard = self.hearing.newest
         if heard is None:
             return GripperState(-math.inf, self.side, math.nan, math.nan, False, False)
@@ -153,20 +154,20 @@ class RosGripper:
     def _refuse_stopped(self) -> None:
         if self._stopped():
             raise DriverError(
-                FailureKind.STOPPED, f"the {self.side} gripper stays as it is: stopped", "reset the stop first"
+                FailureKind.STOPPED, f"the {self.side} gripper does not move: stopped", "reset the stop first"
             )
 
     def _waited(self) -> float:
-        """Since the order that is under way was first told [s]."""
+        """Time since the first order was sent for the first time [s]."""
         return self._clock.now() - self._begun
 
     def _forget(self) -> None:
-        """What was not handled is not wanted any more, and what the robot was told before need not hold."""
+        """Void the waiting orders and forget the values that the robot was sent."""
         self._waiting = ()
         self._calibrating, self._force, self._last = False, None, None
 
     def _give_up(self) -> None:
-        """Whoever commands it next is told."""
+        """Void the waiting orders. The next command raises the fault."""
         self._uncalibrated = self._uncalibrated or _calibrates(self._waiting)
         self._fault = self._error(f"does not do what it is told ({self._waiting[0].what})", DEAF)
         self._forget()
@@ -189,25 +190,25 @@ class RosGripper:
             self._publisher.tell(self._waiting[0].message)
 
     def _heard(self, heard: tuple[Any, float]) -> None:
-        """After each state of the gripper: on to the next command, or the same once more."""
+        """After each state of the gripper: send the next order, or repeat the first one."""
         message, _ = heard
         with self._lock:
             if self._stopped():
-                self._forget()  # else it would be done whenever the robot can do it again
+                self._forget()  # otherwise the robot would execute it after the stop
             if not self._waiting:
                 return
             first = self._waiting[0]
             echoed = _echoes(message, first.message)
             self._calibrating = self._calibrating or (echoed and first.what == CALIBRATE)
             if echoed and _done(first.what, message):
-                self._go_on(first, message)
+                self._advance(first, message)
             elif self._waited() > CALIBRATION_S:
                 self._give_up()
             elif not self._calibrating and self._clock.now() - self._told >= REPEAT_S:
                 self._tell()
 
-    def _go_on(self, done: _Order, message: Any) -> None:
-        """To the next order. The pads do not go with a force that the robot did not take."""
+    def _advance(self, done: _Order, message: Any) -> None:
+        """Start the next order. If the robot refused a force, the motion with that force is dropped."""
         self._calibrating = False
         self._waiting = self._waiting[1:]
         if done.force is not None:
@@ -226,7 +227,7 @@ class RosGripper:
 
 
 def _read(message: Any, stamp: float) -> tuple[Any, float] | None:
-    """A message whose figures are no numbers is none."""
+    """The message and its arrival time; None if a value is not finite."""
     return (message, stamp) if math.isfinite(message.position) and math.isfinite(message.force) else None
 
 
@@ -235,18 +236,18 @@ def _calibrates(waiting: Sequence[_Order]) -> bool:
 
 
 def _kept(waiting: tuple[_Order, ...]) -> tuple[_Order, ...]:
-    """What a new command leaves: the order that is under way, and everything up to a calibration."""
+    """The orders that a new command does not replace: the first, and all up to the last calibration."""
     last = max((k for k, order in enumerate(waiting) if order.what == CALIBRATE), default=0)
     return waiting[: last + 1]
 
 
 def _echoes(message: Any, order: Any) -> bool:
-    """Whether the robot says that it has handled the order. The SDK also takes the number 0."""
+    """Whether the robot reports that it has handled the order. Sequence 0 counts too, as in the SDK."""
     return message.command_sender == order.sender and message.command_sequence in (order.sequence, 0)
 
 
 def _done(what: str, message: Any) -> bool:
-    """Whether what was handled has been done: of a calibration and its clearing the robot says more than that."""
+    """Whether a handled order has finished. For a calibration and its clearing the state must show the result."""
     if what == CALIBRATE:
         return bool(message.calibrated == 1 and message.moving != 1 and message.ready != 0)
     return what != CLEAR_CALIBRATION or bool(message.calibrated != 1)

@@ -1,4 +1,4 @@
-"""Baxter's head over ROS: it carries the camera."""
+"""Baxter's head over ROS. It carries the camera."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from robots.ports import JointState
 __all__ = ["RosHead"]
 
 LIMIT = 1.39
-"""Either way [rad]."""
-SPEED = 0.5  # of its fastest
+"""Largest angle to either side [rad]."""
+SPEED = 0.5  # fraction of full speed
 REPEAT_S = 0.05
 GIVE_UP_S = 5.0
 THERE = 0.005
-"""Nearer than this it is not told again [rad]."""
+"""Largest error of a reached angle [rad]."""
 
 
 class RosHead:
-    """A command is repeated until the head is there, as the robot wants it, or the robot is stopped."""
+    """The head. A command is repeated until the head has arrived or the robot is stopped, for at most
+    GIVE_UP_S."""
 
     def __init__(self, node: Node, clock: RosClock, stopped: Callable[[], bool] = lambda: False) -> None:
         self._clock, self._messages, self._stopped = clock, load_messages(), stopped
@@ -33,16 +34,17 @@ class RosHead:
         self._asked = self._told = -math.inf
 
     def command_pan(self, angle: float) -> None:
-        """Raises DriverError: STOPPED; HARDWARE_FAULT for what is no angle."""
+        """Turn the head to `angle` [rad]. Raises DriverError: STOPPED; HARDWARE_FAULT for an angle that is not
+        finite."""
         if self._stopped():
-            raise DriverError(FailureKind.STOPPED, "the head stays as it is: stopped", "reset the stop first")
+            raise DriverError(FailureKind.STOPPED, "the head does not move: stopped", "reset the stop first")
         if not math.isfinite(angle):
-            raise DriverError(FailureKind.HARDWARE_FAULT, f"no angle for the head: {angle}")
+            raise DriverError(FailureKind.HARDWARE_FAULT, f"invalid angle for the head: {angle}")
         self._goal, self._asked = min(max(angle, -LIMIT), LIMIT), self._clock.now()
         self._tell()
 
     def watch(self, state: JointState) -> None:
-        """Is shown each joint state."""
+        """Repeat the command if necessary. Called with each joint state."""
         if self._stopped():
             self._goal = math.nan
         wanted = self._clock.now() - self._asked < GIVE_UP_S and abs(state.head_pan - self._goal) > THERE

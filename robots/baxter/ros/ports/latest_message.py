@@ -1,4 +1,4 @@
-"""The newest message of a topic, with the time at which it arrived."""
+"""The latest message of a topic, with its time of arrival."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ T = TypeVar("T")
 
 
 class LatestMessage(Generic[T]):
-    """read: (message, time of arrival [s]) -> value, None for a message that is not understood, which is as if it
-    had not come. then: called with each value, on the topic's thread."""
+    """Holds the latest valid message of a topic. read: (message, time of arrival [s]) -> value, or None for an
+    invalid message, which is ignored. then: called with each value, on the topic's thread."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class LatestMessage(Generic[T]):
 
     @property
     def newest(self) -> T | None:
-        """None until something was heard."""
+        """The latest value; None before the first one."""
         return self._newest
 
     def wait(self, seconds: float) -> bool:
-        """Whether anything was heard within so long, on the wall."""
+        """Wait up to `seconds` of wall time for a value. Returns whether any has arrived."""
         with self._arrived:
             return self._arrived.wait_for(lambda: self._newest is not None, seconds)
 

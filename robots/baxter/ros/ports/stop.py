@@ -1,6 +1,6 @@
-"""Baxter's stop over ROS: the robot's own state, and the stop that this program asks for.
+"""Baxter's stop over ROS: the robot's own stop, and the stop that this program requests.
 
-A stop that was seen or asked for stays until somebody resets it, whatever the robot says meanwhile.
+A stop that was observed or requested stays until it is reset, even if the robot reports otherwise in the meantime.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["AssemblyState", "RosStop"]
 
 REPEAT_S = 0.02
 CLOSE_S = 0.5
-"""On the wall: so long the robot is still told of a stop by a cell that is being closed."""
+"""Wall time for which `close` repeats a stop that the robot has not confirmed [s]."""
 RESET_S = 3.0
 TICK_S = 0.05
 PRESSED = 1
@@ -38,7 +38,7 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class AssemblyState:
-    """What the robot says of itself. stamp [s]: when it was heard."""
+    """State that the robot reports. stamp: time of arrival [s]."""
 
     stamp: float
     enabled: bool
@@ -49,75 +49,78 @@ class AssemblyState:
 
 
 class RosStop:
-    """`trigger` writes one byte to a pipe, so that it may be called from a signal handler; a thread of its own
-    then tells the robot until it has stopped."""
+    """The stop circuit. `trigger` writes one byte to a pipe, so it may be called from a signal handler. A thread
+    then repeats the stop command until the robot has stopped."""
 
     def __init__(self, node: Node, clock: RosClock) -> None:
         messages = load_messages()
         self._clock, self._empty = clock, messages.empty
         self._stop, self._reset = node.publisher(STOP, messages.empty), node.publisher(RESET, messages.empty)
-        self._seen: StopState | None = None
-        self._asked: StopState | None = None
-        self._excused: StopState | None = None
-        """What was asked for and is being reset: the robot is no longer told of it."""
-        self._forgiven: StopState | None = None
-        """What was asked for and has been reset."""
+        self._observed: StopState | None = None
+        self._requested: StopState | None = None
+        self._resetting: StopState | None = None
+        """The requested stop that is being reset; it is no longer sent to the robot."""
+        self._lifted: StopState | None = None
+        """The requested stop that has been reset."""
         self.robot = LatestMessage(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
         self._wake, self._wakener = os.pipe()
-        os.set_blocking(self._wakener, False)  # many triggers of one stop: the first woke the thread
+        os.set_blocking(self._wakener, False)  # the first of many triggers already woke the thread
         self._until = math.inf
         self._thread = threading.Thread(target=self._insist, name="stop", daemon=True)
         self._thread.start()
 
     def trigger(self, reason: str) -> None:
-        """Callable from any thread and from a signal handler."""
-        if self._asked is self._forgiven or self._asked is self._excused:
-            self._asked = StopState(self._clock.now(), True, reason or "no reason given")
-        self._say(b"s")
+        """Request a stop. May be called from any thread and from a signal handler."""
+        if self._requested is self._lifted or self._requested is self._resetting:
+            self._requested = StopState(self._clock.now(), True, reason or "no reason given")
+        self._wake_thread(b"s")
 
     def state(self) -> StopState:
-        """Stamped when the stop was asked for or seen, otherwise when the robot was last heard."""
-        asked, robot = self._asked, self.robot.newest
-        if asked is not None and asked is not self._forgiven:
-            return asked
-        return self._seen or StopState(-math.inf if robot is None else robot.stamp, False)
+        """The state. Its stamp is the time of the request or observation of a stop, otherwise of the last
+        message."""
+        requested, robot = self._requested, self.robot.newest
+        if requested is not None and requested is not self._lifted:
+            return requested
+        return self._observed or StopState(-math.inf if robot is None else robot.stamp, False)
 
     def reset(self) -> None:
-        """Raises DriverError(STOPPED): the button is still pressed, the robot does not leave its stop, or it is
-        stopped anew meanwhile. The stop stays then."""
+        """Leave the stop. Raises DriverError(STOPPED), and stays stopped, if the button is still pressed, the
+        robot does not leave its stop, or another stop occurs in the meantime."""
         robot = self.robot.newest
         if robot is not None and robot.button == PRESSED:
             raise DriverError(
                 FailureKind.STOPPED, "the emergency button is still pressed", "turn it until it springs back"
             )
-        excused = self._excused = self._asked
+        resetting = self._resetting = self._requested
         try:
-            self._leave(excused)
-            self._forgiven, self._seen = excused, None
+            self._leave(resetting)
+            self._lifted, self._observed = resetting, None
         finally:
-            self._excused = self._forgiven
-            self._say(b"s")  # there may be a stop of which the robot has to be told
+            self._resetting = self._lifted
+            self._wake_thread(b"s")  # there may be a new stop to send
 
     def close(self) -> None:
-        """A stop that the robot has not heeded yet is told for a while."""
+        """Close. A stop that the robot has not confirmed is repeated for up to CLOSE_S."""
         if self._until == math.inf:
             self._until = time.monotonic() + CLOSE_S
-            self._say(b"c")
+            self._wake_thread(b"c")
             self._thread.join()
             wakener, self._wakener = self._wakener, -1
             os.close(wakener)
             os.close(self._wake)
 
-    def _leave(self, excused: StopState | None) -> None:
-        """Tell the robot to leave its stop until it says that it has, and that its motors are off."""
+    def _leave(self, resetting: StopState | None) -> None:
+        """Repeat the reset command until the robot reports that it has left its stop with its motors off."""
         begun = self._clock.now()
         while self._clock.now() < begun + RESET_S:
             self._reset.tell(self._empty())
             self._clock.sleep_until(self._clock.now() + TICK_S)
-            asked, robot = self._asked, self.robot.newest
-            if asked is not None and asked is not excused:
+            requested, robot = self._requested, self.robot.newest
+            if requested is not None and requested is not resetting:
                 raise DriverError(
-                    FailureKind.STOPPED, f"stopped anew meanwhile ({asked.reason})", "reset it once more"
+                    FailureKind.STOPPED,
+                    f"stopped again during the reset ({requested.reason})",
+                    "reset it once more",
                 )
             if robot is None or robot.stamp <= begun:
                 continue
@@ -125,34 +128,34 @@ class RosStop:
                 return
         robot = self.robot.newest
         if robot is not None and robot.stamp > begun and not (robot.stopped or robot.enabled):
-            return  # with an error that is none of the stop's: the robot can be enabled all the same
+            return  # the remaining error does not belong to the stop and does not prevent enabling
         raise DriverError(
-            FailureKind.STOPPED, "the robot does not leave its stop", "see the robot's display, then reset again"
+            FailureKind.STOPPED, "the robot does not leave its stop", "check the robot's display, then reset again"
         )
 
-    def _say(self, what: bytes) -> None:
-        with contextlib.suppress(OSError):  # full, or closed: there is no cell any more
+    def _wake_thread(self, what: bytes) -> None:
+        with contextlib.suppress(OSError):  # the pipe is full, or closed with the cell
             os.write(self._wakener, what)
 
     def _watch(self, robot: AssemblyState) -> None:
-        if robot.stopped and self._seen is None:
-            why = SOURCES.get(robot.source, "the robot says that it is stopped")
-            self._seen = StopState(robot.stamp, True, why)
+        if robot.stopped and self._observed is None:
+            why = SOURCES.get(robot.source, "the robot reports that it is stopped")
+            self._observed = StopState(robot.stamp, True, why)
 
     def _insist(self) -> None:
-        """Tell the robot to stop until it says that it has."""
+        """Repeat the stop command until the robot reports that it has stopped."""
         while os.read(self._wake, 1) == b"s":
-            while self._unheeded() and time.monotonic() < self._until:
+            while self._unconfirmed() and time.monotonic() < self._until:
                 self._stop.tell(self._empty())
                 time.sleep(REPEAT_S)
             if self._until < math.inf:
                 return
 
-    def _unheeded(self) -> bool:
-        asked, robot = self._asked, self.robot.newest
-        if asked is None or asked is self._forgiven or asked is self._excused:
+    def _unconfirmed(self) -> bool:
+        requested, robot = self._requested, self.robot.newest
+        if requested is None or requested is self._lifted or requested is self._resetting:
             return False
-        return robot is None or not robot.stopped or robot.stamp <= asked.stamp
+        return robot is None or not robot.stopped or robot.stamp <= requested.stamp
 
 
 def _assembly(message: Any, stamp: float) -> AssemblyState:

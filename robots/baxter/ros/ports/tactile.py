@@ -17,22 +17,22 @@ __all__ = ["RosTactile"]
 
 
 class RosTactile:
-    """rows: of cells on each pad."""
+    """The tactile pads of one gripper. rows: rows of cells on each pad."""
 
     def __init__(self, node: Node, clock: RosClock, side: Side, rows: int) -> None:
         self.side, self._rows = side, rows
         self._shape: tuple[int, ...] | None = None
-        """Of the pads, as they were first heard."""
+        """Shape of the pads in the first message."""
         self.hearing = LatestMessage(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
-        """As last heard, stamped when it was; before that of no time."""
-        unheard = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
-        return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unheard))
+        """The latest reading, with its time of arrival. Before the first message: NaN with stamp -inf."""
+        unknown = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
+        return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unknown))
 
     def _read(self, message: Any, stamp: float) -> TactileReading | None:
-        """A message that lacks something, whose figures are no numbers, or of other pads than the first is none:
-        what is compared with a zero has its cells."""
+        """Read a message. None if a channel is missing, a value is not finite, or the shape differs from the first
+        message, because a tare and a reading need the same cells."""
         channels = {c.name: np.asarray(c.values, dtype=np.float64) for c in message.sensors}
         try:
             pads = np.stack([channels["pad_0"], channels["pad_1"]]).reshape(2, self._rows, -1)

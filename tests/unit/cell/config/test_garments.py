@@ -97,7 +97,7 @@ def test_grasps_must_lie_on_the_moving_part(tmp_path: Path) -> None:
     for grasp, point in zip(data["plan"][0]["variants"][0]["grasps"], ("far_right", "near_right"), strict=True):
         grasp |= {"at": point, "inset": [0.0, 0.0]}
     text = refusal(tmp_path, data)
-    assert "plan.half.grasps (left_onto_right)" in text and "-300 mm inside what moves" in text
+    assert "plan.half.grasps (left_onto_right)" in text and "-300 mm inside the moved part" in text
     data = towel()
     data["plan"][0]["variants"][0]["grasps"][0]["at"] = {"far_left": 2.0, "far_right": -1.0}
     assert "plan.half.grasps" in refusal(tmp_path, data) and "beside the garment" in refusal(tmp_path, data)

@@ -125,7 +125,7 @@ def test_a_process_is_a_node_of_one_master(puppet: Puppet, monkeypatch: pytest.M
 @pytest.mark.parametrize("uri", ["localhost", "localhost:11311", "http://localhost", "http://localhost:port"])
 def test_an_invalid_master_address_is_refused(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", uri)
-    with pytest.raises(ConfigurationError, match="is no address"):
+    with pytest.raises(ConfigurationError, match="is not an address"):
         master_address()
 
 

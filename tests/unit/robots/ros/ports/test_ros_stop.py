@@ -210,7 +210,7 @@ def test_closing_leaves_no_file_open(puppet: Puppet, node: Node) -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "reason"), [(1, "button"), (3, "fault"), (4, "computer"), (0, "says that it is stopped")]
+    ("source", "reason"), [(1, "button"), (3, "fault"), (4, "computer"), (0, "reports that it is stopped")]
 )
 def test_a_stop_of_the_robot_is_seen_with_its_reason(
     puppet: Puppet, stop: RosStop, source: int, reason: str
