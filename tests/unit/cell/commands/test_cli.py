@@ -228,11 +228,11 @@ def test_the_summary_tells_what_the_recording_lacks(
     """And where it is only if there is one."""
     if there:
         (tmp_path / "run.rrd").touch()
-    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7, "live_dropped": 0}
+    lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7, "live_dropped": 0}
     fake.answer = Result({**FIGURES, "recording": lost, "run_dir": str(tmp_path)})
     main(["fold", "medium_towel"])
     text = capsys.readouterr().out
-    assert "not kept   the run cannot be decided again from here on: disk full" in text
+    assert "not kept   the transcript ends early: disk full" in text
     assert "not kept   7 entries of the recording" in text
     assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
 

@@ -487,9 +487,9 @@ def test_what_happens_within_an_effect_is_in_the_ledger_between_intent_and_resul
     remarks = RunEvents()
     rig.observers = (remarks,)
     rig.run()
-    assert [(r.kind, r.title, r.text) for r in remarks.list] == [
-        ("command", "paused", "on the way, while folding")
-    ], "those who look on are told, too"
+    assert [(r.kind, r.title, r.text) for r in remarks.list] == [("command", "paused", "while folding")], (
+        "those who look on are told, too"
+    )
     entries = list(rig.journal.entries(rig.journal_file.id))
     k = next(k for k, e in enumerate(entries) if e.name == "paused")
     assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25

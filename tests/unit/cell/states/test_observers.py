@@ -26,7 +26,7 @@ def test_a_pause_on_a_motions_way_is_told_with_its_times_before_what_ended_the_m
         (7.5, "command", "resumed"),
         (9.0, "failure", "slipped while folding"),
     ]
-    assert said[0].text == "on the way, while folding"
+    assert said[0].text == "while folding"
 
 
 def test_a_pause_between_two_effects_is_told_and_so_is_its_end() -> None:
