@@ -119,12 +119,12 @@ class RunStatus:
 
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
-            may = self._allowed_now()
+            allowed = self._allowed_now()
             return {
                 **self._about,
                 "version": self.version,
                 "state": self._state.value,
-                "allowed": [event.value for event in ORDER if event in may],
+                "allowed": [event.value for event in ORDER if event in allowed],
                 "labels": {"retry": "Try again"} if self._state is State.ASKING else {},
                 "question": {"number": self._question, "text": self._asked()} if self._asking() else None,
                 "steps": self._steps(),
@@ -137,9 +137,9 @@ class RunStatus:
     def _allowed_now(self) -> frozenset[Event]:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
-        may = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # nothing moves
-        may |= {Event.APPROVE} if self._wanted else set()
-        return may - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in may else may
+        allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # nothing moves
+        allowed |= {Event.APPROVE} if self._wanted else set()
+        return allowed - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in allowed else allowed
 
     def _asking(self) -> bool:
         return self._state in ASKING or self._wanted is not None

@@ -121,10 +121,10 @@ def fold_strip(
     """One picture per frame, all from one view that shows the whole motion. size: width, height [px]."""
     if not frames:
         return []
-    seen = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
+    points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
     above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
-    seen += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
-    view = View.around(np.vstack(seen), *size)
+    points += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
+    view = View.around(np.vstack(points), *size)
     return [draw_frame(f, triangles, view, table, arcs) for f in frames]
 
 
