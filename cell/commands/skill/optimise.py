@@ -1,4 +1,4 @@
-"""`foldcell optimise GARMENT`: trajectories of its folds, for this cell or any other robot."""
+"""`foldcell optimise GARMENT`: finds trajectories of its folds, for this cell or another robot."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("garment", metavar="GARMENT", help="name or file")
     parser.add_argument("--step", type=count, metavar="N", help="only the N-th fold, from 1 (all)")
     parser.add_argument(
-        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+        "--method",
+        choices=["default", "paper", "initial", "two_parameter"],
+        help="method of the optimiser (of the settings)",
     )
     parser.add_argument("--budget", type=count, metavar="N", help="simulations of one fold (of the settings)")
     parser.add_argument("--export", type=Path, metavar="FILE", help="tool poses and times, as .csv or .json")
@@ -44,13 +46,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when every fold was optimised, 2 when one could not be."""
+    """Returns 0 if every fold was optimised, 2 if one could not be. Raises ConfigurationError, StorageError."""
     settings = load_settings(options.cell)
     garment = load_garment(options.garment, settings.surface)
     speed = min(garment.max_tool_speed, settings.motion.tool_speed)
     _check_export(options.export)
     if options.step is not None and options.step > len(garment.plan):
-        raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no --step {options.step}")
+        raise ConfigurationError(
+            f"{garment.name} has {len(garment.plan)} folds; there is no --step {options.step}"
+        )
     method = options.method or settings.optimiser.method
     budget = options.budget or (None if method == "initial" else settings.optimiser.simulations)
     out = progress_stream(options.json)
@@ -60,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     vertices = mesh.lay_flat(garment.material.thickness)
     predict = ClothPredictor()
     bar = ProgressBar(out)
-    told: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
     steps = _steps(state, garment)[: options.step]
     with compiling_told(bar.line):
@@ -75,8 +79,8 @@ def run(options: argparse.Namespace) -> int:
                 progress=partial(_show, bar, step), lift_height=settings.grasp.lift_height,
             )  # fmt: skip
             if wanted or outcome.failure:
-                told.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
-                bar.line(_line(told[-1]))
+                results.append(_figures(step, outcome, settings.grasp.lift_height, time.monotonic() - began))
+                bar.line(_line(results[-1]))
             if outcome.failure:
                 break
             arcs = tool_paths(outcome.unwrap(), step)
@@ -91,8 +95,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"tool poses and times  {options.export}", file=out)
     if options.json:
         export = str(options.export) if options.export else None
-        print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
-    return 2 if any(s["failure"] for s in told) else 0
+        print_json({"garment": garment.name, "method": method, "steps": results, "export": export})
+    return 2 if any(s["failure"] for s in results) else 0
 
 
 def _steps(state: GarmentState, garment: Garment) -> tuple[FoldStep, ...]:
@@ -144,8 +148,9 @@ COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
-    """Tool poses over time, from the grasp through the straight lift to the release: position of the tool centre
-    point and orientation (quaternion, scalar last) of the tool frame in the table frame (robots/ports.py)."""
+    """Tool poses over time as CSV or JSON, from the grasp through the straight lift to the release: time [s],
+    position of the tool centre point [m] and orientation (quaternion, scalar last) of the tool frame in the table
+    frame (robots/ports.py). paths: fold -> grasp -> path."""
     rows: list[tuple[Any, ...]] = [
         (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
         for fold, arms in paths.items()

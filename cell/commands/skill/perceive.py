@@ -1,4 +1,4 @@
-"""`foldcell perceive IMAGE`: what the cell sees in a picture from its camera."""
+"""`foldcell perceive IMAGE`: recognises the garment in a picture."""
 
 from __future__ import annotations
 
@@ -27,48 +27,50 @@ __all__ = ["ANY_SIZE", "add_options", "look_at", "photographed", "read_frame", "
 
 MILLIMETRES = 1e-3
 ANY_SIZE = 1e3
-"""Relative difference of sizes that nothing reaches."""
+"""A relative tolerance of the size that no garment exceeds."""
 WIDTH, HEIGHT = 1.2, 2.0
-"""Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
+"""Assumed width of a photographed table, and height of an unknown camera above it [m]."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("image", type=Path, metavar="IMAGE", help="colour picture from the cell's camera")
-    parser.add_argument("--depth", type=Path, help="its depth: 16-bit PNG in millimetres, or .npy in metres")
-    parser.add_argument("--garment", default="auto", metavar="G", help="what is expected, or auto (auto)")
+    parser.add_argument(
+        "--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres"
+    )
+    parser.add_argument("--garment", default="auto", metavar="G", help="the expected garment, or auto (auto)")
     parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
     parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the overlay (IMAGE-perceived.png)")
     parser.add_argument(
-        "--unit", choices=["m", "px"], default="m", help="px: seen from above by an unknown camera (m)"
+        "--unit", choices=["m", "px"], default="m", help="px: photographed from above by an unknown camera (m)"
     )
     cell_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 with key points, 2 when no garment was recognised."""
+    """Returns 0 if a garment was recognised, 2 if none was. Raises ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
-    seen, frame = look_at(options, options.garment)
-    if seen.failure is not None:
+    outcome, frame = look_at(options, options.garment)
+    if outcome.failure is not None:
         if options.json:
-            print_json({**_refused(options.image, options.unit, seen.failure), "notes": seen.notes})
+            print_json({**_refused(options.image, options.unit, outcome.failure), "notes": outcome.notes})
         else:
-            print(f"not recognised: {seen.failure}")
+            print(f"not recognised: {outcome.failure}")
         return 2
-    perception = seen.unwrap()
+    perception = outcome.unwrap()
     write_overlay(output, perception, frame)
     if options.json:
-        print_json({**_figures(options.image, perception, output, options.unit), "notes": seen.notes})
+        print_json({**_figures(options.image, perception, output, options.unit), "notes": outcome.notes})
     else:
         _print(perception, output, options.unit)
     return 0
 
 
 def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
-    """What is seen in the picture `options.image`, with what the options say of it, and the picture. garment: what
-    is expected, or auto. Raises ConfigurationError for a file that cannot be used."""
+    """Perception of the picture `options.image` with the other options, and the picture. garment: the expected
+    garment, or auto. Raises ConfigurationError for a file that cannot be used."""
     _check_reference(options)
     settings = load_settings(options.cell)
     calibration, table = camera_calibration(settings), settings.table
@@ -81,28 +83,31 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
     if options.reference is not None:
         empty = read_frame(options.reference, options.reference_depth, calibration.intrinsics, 1)
     thresholds = settings.perception.settings()
-    if options.depth is None:  # that there is none is the user's choice, not a broken camera
+    if options.depth is None:  # missing depth is the user's choice here, not a camera fault
         thresholds = replace(thresholds, depth_holes=1.0)
-    if options.unit == "px":  # nor how large it is
+    if options.unit == "px":  # the size is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
     expected = None if garment == "auto" else garments[0].name
     return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
 
 
 def _check_reference(options: argparse.Namespace) -> None:
-    """A picture with depth is compared with an empty table's that has depth, too."""
+    """Raises ConfigurationError unless the picture and that of the empty table both have depth, or neither."""
     if options.reference is None and options.reference_depth is not None:
-        raise ConfigurationError("--reference-depth without --reference", "give the empty table's picture as well")
+        raise ConfigurationError(
+            "--reference-depth without --reference", "give the picture of the empty table too"
+        )
     if None not in (options.reference, options.depth) and options.reference_depth is None:
         raise ConfigurationError(
             "--reference with --depth, but without --reference-depth",
-            "give the empty table's depth as well, or leave out --reference or --depth",
+            "give the depth of the empty table too, or leave out --reference or --depth",
         )
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
-    """A stand-in for a camera of which nothing is known, for a picture (rows, columns): straight above the table,
-    the picture as wide as `WIDTH`. What it says in metres means nothing; in pixels it is right."""
+    """Calibration and table for an unknown camera and a picture of `shape` (rows, columns): the camera is straight
+    above the table, and the picture is `WIDTH` wide. Results in pixels are right, those in metres have no
+    meaning."""
     rows, columns = shape[:2]
     focal = HEIGHT * columns / WIDTH
     intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
@@ -112,7 +117,7 @@ def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
 
 
 def read_frame(image: Path, depth: Path | None, intrinsics: Intrinsics, sequence: int) -> CameraFrame:
-    """A picture from files. Raises ConfigurationError when one cannot be read or has another size."""
+    """Read a camera frame from files. Raises ConfigurationError if one cannot be read or has another size."""
     size = (intrinsics.height, intrinsics.width)
     bgr = _read_image(image, cv2.IMREAD_COLOR)
     _check_size(image, bgr.shape[:2], size)
@@ -130,26 +135,26 @@ def _read_image(path: Path, flags: int) -> NDArray:
         raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
     try:
         image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:  # claims to be a picture of an impossible size
+    except cv2.error:  # the file states an impossible size
         image = None
     if image is None:
         raise ConfigurationError(
-            f"{path}: is no picture that can be read (PNG or JPEG)", "export or copy it anew", path=str(path)
+            f"{path}: is no readable picture (PNG or JPEG)", "export or copy it again", path=str(path)
         )
     return np.asarray(image)
 
 
 def _read_depth(path: Path) -> NDArray[np.float32]:
-    """(H, W) [m]: `.npy` in metres, otherwise a picture of 16 bits in millimetres; 0 is no measurement."""
+    """(H, W) [m] from `.npy` in metres or a 16-bit picture in millimetres; 0 means no measurement."""
     if path.suffix == ".npy":
         try:
             raw = np.load(path, allow_pickle=False)
         except (OSError, ValueError, EOFError) as e:
-            raise ConfigurationError(f"{path}: is no array that can be read: {e}", path=str(path)) from e
+            raise ConfigurationError(f"{path}: is no readable array: {e}", path=str(path)) from e
         if not isinstance(raw, np.ndarray):
             raw.close()
             raise ConfigurationError(
-                f"{path}: is no single array (an .npz holds several)", "save it with numpy.save", path=str(path)
+                f"{path}: is no single array (an .npz contains several)", "save it with numpy.save", path=str(path)
             )
         metres = raw.astype(np.float32) if raw.ndim == 2 and raw.dtype.kind == "f" else None
     else:
@@ -157,7 +162,7 @@ def _read_depth(path: Path) -> NDArray[np.float32]:
         metres = raw.astype(np.float32) * MILLIMETRES if raw.ndim == 2 and raw.dtype == np.uint16 else None
     if metres is None:
         raise ConfigurationError(
-            f"{path}: holds {raw.dtype} of shape {raw.shape}", "give 16-bit millimetres (PNG) or metres (.npy)"
+            f"{path}: contains {raw.dtype} of shape {raw.shape}", "give 16-bit millimetres (PNG) or metres (.npy)"
         )
     return np.where(metres > 0, metres, np.nan).astype(np.float32)
 
@@ -167,13 +172,13 @@ def _check_size(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -
         wanted = f"{expected[1]} x {expected[0]}"
         raise ConfigurationError(
             f"{path}: is {found[1]} x {found[0]} pixels, the camera is calibrated for {wanted}",
-            "give a picture as the cell's camera takes it, a calibration of the camera that took it (--cell), or "
-            "--unit px for a camera of which nothing is known",
+            "give a picture of the cell's camera, settings with the calibration of another camera (--cell), or "
+            "--unit px for an unknown camera",
         )
 
 
 def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
-    """A picture of what was seen, drawn over what was looked at."""
+    """Write the picture with the recognised garment drawn over it. Raises StorageError."""
     done, png = cv2.imencode(".png", draw_on_camera(perception, frame.rgb)[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")
@@ -212,7 +217,7 @@ def _keypoints(perception: Perception, unit: str) -> dict[str, Array]:
 
 
 def _in_unit(perception: Perception, points: Array, unit: str) -> Array:
-    """Points (..., 2) [m], table frame, as they are, or in the picture's pixels (column, row)."""
+    """Points (..., 2) in the table frame [m], or for unit px in pixels of the picture (column, row)."""
     return points if unit == "m" else perception.view.to_image(points)
 
 

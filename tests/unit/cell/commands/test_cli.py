@@ -245,7 +245,7 @@ def test_the_summary_tells_which_figure_missed_its_limit(
     fake.answer = Result({**FIGURES, "score": score})
     main(["fold", "vest"])
     assert (
-        "not passed (height 24.1 mm, passes to 19.5; turn 11.5 degrees, passes to 10.0), IoU 0.950"
+        "not passed (height 24.1 mm, limit 19.5; turn 11.5 degrees, limit 10.0), IoU 0.950"
         in capsys.readouterr().out
     )
 
@@ -438,8 +438,8 @@ def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.Capture
 
 @pytest.mark.parametrize(
     ("name", "says", "not_says"),
-    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
-     ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
+    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "was interrupted"),
+     ("2004", ["none: the run was interrupted", "without ending the run", "replay 2004"], "has not ended")],
 )  # fmt: skip
 def test_why_there_is_no_page(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str
