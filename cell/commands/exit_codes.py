@@ -1,4 +1,4 @@
-"""The frame of every command: exit codes, and errors told to the person and to the program that called."""
+"""The frame of every command: exit codes and error messages for people and programs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,24 @@ from robots.errors import CellError, ConfigurationError, StorageError
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. (SIGHUP, 129, and SIGTERM, 143:
-cell/support/process/terminations.py.)"""
+"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The codes of SIGHUP (129) and
+SIGTERM (143) are in cell/support/process/terminations.py."""
 
 
 def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
-    """Parse a line, run its command, return the exit code. Never raises, and never shows a traceback. Who stops
-    reading what it prints (`| head`) changes nothing; output that could not be written is a fault of its own."""
+    """Parse a line, run its command and return the exit code. Never raises.
+
+    A reader that closes the pipe (`| head`) changes nothing. If standard output cannot be written for another
+    reason, a successful command returns USAGE.
+    """
     with lasting_streams() as output, unwinding():
         code = _perform(parse, asked_for_json)
         lost = output.lost
         if code != OK or not isinstance(lost, OSError) or isinstance(lost, BrokenPipeError):
             return code
-        return _say(USAGE, f"standard output cannot be written: {lost.strerror}", "what was done stays done")
+        return _say(
+            USAGE, f"standard output cannot be written: {lost.strerror}", "the command itself was carried out"
+        )
 
 
 def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
@@ -39,7 +44,7 @@ def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> i
     try:
         try:
             options = parse()
-        except SystemExit as e:  # argparse: --help is 0, a bad line USAGE
+        except SystemExit as e:  # of argparse: 0 for --help, USAGE for a bad line
             code = int(e.code or 0)
             if code and asked_for_json:
                 print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}))
@@ -55,13 +60,13 @@ def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> i
         wrong_input = isinstance(e, ConfigurationError | StorageError)
         return _fail(options, USAGE if wrong_input else FAULT, e.what, e.hint)
     except Exception as e:
-        kept = _keep_traceback(options)
-        where = f"the details are in {kept}" if kept else traceback.format_exc()
-        return _fail(options, FAULT, f"this is a bug in foldcell: {type(e).__name__}: {e}", where)
+        path = _write_traceback(options)
+        hint = f"the details are in {path}" if path else traceback.format_exc()
+        return _fail(options, FAULT, f"this is a bug in foldcell: {type(e).__name__}: {e}", hint)
 
 
 def _fail(options: argparse.Namespace, code: int, what: str, hint: str) -> int:
-    """Say what is wrong to the person and, with --json, to the program that called."""
+    """Print the error for people and, with --json, for the calling program; returns `code`."""
     _say(code, what, hint)
     if getattr(options, "json", False):
         print(json.dumps({"error": what, "hint": hint, "exit_code": code}), flush=True)
@@ -73,8 +78,8 @@ def _say(code: int, what: str, hint: str) -> int:
     return code
 
 
-def _keep_traceback(options: argparse.Namespace) -> Path | None:
-    """Write the traceback among the logs, or else among temporary files."""
+def _write_traceback(options: argparse.Namespace) -> Path | None:
+    """Write the traceback to the logs folder, else to the temporary folder; None if neither can be written."""
     from cell.support.files.paths import logs_directory
 
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"

@@ -1,5 +1,5 @@
-"""Finds the commands. What a command does, and its flags, stand in one file of a folder beside this one, which is
-imported only when the command is called, so that `foldcell --help` answers at once.
+"""The entry point and the list of commands. Each command is one module with its flags and its code. It is imported
+only if the command is called, so that `foldcell --help` answers at once.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ __all__ = ["build_parser", "main"]
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "fold": ("run.fold", "fold one garment, from a picture of it to a picture of the result"),
-    "supervise": ("run.supervise", "fold under an operator's eyes: each fold is shown and approved first"),
-    "hil": ("run.hil", "perform scripted runs and hold each to what its script expects"),
+    "supervise": ("run.supervise", "fold with an operator, who sees and approves each fold first"),
+    "hil": ("run.hil", "perform scripted runs and check each against its script"),
     "trials": ("run.trials", "repeat runs over seeds and garments, with Wilson intervals"),
-    "perceive": ("skill.perceive", "key points of the garment in a picture, and an overlay PNG"),
-    "optimise": ("skill.optimise", "find the trajectory of a garment's folds by cloth simulation"),
-    "library": ("library.actions", "the library of optimised trajectories"),
-    "calibrate": ("calibrate.actions", "measure what the cell has to know, and write it to a file"),
-    "garment": ("garment.actions", "the garments that the cell knows"),
-    "runs": ("history.runs", "the runs in the journal and how each ended"),
-    "tidy": ("history.tidy", "free the disk of old recordings; reports and the journal stay"),
-    "report": ("history.report", "what happened in a run, and where its report page is"),
+    "perceive": ("skill.perceive", "recognise the garment in a picture and draw its key points into a PNG"),
+    "optimise": ("skill.optimise", "find the trajectories of a garment's folds by cloth simulation"),
+    "library": ("library.actions", "build or show the library of optimised trajectories"),
+    "calibrate": ("calibrate.actions", "measure a property of the cell or a fabric and write it to a file"),
+    "garment": ("garment.actions", "list, show, check and make garment files"),
+    "runs": ("history.runs", "list the runs in the journal and how each ended"),
+    "tidy": ("history.tidy", "remove old recordings to free disk space; reports and the journal stay"),
+    "report": ("history.report", "show the effects of a run and the path of its report page"),
     "replay": ("history.replay", "open a run's recording in the Rerun viewer, or decide it again"),
-    "resume": ("run.resume", "go on with a run that was killed, stopped or ended before it had folded"),
-    "reset": ("run.reset", "leave the robot's stop, once its cause is cleared (driver ros)"),
-    "bench": ("installation.bench", "measure a part of the program beside its peers"),
-    "doctor": ("installation.doctor", "what is installed, what is missing, and what to do"),
-    "chart": ("installation.chart", "draw the states and what leads where (needs Graphviz)"),
+    "resume": ("run.resume", "resume a run that was killed, stopped or ended before the garment was folded"),
+    "reset": ("run.reset", "reset the robot's stop after its cause is cleared (driver ros)"),
+    "bench": ("installation.bench", "measure a part of the program and its peers"),
+    "doctor": ("installation.doctor", "check the installation: what is missing, and what to do"),
+    "chart": ("installation.chart", "draw the chart of the states (needs Graphviz)"),
 }
-"""Name -> module below `cell.commands`, with `add_options(parser)`, and what it is for."""
+"""Name -> module in `cell.commands`, which has `add_options(parser)`, and help text."""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
@@ -50,13 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """A bad line is a usage error like any other: 64, not argparse's 2 (which means 'not folded' here)."""
+        """Exit with 64 for a bad line. argparse's own code 2 means 'not folded' here."""
         self.print_usage(sys.stderr)
         self.exit(USAGE, f"{self.prog}: {message}\n  see {self.prog} --help\n")
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """only: the one command whose flags are wanted; all when None."""
+    """The parser. only: the one command whose flags are added; None: all of them."""
     parser = _Parser(
         prog="foldcell",
         description="The executive of a garment-folding robot cell.",
@@ -64,7 +64,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and leave")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, (module, about) in COMMANDS.items():
         command = add_command(commands, name, about)

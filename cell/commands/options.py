@@ -1,4 +1,4 @@
-"""Flags that several commands share, and the types of their values."""
+"""Flags of several commands, and the types of their values."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-Commands = argparse._SubParsersAction  # the only name that argparse has for it
+Commands = argparse._SubParsersAction  # argparse has no public name for this type
 Run = Callable[[argparse.Namespace], int]
 
 
 def add_command(commands: Commands, name: str, about: str, run: Run | None = None) -> argparse.ArgumentParser:
-    """A command or an action of one. run: what it does with its options, -> exit code."""
+    """Add a command, or an action of one. run: carries it out with its options and returns the exit code."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=about, description=about[:1].upper() + about[1:] + ".", allow_abbrev=False
     )
@@ -25,11 +25,11 @@ def json_option(parser: argparse.ArgumentParser) -> None:
 
 
 def logs_option(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--logs", type=folder, metavar="DIR", help="where runs are kept (else FOLDCELL_LOGS)")
+    parser.add_argument("--logs", type=folder, metavar="DIR", help="folder of the runs (else FOLDCELL_LOGS)")
 
 
 def cell_option(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--cell", type=Path, metavar="FILE", help="settings of the cell; else the shipped ones")
+    parser.add_argument("--cell", type=Path, metavar="FILE", help="settings of the cell (the shipped ones)")
 
 
 def seed(text: str) -> int:
@@ -39,9 +39,9 @@ def seed(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """As `--logs "$UNSET"` gives it, an empty name would be the folder that one happens to be in."""
+    """Refuses an empty name, which would mean the present folder: `--logs "$UNSET"` passes one."""
     if not text:
-        raise argparse.ArgumentTypeError("the name of a folder is expected, this is empty")
+        raise argparse.ArgumentTypeError("the name of a folder is expected, but it is empty")
     return Path(text)
 
 
@@ -61,7 +61,7 @@ def driver_option(parser: argparse.ArgumentParser, real: bool = True) -> None:
     robot = ", or the robot (ROS_MASTER_URI)" if real else ""
     parser.add_argument(
         "--driver", choices=["sim", "emulator", *(["ros"] if real else [])], default="sim",
-        help=f"what moves: the simulated cell, the same behind ROS in real time{robot}",
+        help=f"the simulated cell, the simulated cell behind ROS in real time{robot}",
     )  # fmt: skip
 
 
@@ -69,18 +69,18 @@ def driver_options(parser: argparse.ArgumentParser, real: bool = True) -> None:
     driver_option(parser, real)
     parser.add_argument(
         "--world", choices=["xpbd", "mujoco"], default="xpbd",
-        help="what the simulated cloth is: our solver, or MuJoCo (towels; slow; needs the extra peers)",
+        help="solver of the simulated cloth: foldcell's own, or MuJoCo (towels; slow; needs the extra peers)",
     )  # fmt: skip
 
 
 def run_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("garment", metavar="GARMENT", help="name or file of the garment expected, or auto")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the simulated cell (0)")
+    parser.add_argument("garment", metavar="GARMENT", help="name or file of the expected garment, or auto")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the simulated cell (0)")
     driver_options(parser)
     cell_option(parser)
     logs_option(parser)
-    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer while it lasts")
 
 
 def run_name(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", metavar="RUN", help="id or the beginning of one, a run's folder, or last")
+    parser.add_argument("name", metavar="RUN", help="id of a run or its beginning, a run's folder, or last")

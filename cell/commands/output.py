@@ -1,4 +1,4 @@
-"""Text for people and one JSON line for programs."""
+"""Output of the commands: text for people, and one JSON line for programs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ __all__ = ["print_json", "print_table", "progress_stream"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """One object on one line, the last of standard output; in ASCII, which every stream can hold."""
+    """Print one object on one line, in ASCII, which every stream can encode."""
     from cell.support.json_values import to_json
 
     print(json.dumps(to_json(value), allow_nan=False), flush=True)
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Columns as wide as they need; numbers to the right."""
+    """Print a table. Columns of numbers are aligned to the right."""
     cells = [[_text(v) for v in row] for row in rows]
     width = [max(len(line[i]) for line in (list(head), *cells)) for i in range(len(head))]
     right = [
@@ -37,5 +37,5 @@ def _text(value: Any) -> str:
 
 
 def progress_stream(as_json: bool) -> Any:
-    """Where progress goes: with --json it stays off standard output."""
+    """The stream for progress: standard error with --json, else standard output."""
     return sys.stderr if as_json else sys.stdout

@@ -1,4 +1,4 @@
-"""The pictures that a run decided by, each kept once in its folder under the hash of what is in it."""
+"""The frame store: the camera frames that a run used, one file for each, named by the hash of its content."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from robots.ports import CameraFrame, Intrinsics, frozen
 __all__ = ["FRAMES", "FrameStore"]
 
 FRAMES = "frames"
-"""The pictures' folder in a run's."""
+"""Name of the frame store's folder in a run's folder."""
 
 
 class FrameStore:
-    """A folder of pictures. What is put is on disk when the call returns, bit for bit."""
+    """A folder of camera frames, stored bit for bit."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # a frame equals only itself
+        self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # compared by identity
 
     def put(self, frame: CameraFrame) -> str:
-        """Keep a picture; -> its name. Raises StorageError."""
+        """Store a frame and return its name; it is on disk when the call returns. Raises StorageError."""
         if frame in self._known:
             return self._known[frame]
         name = _name(frame)
@@ -38,13 +38,15 @@ class FrameStore:
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as e:
-                raise StorageError(f"{self._folder} cannot be made: {e.strerror}", "make room") from e
+                raise StorageError(
+                    f"{self._folder} cannot be created: {e.strerror}", "free some disk space"
+                ) from e
             write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
         self._known[frame] = name
         return name
 
     def get(self, name: str) -> CameraFrame:
-        """The picture of this name. Raises StorageError where it is missing or damaged."""
+        """The frame with this name. Raises StorageError if it is missing or damaged."""
         path = self._path(name)
         try:
             with np.load(path, allow_pickle=False) as data:
@@ -57,8 +59,8 @@ class FrameStore:
                     Intrinsics(**plain["intrinsics"]),
                 )
             if _name(frame) != name:
-                raise ValueError("its hash is another")
-        except Exception as e:  # whatever a damaged archive can raise
+                raise ValueError("its hash does not match")
+        except Exception as e:  # a damaged archive can raise anything
             raise StorageError(f"the picture {path} is missing or damaged", str(e), path=str(path)) from e
         self._known[frame] = name
         return frame
@@ -68,7 +70,7 @@ class FrameStore:
 
 
 def _name(frame: CameraFrame) -> str:
-    """The hash of all that is in a picture."""
+    """SHA-256 of the pixels, depth, stamp, sequence and intrinsics."""
     digest = hashlib.sha256(_plain(frame).encode())
     for pixels in (frame.rgb, frame.depth):
         digest.update(np.ascontiguousarray(pixels).tobytes())
@@ -76,5 +78,6 @@ def _name(frame: CameraFrame) -> str:
 
 
 def _plain(frame: CameraFrame) -> str:
-    rest = {"stamp": frame.stamp, "sequence": frame.sequence, "intrinsics": asdict(frame.intrinsics)}
-    return json.dumps(rest, sort_keys=True)
+    """The fields that are not arrays, as JSON."""
+    fields = {"stamp": frame.stamp, "sequence": frame.sequence, "intrinsics": asdict(frame.intrinsics)}
+    return json.dumps(fields, sort_keys=True)

@@ -1,8 +1,8 @@
-"""The journal: every run and all that it did, in one SQLite file that survives `kill -9` at any instant.
+"""The journal: every run and its actions, in one SQLite file that survives `kill -9` at any instant.
 
-An effect (one look, one motion, one gripper command) is written as an intent before it begins and as a
-result after it ended. Each entry is its own transaction, on disk when the call returns. What a reader finds
-is therefore never more than was done and at most one effect less.
+An effect (one look, one motion, one gripper command) is written as an intent before it begins and as a result
+after it ends. Each entry is a transaction of its own and is on disk when the call returns. A reader therefore
+never finds a result of an effect that did not happen, and misses the result of one effect at most.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ __all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord",
 
 SCHEMA_VERSION = 1
 PAYLOAD_SCHEMA = 1
-APPLICATION_ID = 0x466F4C64  # "FoLd": tells our file from any other SQLite file
+APPLICATION_ID = 0x466F4C64  # "FoLd": marks the file as a journal of foldcell
 OWNER_FILE = ".owner"
 NOT_BEGUN = "not_begun"
-"""The result of a run whose cell could not be opened."""
+"""Result of a run whose cell could not be opened."""
 BUSY_S = 10.0
 
 _TABLES = """
@@ -82,7 +82,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Intent:
-    """An effect as it was begun, and its result if it ended."""
+    """The entry with which an effect began, and its result; None if it did not end."""
 
     begun: Entry
     result: Entry | None
@@ -90,7 +90,7 @@ class Intent:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One run. status: its result, or `running`, or `interrupted`: its process ended without ending the run."""
+    """One run. status: its result, `running`, or `interrupted` if its process ended before the run did."""
 
     id: str
     garment: str
@@ -108,7 +108,7 @@ class RunRecord:
 
 
 class Journal:
-    """The journal file of one logs folder. Make it with `open`; several processes may have it open."""
+    """The journal file of one logs folder. Create it with `open`; several processes may have it open."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection, readonly: bool) -> None:
         self.path = path
@@ -118,10 +118,10 @@ class Journal:
 
     @classmethod
     def open(cls, path: Path, readonly: bool = False) -> Self:
-        """Open the journal, making it unless `readonly`.
+        """Open the journal; unless `readonly`, create it if it is missing.
 
-        Raises StorageError when it cannot be read or written, is no journal, or was written by a newer
-        version. A file that is not ours is never changed.
+        Raises StorageError if it cannot be read or written, is no journal, or was written by a newer version.
+        A file of another program is never changed.
         """
         try:
             connection = _connect_readonly(path) if readonly else _connect(path)
@@ -153,9 +153,9 @@ class Journal:
         versions: Mapping[str, str] | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> RunJournal:
-        """Open a run: its folder beside the journal, its row, and the lock that says that it is alive.
+        """Begin a run: create its folder beside the journal, its row, and the lock that its process holds.
 
-        The run's id is its folder's name. On a StorageError neither row nor folder is left.
+        The run's id is its folder's name. On a StorageError neither row nor folder remains.
         """
         started = wall_clock()
         folder = _make_run_folder(self.path.parent, garment, seed, started)
@@ -175,25 +175,28 @@ class Journal:
         return RunJournal(self, folder, owner, wall_clock)
 
     def _write(self, sql: str, values: tuple[Any, ...]) -> int:
-        """One statement as one transaction on disk; returns how many rows it changed."""
+        """Execute one statement as one transaction on disk; returns the number of rows that changed."""
         with self._mutex, self._errors():
             return self._connection.execute(sql, values).rowcount
 
     # reading
 
     def runs(self) -> list[RunRecord]:
-        """All runs in the order in which they began, each with what is true of it now."""
+        """All runs in the order in which they began, each with its present status."""
         rows = self._read("SELECT * FROM runs ORDER BY rowid", ())
         return [self._record(row) for row in rows]
 
     def run(self, name: str) -> RunRecord:
-        """The run called `name`: an id, the beginning of one, or `last`. ConfigurationError if none or many."""
+        """The run called `name`: an id, its first characters, a folder, or `last`.
+
+        Raises ConfigurationError if no run or more than one has this name.
+        """
         runs = self.runs()
         if not runs:
             raise ConfigurationError(f"there are no runs yet in {self.path.parent}", "foldcell fold makes one")
         if name == "last":
             return runs[-1]
-        wanted = Path(name).name  # a run's folder is as good a name as its id
+        wanted = Path(name).name  # the path of a run's folder is accepted too
         found = [r for r in runs if r.id == wanted] or [r for r in runs if wanted and r.id.startswith(wanted)]
         if len(found) == 1:
             return found[0]
@@ -203,16 +206,16 @@ class Journal:
                 f"the last one is {runs[-1].id}; see foldcell runs",
             )
         raise ConfigurationError(
-            f"'{name}' is the beginning of {len(found)} runs", "they are " + ", ".join(r.id for r in found[:5])
+            f"'{name}' is the beginning of {len(found)} runs", "for example " + ", ".join(r.id for r in found[:5])
         )
 
     def entries(self, run: str, kind: str | None = None) -> list[Entry]:
-        """The lines of a run in order, all or of one kind."""
+        """The entries of a run in order: all, or those of one kind."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
         return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
 
     def named(self, name: str) -> list[tuple[str, Entry]]:
-        """The lines of this name of all runs, each with its run, in the order in which the runs began."""
+        """The entries with this name in all runs, each with its run's id, in the order in which the runs began."""
         rows = self._read(
             "SELECT events.* FROM events JOIN runs ON events.run = runs.id WHERE name = ?"
             " ORDER BY runs.rowid, sequence",
@@ -221,7 +224,7 @@ class Journal:
         return [(row["run"], _entry(row)) for row in rows]
 
     def last_intent(self, run: str) -> Intent | None:
-        """The effect that was begun last; its result is None when the run ended in the middle of it."""
+        """The last effect that began; its result is None if the run ended during the effect."""
         rows = self._read(
             "SELECT * FROM events WHERE run = ? AND kind = 'intent' ORDER BY sequence DESC LIMIT 1", (run,)
         )
@@ -232,11 +235,11 @@ class Journal:
         return Intent(begun, _entry(results[0]) if results else None)
 
     def began_to_act(self, run: str) -> bool:
-        """Whether a run came so far that the cell was open: one that was refused before has done nothing."""
+        """Whether a run has begun an effect, i.e. whether its cell was opened."""
         return bool(self._read("SELECT 1 FROM events WHERE run = ? AND kind = 'intent' LIMIT 1", (run,)))
 
     def check(self) -> str:
-        """SQLite's own check of the file: 'ok' or what is wrong."""
+        """SQLite's own check of the file: 'ok', or a description of the damage."""
         return str(self._read("PRAGMA quick_check", ())[0][0])
 
     def _read(self, sql: str, values: tuple[Any, ...]) -> list[sqlite3.Row]:
@@ -246,7 +249,7 @@ class Journal:
     def _record(self, row: sqlite3.Row) -> RunRecord:
         folder = self.path.parent / row["id"]
         status = row["result"] or ("running" if is_held(folder / OWNER_FILE) else "interrupted")
-        if status == "interrupted":  # it may have ended between our two looks
+        if status == "interrupted":  # it may have ended between reading the row and the lock
             now = self._read("SELECT * FROM runs WHERE id = ?", (row["id"],))
             row, status = (now[0], now[0]["result"] or status) if now else (row, status)
         return RunRecord(
@@ -282,9 +285,9 @@ def performed(entries: Sequence[Entry]) -> list[Intent]:
 
 
 class RunJournal:
-    """The lines of one run, as it goes. Every method returns when its line is on disk. Thread-safe.
+    """Writes the entries of one run. Every method returns when its entry is on disk. Thread-safe.
 
-    A StorageError means that the line was not acknowledged: stop what you do and make the cell safe.
+    A StorageError means that the entry may be missing: stop the run and make the cell safe.
     """
 
     def __init__(
@@ -305,22 +308,22 @@ class RunJournal:
         self._mutex = threading.Lock()
 
     def event(self, t: float, state: str, name: str, payload: Mapping[str, Any] | None = None) -> int:
-        """Something that happened at cell time `t` [s]: a transition, a choice. Returns its sequence."""
+        """Record an event at cell time `t` [s]: a transition or a decision. Returns its sequence."""
         return self._append("event", t, state, name, payload)
 
     def intent(self, t: float, state: str, effect: str, payload: Mapping[str, Any] | None = None) -> int:
-        """An effect that is about to begin. Returns the id that its `result` needs."""
+        """Record that an effect is about to begin. Returns the id to pass to `result`."""
         return self._append("intent", t, state, effect, payload)
 
     def result(self, intent: int, t: float, payload: Mapping[str, Any] | None = None) -> int:
-        """How the effect `intent` ended. Raises InternalError for an intent that is not open."""
+        """Record how the effect `intent` ended. Raises InternalError if this intent is not open."""
         if intent not in self._open_intents:
             raise InternalError(f"run {self.id}: there is no open intent {intent}")
         state, effect = self._open_intents[intent]
         return self._append("result", t, state, effect, payload, intent)
 
     def end(self, result: str, summary: Mapping[str, Any] | None = None) -> None:
-        """Close the run with its result and figures; gives the lock up. A run ends once."""
+        """End the run with its result and figures, and release the lock. Raises InternalError the second time."""
         with self._mutex:
             if self._ended:
                 raise InternalError(f"run {self.id} was ended twice")
@@ -337,14 +340,14 @@ class RunJournal:
         (self.directory / OWNER_FILE).unlink(missing_ok=True)
 
     def refuse(self, reason: CellError) -> None:
-        """End a run that has no line yet as not begun, for this reason; abandon one that has, or was ended."""
+        """End a run without entries as `not_begun`, for this reason; abandon any other."""
         if not self._sequence and not self._ended:
             with suppress(StorageError):
                 return self.end(NOT_BEGUN, {"reason": {"what": reason.what, "hint": reason.hint}})
         self.abandon()
 
     def abandon(self) -> None:
-        """Give the lock up without an end: the run shows as interrupted. For when `end` cannot be written."""
+        """Release the lock without ending the run, which then counts as interrupted."""
         self._owner.release()
 
     def _append(
@@ -360,7 +363,7 @@ class RunJournal:
         state, name = str(state), str(name)
         with self._mutex:
             if self._ended:
-                raise InternalError(f"run {self.id} has ended: '{name}' comes too late")
+                raise InternalError(f"run {self.id} has ended: '{name}' is too late")
             sequence = self._sequence + 1
             self._journal._write(
                 "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -393,11 +396,11 @@ def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=BUSY_S)
     try:
         connection.row_factory = sqlite3.Row
-        version = _check_version(connection, path)  # before anything is changed
+        version = _check_version(connection, path)  # before the file is changed
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
         connection.execute("PRAGMA foreign_keys=ON")
-        if version == 0:  # only then: the lock to write is not given in turn, a busy writer can keep it for long
+        if version == 0:  # else no write lock is needed: SQLite grants it in no order, a wait could be long
             _make_tables(connection, path)
     except BaseException:
         connection.close()
@@ -406,7 +409,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
-    connection.execute("BEGIN IMMEDIATE")  # of several first users one makes the tables
+    connection.execute("BEGIN IMMEDIATE")  # if several processes open a new file, one creates the tables
     try:
         if _check_version(connection, path) == 0:
             for statement in filter(str.strip, _TABLES.split(";\n")):
@@ -421,13 +424,13 @@ def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _connect_readonly(path: Path) -> sqlite3.Connection:
-    """For looking only; works in a folder that cannot be written, where WAL's side files cannot be made."""
+    """Connect for reading only. This works in a read-only folder too, where WAL's side files cannot be created."""
     if not path.is_file():
-        raise StorageError(f"there is no journal {path}", "no run was made with this logs folder", path=str(path))
+        raise StorageError(f"there is no journal {path}", "this logs folder has no run yet", path=str(path))
     wal = path.with_name(path.name + "-wal")
     modes = ["mode=ro"]
     if not wal.exists() or wal.stat().st_size == 0:
-        modes.append("mode=ro&immutable=1")  # all is in the one file
+        modes.append("mode=ro&immutable=1")  # the main file is complete
     for i, mode in enumerate(modes):
         connection = sqlite3.connect(
             f"{path.absolute().as_uri()}?{mode}",
@@ -452,8 +455,9 @@ def _connect_readonly(path: Path) -> sqlite3.Connection:
 
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
-    """The schema version, 0 of an empty file. Raises StorageError for what is not ours or too new."""
-    # the tables first: another process may make all three at once between two of these lines
+    """The schema version; 0 for an empty file. Raises StorageError for a file of another program or a newer
+    version."""
+    # tables are read first: another process may create all three between these statements
     tables = int(connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
     application = int(connection.execute("PRAGMA application_id").fetchone()[0])
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
@@ -467,7 +471,7 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
         )
     if version > SCHEMA_VERSION:
         raise StorageError(
-            f"{path} was written by a newer foldcell (schema {version}, this one knows {SCHEMA_VERSION})",
+            f"{path} was written by a newer foldcell (schema {version}; this one reads {SCHEMA_VERSION})",
             "update foldcell, or choose another --logs DIR",
             path=str(path),
         )
@@ -475,7 +479,7 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
 
 
 def _retry_busy(action: Callable[[], object]) -> None:
-    """The switch to WAL does not wait for other first users by itself."""
+    """Repeat `action` while the file is busy: the switch to WAL does not wait for other processes by itself."""
     deadline = time.monotonic() + BUSY_S
     while True:
         try:
@@ -488,7 +492,7 @@ def _retry_busy(action: Callable[[], object]) -> None:
 
 
 def _make_run_folder(logs: Path, garment: str, seed: int | None, started: float) -> Path:
-    """A new folder `20261120T235416Z-medium_towel-seed3`."""
+    """Create a folder like `20261120T235416Z-medium_towel-seed3`."""
     stamp = datetime.fromtimestamp(started, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(garment).stem)[:40] or "garment"
     return new_folder(logs, f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else ""))
@@ -501,7 +505,7 @@ def _storage_error(path: Path, error: sqlite3.Error) -> StorageError:
         sqlite3.SQLITE_READONLY: "the folder or the file is read-only: choose another --logs DIR or FOLDCELL_LOGS",
         sqlite3.SQLITE_CANTOPEN: "the folder cannot be written: choose another --logs DIR or FOLDCELL_LOGS",
         sqlite3.SQLITE_NOTADB: "it is no SQLite file: move it aside",
-        sqlite3.SQLITE_CORRUPT: "the file is damaged: keep a copy, move it aside",
+        sqlite3.SQLITE_CORRUPT: "the file is damaged: keep a copy and move it aside",
         sqlite3.SQLITE_BUSY: "another process keeps the journal locked",
     }.get(code, "check the disk")
     return StorageError(f"the journal {path}: {error}", hint, path=str(path), sqlite=code)

@@ -1,4 +1,4 @@
-"""The simulated cell, behind the same ports as the real one. Its one door: door.py."""
+"""The simulated cell, which has the same ports as the real one. The only entry is simulated_cell.py."""
 
 from __future__ import annotations
 

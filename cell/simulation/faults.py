@@ -1,10 +1,9 @@
-"""Faults on demand: what a script or a test lets go wrong, and when.
+"""Faults that a script or a test injects into a simulated cell.
 
     cell.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
     cell.faults.add(Fault(FaultKind.CAMERA_FREEZE, at=30.0, duration=5.0))
 
-A fault waits for everything that it states (a cell time, the n-th grasp of a side, a fold) and then happens
-once. Only simulated cells can be hurt like this.
+A fault waits until all its conditions hold (a cell time, the n-th grasp of a side, a fold) and then happens once.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ __all__ = ["Fault", "FaultBoard", "FaultKind"]
 
 class FaultKind(StrEnum):
     MISSED_GRASP = "missed_grasp"
-    """The garment slips out of a pinch as it closes."""
+    """The garment slips out of the pads as they close."""
     DROPPED_CORNER = "dropped_corner"
-    """A held corner slips out once it is lifted by `size` [m] (default 0.06)."""
+    """A held corner slips out when it is lifted by `size` [m] (default 0.06)."""
     SUDDEN_DROP = "sudden_drop"
-    """An arm drops by `size` [m] at the tool (default 0.03) and comes back within `duration` [s]."""
+    """An arm drops by `size` [m] at the tool (default 0.03) and returns within `duration` [s] (default 0.4)."""
     GRIPPER_STUCK = "gripper_stuck"
     """A gripper does not move, for `duration` [s]."""
     CAMERA_FREEZE = "camera_freeze"
-    """The camera gives its last picture again, for `duration` [s]."""
+    """The camera repeats its last picture, for `duration` [s]."""
     CAMERA_BLACK = "camera_black"
-    """Its pictures are black and without depth, for `duration` [s]."""
+    """The camera's pictures are black and without depth, for `duration` [s]."""
     CAMERA_SILENT = "camera_silent"
-    """It does not answer (DriverError), for `duration` [s]."""
+    """The camera does not answer (DriverError), for `duration` [s]."""
     NO_GARMENT = "no_garment"
-    """The attendant lays nothing."""
+    """The attendant lays no garment."""
 
 
 _GRASP_KINDS = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER)
@@ -52,11 +51,11 @@ _LASTING_KINDS = (
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, and when.
+    """One fault and its conditions. Raises ConfigurationError for conditions that do not apply to its kind.
 
-    side: which arm; None: whichever meets the conditions first. at: not before this cell time [s]. grasp: the
-    n-th closing of that side's pads on cloth, from 1. fold: while the n-th fold is under way, from 0 (folds are
-    counted by lifted garments let go again). size [m], duration [s] (None: until the end): see FaultKind.
+    side: the arm; None: the first arm that meets the conditions. at: earliest cell time [s]. grasp: the n-th
+    closing of that side's pads on cloth, from 1. fold: the n-th fold, from 0; a fold ends when a lifted garment is
+    released. size [m], duration [s] (None: until the end): see FaultKind.
     """
 
     kind: FaultKind
@@ -74,20 +73,20 @@ class Fault:
             or (self.fold is not None and self.fold < 0)
         ):
             raise ConfigurationError(
-                f"fault {self.kind}: a time before the start, a grasp below 1 or a fold below 0",
+                f"fault {self.kind} has a time before the start, a grasp below 1 or a fold below 0",
                 "cell time counts from 0 s, grasps from 1, folds from 0",
                 at_s=self.at, grasp=self.grasp, fold=self.fold,
             )  # fmt: skip
         if self.side is not None and self.kind not in _ARM_KINDS:
-            raise ConfigurationError(f"fault {self.kind} has no side", "leave `side` out")
+            raise ConfigurationError(f"fault {self.kind} has no side", "remove `side`")
         if self.grasp is not None and self.kind not in _GRASP_KINDS:
             raise ConfigurationError(
-                f"fault {self.kind} does not count grasps", "leave `grasp` out; use `at` or `fold`"
+                f"fault {self.kind} does not count grasps", "remove `grasp`; use `at` or `fold`"
             )
         if self.size is not None and self.kind not in _DEFAULT_SIZE:
-            raise ConfigurationError(f"fault {self.kind} has no size", "leave the size out")
+            raise ConfigurationError(f"fault {self.kind} has no size", "remove the size")
         if self.duration is not None and self.kind not in _LASTING_KINDS:
-            raise ConfigurationError(f"fault {self.kind} happens at once", "leave the duration out")
+            raise ConfigurationError(f"fault {self.kind} happens at once", "remove the duration")
 
     @property
     def extent(self) -> float:
@@ -101,17 +100,17 @@ class Fault:
 
 
 class FaultBoard:
-    """The faults of one world: those that wait, those that last, and what happened (for the record of truth)."""
+    """The faults of one world: waiting ones, active ones, and those that happened (for the ground truth)."""
 
     def __init__(self) -> None:
         self._waiting: list[Fault] = []
         self._lasting: list[tuple[Fault, float, Side | None]] = []
-        """Each with its end [s], and the side that met its conditions."""
+        """Active faults, each with its end [s] and the side that met its conditions."""
         self.happened: list[tuple[float, Fault]] = []
 
     @property
     def empty(self) -> bool:
-        """No fault was ever asked for."""
+        """Whether no fault was ever added."""
         return not (self._waiting or self._lasting)
 
     def add(self, fault: Fault) -> None:
@@ -126,7 +125,7 @@ class FaultBoard:
         grasp: int | None = None,
         lifted: float = 0.0,
     ) -> Fault | None:
-        """The first waiting fault of this kind whose conditions hold, which has then happened."""
+        """Trigger and return the first waiting fault of this kind whose conditions hold; None if there is none."""
         for fault in self._waiting:
             if (
                 fault.kind is kind
@@ -143,8 +142,9 @@ class FaultBoard:
         return None
 
     def lasting(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> bool:
-        """Whether a fault of this kind is under way (starting it if it is due)."""
+        """Whether a fault of this kind is active; triggers one whose conditions hold."""
         self.take(kind, now, fold, side)
         return any(
-            fault.kind is kind and now < end and (met is None or met is side) for fault, end, met in self._lasting
+            fault.kind is kind and now < end and (affected is None or affected is side)
+            for fault, end, affected in self._lasting
         )

@@ -1,4 +1,4 @@
-"""The noise table as values: noise.yaml read, checked, typed."""
+"""The noise table: the values of noise.yaml, checked and typed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Range:
-    """A figure that a world draws uniformly between `low` and `high`."""
+    """A value that each world draws uniformly between `low` and `high`."""
 
     low: float
     high: float
@@ -151,7 +151,7 @@ class BoardNoise:
 
 @dataclass(frozen=True)
 class NoiseTable:
-    """Units and sources of every figure stand in noise.yaml."""
+    """All values. Their units and sources are in noise.yaml."""
 
     robot: RobotNoise
     gripper: GripperNoise
@@ -165,7 +165,7 @@ class NoiseTable:
 
 @lru_cache(maxsize=1)
 def load_noise() -> NoiseTable:
-    """Read noise.yaml. Raises InternalError where it and these types disagree: both are shipped."""
+    """Read noise.yaml. Raises InternalError if it does not match the types of this module."""
     table = yaml.safe_load(PATH.read_text(encoding="utf-8"))
     types = get_type_hints(NoiseTable)
     if set(table) != set(types):

@@ -1,4 +1,4 @@
-"""The simulated cell's ports. None of them carries the world: cell/simulation/world_of_port.py knows it."""
+"""The ports of the simulated cell. They have no reference to the world: see cell/simulation/world_of_port.py."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class _Attendant(_Port):
 
 
 def ports_of(world: World) -> Ports:
-    """The ports of a world, until it is unbound."""
+    """The ports of a world, which work until `unbind`."""
     ports = Ports(
         driver="sim",
         simulated=True,

@@ -1,4 +1,4 @@
-"""What a simulated cell is asked to be."""
+"""Settings of a simulated cell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skills.vocabulary import Table
 __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
 
 DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
-"""Top 0.82 m above the floor; where both arms reach and the camera sees."""
+"""Top 0.82 m above the floor, within the reach of both arms and the camera's view."""
 
 WORLDS = ("xpbd", "mujoco")
 LOOKS = ("contrast", "table_hue")
@@ -18,14 +18,14 @@ LOOKS = ("contrast", "table_hue")
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """garment: a name, a path, or 'auto' (drawn by the seed). surface: what the table is made of, the key of
-    the garment's friction. world: what the cloth is: our solver's, or MuJoCo's flex (towels). realtime: paced by
-    the wall clock.
+    """Settings of a simulated cell. Raises ConfigurationError for invalid ones.
 
-    fabric: 'contrast' with the table or the 'table_hue' itself. robot_noise, camera_noise, garment_noise:
-    off for tests that want an ideal cell. render: without it the camera reports a fault when asked.
-    as_built: the table's height and the camera's lens depart from what is drawn, and there is a calibration board.
-    q_start: (14,) where the arms stand at the start, None for the robot's park configuration.
+    garment: a name, a path, or 'auto' (drawn by the seed). surface: of the table, which selects the garment's
+    friction. realtime: paced by the wall clock. world: solver of the cloth, foldcell's own (xpbd) or MuJoCo's flex
+    (towels). fabric: a hue in 'contrast' with the table, or the 'table_hue'. robot_noise, camera_noise,
+    garment_noise: off for an ideal cell. render: without it the camera raises a fault. as_built: table height and
+    camera intrinsics differ from the drawing, and there is a calibration board. q_start: (14,) configuration of
+    the arms at the start [rad]; None: the park configuration.
     """
 
     garment: str = "medium_towel"

@@ -1,7 +1,7 @@
-"""The one door of the simulated cell, and what comes through it.
+"""The only entry to the simulated cell.
 
-The executive gets `ports` and nothing else. The scorer and the record of truth get `truth`, scripts that let
-things go wrong get `faults`, who keeps a run gets `checkpoint`.
+The executive gets `ports` and nothing else. The scorer and the ground truth recorder get `truth`, fault scripts
+get `faults`, and the checkpoints of a run use `checkpoint`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Checkpoint", "Faults", "SimulatedCell", "TruthSource", "check_settin
 
 
 class _World(Protocol):
-    """What stands behind a simulated cell, in this process or in another."""
+    """The world of a simulated cell, in this process or in another."""
 
     @property
     def faults(self) -> Faults: ...
@@ -36,12 +36,12 @@ class _World(Protocol):
 
 class Faults(Protocol):
     def add(self, fault: Fault) -> None:
-        """Let something go wrong, when the fault's conditions are met."""
+        """Inject a fault, which happens when its conditions hold."""
 
 
 @dataclass(frozen=True)
 class TruthSource:
-    """What is really so, for the record only: no decision may come from it."""
+    """The ground truth, for records only: no decision of a run may depend on it."""
 
     _world: _World
 
@@ -49,24 +49,24 @@ class TruthSource:
         return self._world.truth()
 
     def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Have `tell` called with the truth twelve times a second of cell time; None: no more. A cell in another
-        process tells nobody on the way."""
+        """Call `tell` with the truth twelve times a second of cell time; None: stop calling. A cell in another
+        process makes no calls."""
         self._world.watch(tell)
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The world as it stands, for a run to be gone on with."""
+    """Saves and restores the world, so that a run can be resumed."""
 
     _world: _World
 
     def save(self) -> bytes:
-        """Robot, hands, cloth, noise, time (some hundred kB)."""
+        """The state of robot, hands, cloth, noise and time (some hundred kB)."""
         return self._world.checkpoint()
 
     def restore(self, saved: bytes) -> None:
-        """Put a freshly opened cell, of the same settings and seed, where `saved` was taken. The arms stand at
-        rest with their motors off; injected faults are not restored."""
+        """Restore the state in a newly opened cell with the same settings and seed. The arms are at rest with
+        their motors off; injected faults are not restored."""
         self._world.restore(saved)
 
 
@@ -83,12 +83,12 @@ class SimulatedCell:
 
 
 def check_settings(settings: SimulationSettings) -> None:
-    """Raises ConfigurationError for what no cell can be opened with: a garment that does not exist, that the world
-    does not carry, or a world that is not installed."""
+    """Raises ConfigurationError if the garment does not exist, the world cannot simulate it, or the world is not
+    installed."""
     from cell.config.garments.garment_file import load_garment
     from cell.simulation.garment.cloth_body import check_body
 
-    if settings.garment == "auto":  # the world draws one that it carries
+    if settings.garment == "auto":  # the world draws a garment that it can simulate
         check_body(settings.world, "the garment", 1)
     else:
         garment = load_garment(settings.garment, settings.surface)
@@ -98,12 +98,12 @@ def check_settings(settings: SimulationSettings) -> None:
 @contextmanager
 def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[SimulatedCell]:
     """A cell with an empty table and the robot at its park configuration, at time 0, motors off. It is closed at
-    the end, and its ports refuse everything afterwards.
+    the end of the context; its ports raise DriverError afterwards.
 
-    Everything in it is a function of `settings`, `seed` and the calls made on the ports. Raises
-    ConfigurationError as `check_settings`, StorageError when the robot's model cannot be cached.
+    Its behaviour is a function of `settings`, `seed` and the calls of the ports. Raises ConfigurationError like
+    `check_settings`, StorageError if the robot's model cannot be cached.
     """
-    # imported when a cell is opened: the render process imports this package too and needs none of it
+    # imported here because the render process imports this package too and does not need these modules
     from cell.simulation.ports import ports_of
     from cell.simulation.world import World
     from cell.simulation.world_of_port import unbind

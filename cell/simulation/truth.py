@@ -1,4 +1,4 @@
-"""What is really so in a simulated cell: for the scorer and the record of truth, and for nobody else."""
+"""The ground truth of a simulated cell, for the scorer and the ground truth recorder only."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ __all__ = ["GarmentTruth", "Truth"]
 
 @dataclass(frozen=True, eq=False)
 class GarmentTruth:
-    """The garment that was laid. Everything in the table frame.
+    """The garment on the table. Lengths [m], table frame.
 
-    vertices: (n, 3) now. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in which it was laid.
-    keypoints: name -> (2,) where that shape has the garment file's key points. pose: x, y [m], angle [rad].
+    vertices: (n, 3) present positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in
+    which it was laid. keypoints: name -> (2,) true key points of that shape. pose: x, y [m], angle [rad]. fabric:
+    the true material.
     """
 
     name: str
@@ -34,15 +35,15 @@ class GarmentTruth:
 
     @property
     def thickness(self) -> float:
-        """Of one layer [m]."""
+        """Thickness of one layer [m]."""
         return self.fabric.thickness
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """garment: None while none was laid. tools: where each tool centre point is (3,), table frame. held: whether
-    a hand has cloth. faults: (cell time, fault) of those that happened. T_table_camera: (4, 4). table_height: of
-    the top in the base frame [m]. intrinsics: of the camera's lens."""
+    """The truth at cell time `stamp` [s]. garment: None before one is laid. tools: tool centre points (3,), table
+    frame [m]. held: whether a hand holds cloth. faults: (cell time, fault) of those that happened. T_table_camera:
+    (4, 4). table_height: of the top in the base frame [m]. intrinsics: the true ones of the camera [px]."""
 
     stamp: float
     garment: GarmentTruth | None

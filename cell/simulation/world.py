@@ -1,8 +1,8 @@
-"""The simulated world: robot, hands, garment and camera, moved on together by one clock.
+"""The simulated world: robot, hands, garment and camera, advanced by one clock.
 
-Physics steps at 240 Hz, the cloth at 60 Hz, in a fixed order: faults, arms, grippers, cloth. The world and all
-its errors are a function of the settings, the seed and the calls made; nothing here looks at the wall clock
-except to pace a run in real time.
+Rigid bodies step at 240 Hz, the cloth at 60 Hz, in a fixed order: faults, arms, grippers, cloth. The world and all
+its errors are a function of the settings, the seed and the calls. The wall clock is used only to pace a run in
+real time.
 """
 
 from __future__ import annotations
@@ -43,40 +43,40 @@ from skills.garments.garment import Garment
 __all__ = ["STEP_RATE", "World"]
 
 STEP_RATE = 240
-"""Physics steps in a second."""
+"""Rate of the physics steps [Hz]."""
 STEPS_A_FRAME = STEP_RATE // FRAME_RATE
 WATCH_RATE = 12
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
-"""While a hand holds cloth, its fingers push away cloth only this far above the tips: what hangs about the
-pads belongs there [m]."""
+"""While a hand holds cloth, its fingers push cloth only from this height above the tips, because the held cloth is
+near the pads [m]."""
 NEAR = 0.08
 """Hands that are higher than this above the garment do not touch it [m]."""
 THICKEST = 0.025
-"""Fingertips above this touch neither table nor a stack of cloth [m]."""
+"""Fingertips above this height touch neither the table nor a stack of cloth [m]."""
 SQUEEZE = 2e-4
-"""A fingertip on cloth presses it this far [m]: more, and the solver's table and finger fight over it."""
+"""Depth to which a fingertip presses cloth; with more, table and finger push the cloth against each other [m]."""
 LIFTED = 0.05
-"""A garment is being folded once a hand holds it this high [m]."""
+"""A fold has begun when a hand holds the garment at this height [m]."""
 TABLE_THICKNESS = 0.03
 STREAMS = ("robot", "garment", "hands", "camera", "look", "build", "board")
-"""Each part of the world draws from a generator of its own. A new one goes to the end: the others stay."""
+"""Each part of the world has a random generator of its own. Add new ones at the end, so that the others stay."""
 
 
 class _Hand:
-    """One tool in the cloth's world: where it is and was at the last cloth frame (table frame)."""
+    """One hand: its pose at the last cloth frame (table frame), its gripper and its tactile sensors."""
 
     def __init__(self, gripper: SimulatedGripper, tactile: SimulatedTactile) -> None:
         self.gripper, self.tactile = gripper, tactile
         self.position, self.rotation = np.zeros(3), np.eye(3)
         self.free = True
-        """Whether the tips may push cloth: not from a pinch until the cloth is clear of them again."""
+        """Whether the tips push cloth; False from a grasp until the cloth is clear of them again."""
         self.capsules: tuple[Array, Array] | None = None
         self.grasps = 0
 
 
 class World:
-    """Everything behind the ports. One thread, except for the robot's `trigger_stop`."""
+    """The world behind the ports. Use it from one thread, except for the robot's `trigger_stop`."""
 
     def __init__(self, settings: SimulationSettings, seed: int) -> None:
         self._noise: NoiseTable = load_noise()
@@ -125,7 +125,7 @@ class World:
         self._renderer = Renderer(self._scene(rng["look"])) if settings.render else None
         self._camera = self._build_camera(int(rng["camera"].integers(2**31)))
 
-    # building ----------------------------------------------------------------------------------------
+    # construction
 
     def _load_table(self) -> int:
         table = self.settings.table
@@ -183,13 +183,13 @@ class World:
     def command_timeout(self) -> float:
         return self._noise.robot.command_timeout
 
-    # time --------------------------------------------------------------------------------------------
+    # time
 
     def now(self) -> float:
         return self._time
 
     def sleep_until(self, t: float) -> None:
-        """Let the world go on to cell time t [s]."""
+        """Advance the world to cell time t [s]."""
         while (self._steps + 1) / STEP_RATE <= t + 1e-9:
             self._step()
             if self.settings.realtime and self._steps % STEPS_A_FRAME == 0:
@@ -200,7 +200,7 @@ class World:
         wall = time.monotonic()
         cell = self._steps / STEP_RATE
         if self._pace is None or wall - self._pace[0] > cell - self._pace[1] + 0.5:
-            self._pace = wall, cell  # first step, or too late to catch up: go on from here
+            self._pace = wall, cell  # first step, or too late to catch up: pace from now on
         time.sleep(max(0.0, self._pace[0] + cell - self._pace[1] - wall))
 
     def _step(self) -> None:
@@ -225,19 +225,19 @@ class World:
             if drop is not None:
                 self.robot.drop(side, drop.extent, drop.lasts)
 
-    # hands and cloth ---------------------------------------------------------------------------------
+    # hands and cloth
 
     def _touch(self, side: Side) -> tuple[Array, Array, contact.Touch]:
-        """Tool position (3,) and rotation (3, 3), table frame, where the table lets it be; what the tips feel."""
+        """Tool position (3,) and rotation (3, 3), table frame, as lifted by the table; contact of the tips."""
         position, rotation = self._body.tool_pose(side)
         position[2] -= self.settings.table.height
         tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
         if tips[:, 2].min() > THICKEST or not self._over_table(position):
             return position, rotation, contact.Touch(np.zeros(2), 0.0)
         stack = np.array([self.garment.stack(tip) for tip in tips])
-        felt = contact.touch(tips, stack, self._stiffness)
-        position[2] += felt.lift
-        return position, rotation, felt
+        contacts = contact.touch(tips, stack, self._stiffness)
+        position[2] += contacts.lift
+        return position, rotation, contacts
 
     def _over_table(self, p: Array) -> bool:
         table = self.settings.table
@@ -248,7 +248,7 @@ class World:
         hand.position, hand.rotation, _ = self._touch(side)
 
     def _caught(self, side: Side, stroke: float, force: float) -> float:
-        """The pads come together: what lies between them is held from now on."""
+        """The pads close: the cloth between them is held from now on. Returns its thickness [m]."""
         hand, garment = self._hands[side], self.garment
         if not garment.laid:
             return 0.0
@@ -265,7 +265,7 @@ class World:
         return report.layers * garment.material.thickness
 
     def _frame(self, t: float) -> None:
-        """One cloth frame, from where the tools were at the last one to where they are."""
+        """One cloth frame, in which the tools move from their last poses to the present ones."""
         if not self.garment.laid:
             return
         hands = self._hands.values()
@@ -282,7 +282,7 @@ class World:
         self._after_frame(t)
 
     def _hand_capsules(self, side: Side) -> tuple[Array, Array] | None:
-        """Ends (3, 3) twice of two fingers and the gripper's body, None when all are far above the garment."""
+        """Both ends (3, 3) of the capsules of fingers and gripper body; None if far above the garment."""
         hand = self._hands[side]
         if hand.position[2] > self.garment.highest() + NEAR:
             hand.free = True
@@ -303,7 +303,7 @@ class World:
         return np.vstack((low, body_low)), np.vstack((high, body_high))
 
     def _capsule_path(self, before: list[tuple[Array, Array] | None]) -> tuple[Array, Array, Array] | None:
-        """Ends (2, k, 3) twice, at the frame's start and end, and radius (k,) of what may touch the garment."""
+        """Both ends (2, k, 3), at the frame's start and end, and radius (k,) of capsules near the garment."""
         moved = [
             (old or hand.capsules, hand.capsules)
             for old, hand in zip(before, self._hands.values(), strict=True)
@@ -317,7 +317,7 @@ class World:
         return low, high, np.array(radius)
 
     def _after_frame(self, t: float) -> None:
-        """Pinches that gave way, by force or by fault, and the count of folds."""
+        """Release cloth that slipped out, by force or by fault, and count the folds."""
         held = False
         for side, hand in self._hands.items():
             if not hand.gripper.holding:
@@ -334,7 +334,7 @@ class World:
             self._lifted = False
             self._fold += 1
 
-    # what the ports ask ------------------------------------------------------------------------------
+    # called by the ports
 
     def gripper(self, side: Side) -> SimulatedGripper:
         return self._hands[side].gripper
@@ -343,25 +343,25 @@ class World:
         return self._hands[side].tactile
 
     def lay_garment(self) -> None:
-        """The attendant lays the garment, which takes a while of cell time."""
+        """The attendant lays the garment, which takes cell time."""
         if not self.garment.laid and self.faults.take(FaultKind.NO_GARMENT, self._time, self._fold) is None:
             self.garment.lay()
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def bring_board(self, place: BoardPlace) -> None:
-        """The attendant shows the board, hands it over or puts it away. Raises DriverError where there is none."""
+        """The attendant shows the board, hands it over or puts it away. Raises DriverError if there is none."""
         if self._board is None:
             raise DriverError(FailureKind.HARDWARE_FAULT, "there is no calibration board at this cell")
         self._board.bring(place)
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def capture(self) -> CameraFrame:
-        """A still picture: the world goes on while it is exposed."""
+        """A still picture of several exposures, during which cell time passes."""
         self.sleep_until(self._time + EXPOSURES * EVERY_S)
         return self._picture(EXPOSURES)
 
     def glimpse(self) -> CameraFrame:
-        """One exposure, at once."""
+        """One exposure, without waiting."""
         return self._picture(1)
 
     def _picture(self, exposures: int) -> CameraFrame:
@@ -397,10 +397,10 @@ class World:
     def _T_base_camera(self, pan: float) -> Array:
         return T_base_head(pan) @ self._T_head_camera
 
-    # stopping and going on in another process ----------------------------------------------------------
+    # checkpoints
 
     def checkpoint(self) -> bytes:
-        """The world as it stands, arms taken as at rest; injected faults are not part of it."""
+        """The state of the world, with the arms at rest and without injected faults."""
         arrays, robot = self.robot.snapshot()
         plain = {
             "steps": self._steps, "time": self._time, "fold": self._fold, "lifted": self._lifted, "robot": robot,
@@ -413,7 +413,7 @@ class World:
         return packed(plain=np.array(json.dumps(plain)), **out)
 
     def restore(self, saved: bytes) -> None:
-        """Go on from a checkpoint of a world with the same settings and seed."""
+        """Restore a checkpoint of a world with the same settings and seed."""
         with np.load(io.BytesIO(saved)) as data:
             plain = json.loads(str(data["plain"]))
             robot = {name.removeprefix("robot."): data[name] for name in data if name.startswith("robot.")}
@@ -433,10 +433,10 @@ class World:
         if self._camera is not None:
             self._camera.sequence = plain["pictures"]
 
-    # what only the scorer asks -----------------------------------------------------------------------
+    # ground truth
 
     def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Have `tell` told the truth, WATCH_RATE times a second; None: no more."""
+        """Call `tell` with the truth WATCH_RATE times a second of cell time; None: stop calling."""
         self._watcher = tell
 
     def truth(self) -> Truth:
@@ -468,7 +468,7 @@ class World:
 
 
 def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
-    """The garment named, or one of those that ship and that this world's cloth can be."""
+    """The given garment, or for 'auto' a random shipped one that this world can simulate."""
     draw = rng.random()
     if settings.garment != "auto":
         return load_garment(settings.garment, settings.surface)
@@ -479,7 +479,7 @@ def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
 
 
 def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:
-    """(4, 4) the camera to the head link, as somebody really screwed it on."""
+    """(4, 4) true pose of the camera in the frame of the head link."""
     shift = rng.standard_normal(3) * noise.pose_position
     turn = rng.standard_normal(3) * noise.pose_angle
     T = np.array(T_HEAD_CAMERA)

@@ -1,7 +1,7 @@
-"""Which world stands behind which port: a table of this module, and nothing that a port carries.
+"""The table of the world of each port, so that a port has no reference to its world.
 
-No attribute of anything that an executive holds leads to the world. A port is looked up by its identity, and is
-forgotten with it. Nothing outside `cell.simulation` may import this module (tests/unit/cell/simulation).
+The executive cannot reach the world through an attribute of its ports. A port is looked up by identity, and its
+entry disappears with it. Only `cell.simulation` may import this module (tests/unit/cell/simulation).
 """
 
 from __future__ import annotations
@@ -18,22 +18,20 @@ _worlds: WeakKeyDictionary[object, Any] = WeakKeyDictionary()
 
 
 def bind(ports: Iterable[object], world: Any) -> None:
-    """Let these ports reach `world`. They are compared by identity and can be weakly referenced."""
+    """Connect ports to `world`. They are compared by identity and must allow weak references."""
     for port in ports:
         _worlds[port] = world
 
 
 def unbind(world: Any) -> None:
-    """Its ports refuse everything from now on."""
-    for port in [port for port, behind in _worlds.items() if behind is world]:
+    """Disconnect all ports of `world`: their calls raise DriverError from now on."""
+    for port in [port for port, bound in _worlds.items() if bound is world]:
         del _worlds[port]
 
 
 def world_behind(port: object) -> Any:
-    """Raises DriverError when that cell was closed."""
+    """The world of a port. Raises DriverError if its cell was closed."""
     try:
         return _worlds[port]
     except KeyError:
-        raise DriverError(
-            FailureKind.HARDWARE_FAULT, "the simulated cell was closed", "open another one: nothing moves any more"
-        ) from None
+        raise DriverError(FailureKind.HARDWARE_FAULT, "the simulated cell was closed", "open a new one") from None

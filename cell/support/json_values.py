@@ -1,4 +1,4 @@
-"""Values as what JSON can hold."""
+"""Conversion of values to JSON."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ __all__ = ["to_json"]
 
 
 def to_json(value: Any) -> Any:
-    """`value` as what JSON can hold: frozen values as mappings, arrays as lists, enums as their value; a
-    number that is not finite becomes null; what has no such form is named by its type. Never raises: a run does
-    not end because of what it wanted to note."""
+    """Convert `value` for JSON: dataclasses to mappings, arrays to lists, enums to their value, numbers that are
+    not finite to null, other objects to the name of their type. Never raises: a log entry must not end a run."""
     if value is None or (isinstance(value, bool | str) and not isinstance(value, Enum)):
         return value
     if isinstance(value, Enum):

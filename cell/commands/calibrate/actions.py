@@ -1,4 +1,4 @@
-"""`foldcell calibrate`: its actions."""
+"""The actions of `foldcell calibrate`."""
 
 from __future__ import annotations
 

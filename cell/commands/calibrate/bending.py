@@ -1,4 +1,4 @@
-"""`foldcell calibrate bending`: from a strip that hangs over an edge (ASTM D1388)."""
+"""`foldcell calibrate bending`: a fabric's bending length, from a strip that hangs over an edge (ASTM D1388)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def add_options(actions: Commands) -> None:
     action = add_garment_action(
         actions, "bending",
         "a fabric's bending length, from a strip that hangs over an edge (ASTM D1388)", _measure,
-        {"--overhang": "at which the strip's tip touches the plane of 41.5 degrees"}, any_surface=False,
+        {"--overhang": "of overhang at which the tip touches the plane of 41.5 degrees"}, any_surface=False,
     )  # fmt: skip
     add_output(action)
 

@@ -1,4 +1,4 @@
-"""`foldcell calibrate board`: the sheet to print that camera and hand-eye are calibrated with."""
+"""`foldcell calibrate board`: writes the calibration board as a sheet to print."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(actions: Commands) -> None:
-    """The sheet to print; no cell takes part."""
     board = add_command(
         actions, "board", "write the calibration board as a page to print, A4 and true to scale", run
     )
@@ -30,29 +29,29 @@ def add_options(actions: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the sheet and say what is on it. Nothing moves; no cell is opened."""
+    """Write the sheet and print its dimensions. No cell is opened. Raises ConfigurationError, StorageError."""
     path = options.output
     write = SHEET_FORMATS.get(path.suffix.lower())
     if write is None:
         hint = "give --output a name that ends in .pdf or .png"
         raise ConfigurationError(f"{path} is neither PDF nor PNG", hint)
     write_whole(path, write(draw_sheet(), PIXELS_PER_MM))
-    told = _figures() | {"file": str(path.absolute())}
+    figures = _figures() | {"file": str(path.absolute())}
     if options.json:
-        print_json({"calibration": "board", **told})
+        print_json({"calibration": "board", **figures})
         return 0
-    for name, value in told.items():
+    for name, value in figures.items():
         print(f"  {name:<28} {_shown(value)}")
     print(
         f"  next: print it at 100 % (not 'fit to page'), measure the line of {RULER_MM} mm and the pattern, cut"
-        f" the card\n  to {_shown(told['card_mm'])} mm and glue it flat on a stiff plate with a tab"
+        f" the card\n  to {_shown(figures['card_mm'])} mm and glue it flat on a stiff plate with a tab"
         " (docs/operating.md, Print the board)"
     )
     return 0
 
 
 def _figures() -> dict[str, Any]:
-    """What is printed, in millimetres."""
+    """Dimensions of the printed sheet [mm]."""
     square = 1e3 * BOARD.square
     return {
         "type": f"ChArUco, {BOARD.columns} x {BOARD.rows} squares",

@@ -24,17 +24,17 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    about = "the camera's focal lengths and centre, from views of the calibration board"
+    about = "measure the camera's focal lengths and centre, from views of the calibration board"
     camera = add_action(actions, "camera", about, _calibration)
     camera.add_argument("--views", type=count, default=20, metavar="N", help="pictures that show the board (20)")
 
 
 def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:
     wanted = settings_of(CameraSettings, views=options.views)
-    believed, told = camera_calibration(settings), camera_provenance(settings)
+    present, present_provenance = camera_calibration(settings), camera_provenance(settings)
 
     def figures(c: IntrinsicsCalibration) -> dict[str, Any]:
-        i, before = c.intrinsics, believed.intrinsics
+        i, before = c.intrinsics, present.intrinsics
         names = ("fx", "fy", "cx", "cy")
         return {
             **{f"{name}_px": round(getattr(i, name), 4) for name in names},
@@ -49,9 +49,9 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
         }
 
     def text(c: IntrinsicsCalibration, provenance: Provenance) -> str:
-        """The pose stays as it was believed to be: hand-eye measures it."""
-        pose = replace(believed, intrinsics=c.intrinsics)
-        return calibration_text(pose, settings.table.height, told | provenance)
+        """The pose does not change: hand-eye measures it."""
+        changed = replace(present, intrinsics=c.intrinsics)
+        return calibration_text(changed, settings.table.height, present_provenance | provenance)
 
     return CellCalibration(
         part="intrinsics",

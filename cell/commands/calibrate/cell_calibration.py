@@ -1,4 +1,4 @@
-"""What the calibrations of the cell (table, camera, hand-eye, tactile) share: flags, the run, the file."""
+"""Common parts of the calibrations of the cell (table, camera, hand-eye, tactile): flags, the run, the file."""
 
 from __future__ import annotations
 
@@ -30,8 +30,13 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class CellCalibration:
-    """procedure: for a cell. figures: what is reported of its value. error: against the simulated truth, for
-    the record only. text: of the file, with its provenance. setting: the key of cell.yaml that names the file."""
+    """One calibration of the cell.
+
+    part: the part of the calibration that it measures. setting: the key of cell.yaml that names the file.
+    procedure: makes the procedure for a cell. figures: the reported figures of a result. error: of a result
+    against the simulated truth, for the report only. text: content of the file, with its provenance. warning:
+    printed after the result.
+    """
 
     part: str
     setting: str
@@ -46,10 +51,10 @@ Choose = Callable[[argparse.Namespace, CellSettings], CellCalibration]
 
 
 def add_action(actions: Commands, name: str, about: str, choose: Choose) -> argparse.ArgumentParser:
-    """The command with the flags that all of them have."""
+    """Add the command, with the flags that all calibrations of the cell have."""
     action = add_command(actions, name, about, lambda options: _run(options, name, choose))
-    action.add_argument("--seed", type=seed, default=0, metavar="N", help="of the simulated cell (0)")
-    action.add_argument("--output", type=Path, metavar="FILE", help="where to write (in the run's folder)")
+    action.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the simulated cell (0)")
+    action.add_argument("--output", type=Path, metavar="FILE", help="file to write (in the run's folder)")
     cell_option(action)
     logs_option(action)
     json_option(action)
@@ -92,7 +97,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
 
 
 def _check_output(path: Path) -> None:
-    """Before anything moves."""
+    """Check --output before anything moves. Raises ConfigurationError."""
     if path.is_dir() or not path.absolute().parent.is_dir():
         raise ConfigurationError(
             f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
@@ -101,7 +106,7 @@ def _check_output(path: Path) -> None:
 
 def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end: CalibrationEnd[Any]) -> Path:
     path = options.output or end.run_dir / f"{name}.yaml"
-    told = {
+    provenance = {
         "made": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "by": f"foldcell calibrate {name}",
         "run": end.run_id,
@@ -109,7 +114,7 @@ def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end:
         "simulated": end.simulated,
         "figures": chosen.figures(end.value),
     }
-    write_whole(path, chosen.text(end.value, {chosen.part: told}).encode())
+    write_whole(path, chosen.text(end.value, {chosen.part: provenance}).encode())
     return path.absolute()
 
 
@@ -124,15 +129,15 @@ def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[
         for name, value in (report["simulated_truth"] or {}).items():
             print(f"  simulated truth: {name:<11} {_shown(value)}")
         print(f"  file  {report['file']}")
-        print(f"  next: in cell.yaml, {_named(chosen.setting, report['file'])}")
+        print(f"  next: in cell.yaml, {_yaml_setting(chosen.setting, report['file'])}")
         if chosen.warning:
-            print(f"  mind: {chosen.warning}")
+            print(f"  warning: {chosen.warning}")
     print(f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s")
     print(f"  run   {end.run_dir}")
 
 
-def _named(setting: str, path: str) -> str:
-    """A file as it stands in cell.yaml."""
+def _yaml_setting(setting: str, path: str) -> str:
+    """The line of cell.yaml that names the file."""
     group, key = setting.split(".")
     return f"{group}: {{{key}: {path}}}"
 
@@ -146,16 +151,16 @@ def _shown(value: Any) -> str:
 
 
 def camera_provenance(settings: CellSettings) -> Provenance:
-    """Of the parts of the camera's calibration as they are believed now."""
-    told: Provenance = {"intrinsics": {"by": DATA_SHEET}, "pose": {"by": "drawing of the bracket"}}
+    """Provenance of the parts of the present camera calibration; empty for a file without provenance."""
+    shipped: Provenance = {"intrinsics": {"by": DATA_SHEET}, "pose": {"by": "drawing of the bracket"}}
     if settings.camera.calibration is None:
-        return told
-    kept = read_camera_file(settings.camera.calibration).provenance
-    return told | {part: dict(notes) for part, notes in kept.items()} if kept else {}
+        return shipped
+    from_file = read_camera_file(settings.camera.calibration).provenance
+    return shipped | {part: dict(notes) for part, notes in from_file.items()} if from_file else {}
 
 
 def settings_of(kind: Callable[..., S], **values: Any) -> S:
-    """A procedure's settings; what it refuses is a wrong argument."""
+    """A procedure's settings. Raises ConfigurationError for values that it refuses."""
     try:
         return kind(**values)
     except ValueError as e:

@@ -1,4 +1,4 @@
-"""What the calibrations of a fabric (shear, friction, bending) share: flags, the test, the garment file."""
+"""Common parts of the calibrations of a fabric (shear, friction, bending): flags, the test, the garment file."""
 
 from __future__ import annotations
 
@@ -37,8 +37,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class FabricTest:
-    """values: for the file's `material`; measured: where they come from; fields: no longer assumed; figures: for
-    the report; agrees: whether the simulated test does; record: writes the recording to a path."""
+    """The result of a test.
+
+    values: for the `material` of the garment file. measured: their sources. fields: names of properties that are
+    no longer assumed. figures: for the report. agrees: whether the simulated test agrees with the measurement.
+    record: writes the recording to a path.
+    """
 
     values: Mapping[str, Any]
     measured: Mapping[str, str]
@@ -54,7 +58,7 @@ Measure = Callable[[Garment, argparse.Namespace, str, Tell], FabricTest]
 def add_action(
     actions: Commands, name: str, about: str, run: Callable[[argparse.Namespace], int]
 ) -> argparse.ArgumentParser:
-    """The command with the flags that all of them have."""
+    """Add the command, with the flags that all calibrations of a fabric have."""
     action = add_command(actions, name, about, run)
     cell_option(action)
     logs_option(action)
@@ -70,8 +74,11 @@ def add_garment_action(
     lengths: Mapping[str, str],
     any_surface: bool,
 ) -> argparse.ArgumentParser:
-    """The command that measures one garment's fabric. lengths: the flags of what the operator has measured, and
-    what each says. any_surface: whether the file need not know the table's surface yet."""
+    """Add a command that calibrates the fabric of one garment.
+
+    lengths: flag and help text of each length that the operator measures. any_surface: whether the garment file
+    may lack the table's surface.
+    """
     action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
     action.add_argument("garment", metavar="GARMENT", help="name or file")
     for option, help_text in lengths.items():
@@ -114,21 +121,21 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
     for key, value in report.items():
         print(f"  {key:<28} {f'{value:.5g}' if isinstance(value, float) else value}")
     if not result.agrees:
-        print("  the simulated test does not agree with the measured value: predictions are off by as much")
+        print("  the simulated test does not agree with the measured value; predictions have the same error")
     return 0
 
 
 def _known_surface(source: Path, surface: str) -> str:
-    """The surface to load the garment for: friction may be measured on one that the file does not have yet."""
+    """A surface for which the garment can be loaded: `surface`, or another one of the file if it lacks that."""
     material = read_yaml(source, "garment file").data.get("material")
     angles = material.get("friction_angle_deg") if isinstance(material, dict) else None
-    if not isinstance(angles, dict) or not angles or surface in angles:  # what else it is, loading it says
+    if not isinstance(angles, dict) or not angles or surface in angles:  # loading reports any other error
         return surface
     return str(next(iter(angles)))
 
 
 def check_output(path: Path | None, replace: bool) -> None:
-    """Before anything is computed."""
+    """Check --output before anything is computed. Raises ConfigurationError."""
     if path is None:
         return
     if path.is_dir() or not path.absolute().parent.is_dir():

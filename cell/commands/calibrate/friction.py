@@ -1,4 +1,4 @@
-"""`foldcell calibrate friction`: from the slope on which the garment begins to slide."""
+"""`foldcell calibrate friction`: a garment's friction, from the slope on which it begins to slide."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_options(actions: Commands) -> None:
         actions, "friction", "a garment's friction with the table, from the slope on which it slides", _measure,
         {
             "--height": "by which one side of the table is lifted when the garment begins to slide",
-            "--length": "of the table",
+            "--length": "of the table's length",
         },
         any_surface=True,
     )  # fmt: skip

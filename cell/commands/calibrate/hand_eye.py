@@ -1,4 +1,4 @@
-"""`foldcell calibrate hand-eye`: where the camera hangs, from views of the board in each hand."""
+"""`foldcell calibrate hand-eye`: the camera's pose, from views of the calibration board in each hand."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from skills.vocabulary import Array
 __all__ = ["add_options"]
 
 DOUBTFUL_LENS = (
-    "the lens is the data sheet's and the pose takes up its error. For a sure one run foldcell calibrate camera,"
-    " name its file in cell.yaml, and run this again"
+    "the intrinsics are those of the data sheet, and their error adds to that of the pose. For a better pose, run"
+    " foldcell calibrate camera, name its file in cell.yaml, and run this again"
 )
 
 
 def add_options(actions: Commands) -> None:
-    about = "where the camera hangs, from views of the calibration board in each hand"
+    about = "measure the camera's pose, from views of the calibration board in each hand"
     eye = add_action(actions, "hand-eye", about, _calibration)
     eye.add_argument(
         "--views", type=count, default=12, metavar="N", help="pictures with the board in each hand (12)"
@@ -41,8 +41,8 @@ def add_options(actions: Commands) -> None:
 
 
 def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:
-    believed, table, told = camera_calibration(settings), settings.table, camera_provenance(settings)
-    measured = told.get("intrinsics", {}).get("by") != DATA_SHEET
+    present, table, present_provenance = camera_calibration(settings), settings.table, camera_provenance(settings)
+    measured = present_provenance.get("intrinsics", {}).get("by") != DATA_SHEET
     kind = HandEyeSettings if measured else HandEyeSettings.with_lens_of_data_sheet
     wanted = settings_of(kind, views=options.views)
 
@@ -50,7 +50,7 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
         return np.asarray(np.linalg.inv(table.T_base_table) @ c.T_base_camera)
 
     def figures(c: HandEyeCalibration) -> dict[str, Any]:
-        change = np.linalg.inv(believed.T_table_camera) @ pose(c)
+        change = np.linalg.inv(present.T_table_camera) @ pose(c)
         return {
             "position_m": [round(float(v), 5) for v in c.T_base_camera[:3, 3]],
             "change_mm": mm(float(np.linalg.norm(change[:3, 3]))),
@@ -61,7 +61,7 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
             "position_sigma_mm": mm(c.position_sigma),
             "angle_sigma_deg": _deg(c.angle_sigma),
             "views": c.views,
-            "intrinsics_by": told.get("intrinsics", {}).get("by", "a file that does not say"),
+            "intrinsics_by": present_provenance.get("intrinsics", {}).get("by", "a file that does not say"),
         }
 
     return CellCalibration(
@@ -69,9 +69,9 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
         setting="camera.calibration",
         procedure=lambda cell: calibrate_hand_eye(cell.robot, cell.calibration, cell.table, wanted),
         figures=figures,
-        error=lambda c, truth: hand_eye_error(c, believed.intrinsics, table, truth),
+        error=lambda c, truth: hand_eye_error(c, present.intrinsics, table, truth),
         text=lambda c, provenance: calibration_text(
-            replace(believed, T_table_camera=pose(c)), table.height, told | provenance
+            replace(present, T_table_camera=pose(c)), table.height, present_provenance | provenance
         ),
         warning="" if measured else DOUBTFUL_LENS,
     )

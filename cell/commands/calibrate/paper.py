@@ -1,4 +1,4 @@
-"""`foldcell calibrate paper`: the paper's table of garments, calibrated here and printed beside the paper's."""
+"""`foldcell calibrate paper`: the calibration of the paper's garments, printed beside the paper's values."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ PAPER = {
     "medium_towel": (3.1, 22.3, 190, 0.6),
     "small_towel": (1.1, 24.3, 530, 0.7),
 }
-"""Li et al. 2015, its table of garments: stretch [%], friction angle [degrees], Maya's shear resistance, Maya's
-friction."""
+"""The table of garments of Li et al. 2015: stretch [%], friction angle [degrees], shear resistance in Maya,
+friction in Maya."""
 
 
 def add_options(actions: Commands) -> None:
-    about = "the paper's table of garments, calibrated here and printed beside the paper's"
+    about = "calibrate the paper's garments and print the results beside the paper's values"
     paper = add_action(actions, "paper", about, _run)
     paper.add_argument("garments", nargs="*", metavar="GARMENT", help="names (all seven)")
-    paper.add_argument("--output", type=Path, metavar="DIR", help="write their garment files, calibrated, there")
+    paper.add_argument("--output", type=Path, metavar="DIR", help="folder for the calibrated garment files")
     paper.add_argument("--replace", action="store_true", help="write over files that exist")
 
 
@@ -54,10 +54,12 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
-    """The paper's measurements, calibrated here: ours beside the paper's; with --output the garment files too."""
+    """Calibrate by the paper's measurements and print the table; with --output write the garment files too."""
     names = options.garments or list(PAPER)
     if options.output is not None and not options.output.is_dir():
-        raise ConfigurationError(f"cannot write into {options.output}: no such folder", "make it, or give another")
+        raise ConfigurationError(
+            f"cannot write into {options.output}: no such folder", "create it, or give another one"
+        )
     for name in names:
         if name not in PAPER:
             raise ConfigurationError(f"the paper's table has no {name!r}", f"it has {', '.join(PAPER)}")

@@ -1,4 +1,4 @@
-"""`foldcell calibrate shear`: a garment's stretch, from its length hung and laid."""
+"""`foldcell calibrate shear`: a garment's stretch, from its length hanging and lying."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["add_options", "hang_test", "modulus"]
 
 def add_options(actions: Commands) -> None:
     action = add_garment_action(
-        actions, "shear", "a garment's stretch, from its length hung and laid", _measure,
+        actions, "shear", "a garment's stretch, from its length hanging and lying", _measure,
         {
-            "--l1": "of the hung garment, from the clip to the lowest point",
-            "--l2": "of the same two points on the laid garment, spread",
+            "--l1": "from the clip to the lowest point of the hanging garment",
+            "--l2": "between the same two points of the garment spread on a table",
         },
         any_surface=False,
     )  # fmt: skip
-    action.add_argument("--held", metavar="KEYPOINT", help="by which it hung (an end of its longest line)")
+    action.add_argument("--held", metavar="KEYPOINT", help="key point at the clip (an end of its longest line)")
     add_output(action)
 
 

@@ -1,4 +1,4 @@
-"""`foldcell calibrate table`: the table's height and tilt, touched off by both hands."""
+"""`foldcell calibrate table`: the table's height and tilt, measured by touching it with both hands."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    table = add_action(actions, "table", "the table's height, touched off by both hands", _calibration)
-    table.add_argument("--points", type=count, default=8, metavar="N", help="where it is touched, 3 to 10 (8)")
+    table = add_action(actions, "table", "measure the table's height by touching it with both hands", _calibration)
+    table.add_argument(
+        "--points", type=count, default=8, metavar="N", help="number of touched points, 3 to 10 (8)"
+    )
 
 
 def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:

@@ -1,4 +1,4 @@
-"""`foldcell calibrate tactile`: the fingers' noise, drift and thresholds."""
+"""`foldcell calibrate tactile`: noise, drift and thresholds of the tactile sensors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    add_action(actions, "tactile", "the fingers' noise, drift and thresholds", _calibration)
+    add_action(actions, "tactile", "measure noise, drift and thresholds of the tactile sensors", _calibration)
 
 
 def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:

@@ -1,4 +1,4 @@
-"""`foldcell garment`: its actions."""
+"""The actions of `foldcell garment`."""
 
 from __future__ import annotations
 

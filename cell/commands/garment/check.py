@@ -1,4 +1,4 @@
-"""`foldcell garment check`."""
+"""`foldcell garment check`: whether garment files are good."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    action = add_command(actions, "check", "say whether garment files are good, and draw them", _run)
+    action = add_command(actions, "check", "check garment files, and draw them", _run)
     action.add_argument("garments", nargs="+", metavar="FILE", help="files or names")
     draw_option(action)
     cell_option(action)
@@ -24,7 +24,7 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Every file is checked and told, then the worst decides. A plan that cannot be made is a fault too."""
+    """Check every file, including that its plan can be made. Returns 0 if all are good, 64 otherwise."""
     surface, checked, bad = load_settings(options.cell).surface, [], 0
     for name in options.garments:
         try:

@@ -1,4 +1,4 @@
-"""A garment as text and picture, for the commands that show it."""
+"""Figures and drawing of a garment, for the commands that show it."""
 
 from __future__ import annotations
 
@@ -37,11 +37,14 @@ def figures(garment: Garment) -> dict[str, Any]:
 
 
 def drawn(garment: Garment, folder: Path | None) -> str | None:
-    """A PNG of outline, key points, fold lines and grasps; its path."""
+    """Write a PNG of outline, key points, fold lines and grasps into `folder`; returns its path, None without one.
+    Raises ConfigurationError if there is no such folder, StorageError if it cannot be written."""
     if folder is None:
         return None
     if not folder.is_dir():
-        raise ConfigurationError(f"{folder}: there is no such folder", "make it, or give another one with --draw")
+        raise ConfigurationError(
+            f"{folder}: there is no such folder", "create it, or give another one with --draw"
+        )
     import cv2
 
     from cell.config.garments.drawing import draw_garment

@@ -1,4 +1,4 @@
-"""`foldcell garment list`."""
+"""`foldcell garment list`: the shipped garments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    action = add_command(actions, "list", "names, sizes and folds", _run)
+    action = add_command(actions, "list", "list the shipped garments with their sizes and folds", _run)
     cell_option(action)
     json_option(action)
 

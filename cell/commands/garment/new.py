@@ -1,4 +1,4 @@
-"""`foldcell garment new IMAGE`: the file of a garment of one's own, from a photograph of it."""
+"""`foldcell garment new IMAGE`: makes the file of a new garment from a photograph of it."""
 
 from __future__ import annotations
 
@@ -24,30 +24,33 @@ from skills.garments.garment import Garment
 
 __all__ = ["add_options", "run"]
 
-HINT = "lay it flat and straight on a plain ground, photograph it from above, or name another garment with --like"
+HINT = "lay it flat and straight on a plain ground, photograph it from above, or give another garment with --like"
 SHORTEST, LONGEST = 0.05, 3.0
-"""Of what may be measured on a garment [m]."""
+"""Bounds of a length measured on a garment [m]."""
 
 
 def add_options(actions: Commands) -> None:
-    new = add_command(actions, "new", "make the file of a garment of one's own from a photograph of it", run)
-    new.add_argument("image", type=Path, metavar="IMAGE", help="it lies flat, seen from above, nothing else on it")
-    new.add_argument("--like", required=True, metavar="GARMENT", help="name or file of one that folds alike")
+    new = add_command(actions, "new", "make the file of a new garment from a photograph of it", run)
+    new.add_argument("image", type=Path, metavar="IMAGE", help="photograph from above of the garment, lying flat")
+    new.add_argument("--like", required=True, metavar="GARMENT", help="name or file of one with the same folds")
     new.add_argument("--length", type=float, metavar="M", help="metres measured on it between two key points")
-    new.add_argument("--between", metavar="A,B", help="these (the two that are farthest apart along the cloth)")
-    new.add_argument("--title", help="what it is called")
+    new.add_argument("--between", metavar="A,B", help="these key points (the two farthest apart along the cloth)")
+    new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
     new.add_argument("--replace", action="store_true", help="write over a file that exists")
-    new.add_argument("--depth", type=Path, help="its depth: 16-bit PNG in millimetres, or .npy in metres")
+    new.add_argument("--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres")
     new.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
     new.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
-    new.add_argument("--unit", choices=["m", "px"], default="px", help="m: taken by the cell's own camera (px)")
+    new.add_argument(
+        "--unit", choices=["m", "px"], default="px", help="m: photographed by the cell's own camera (px)"
+    )
     cell_option(new)
     json_option(new)
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 with a file, 2 when no garment like the one that was named is recognised in the picture."""
+    """Returns 0 if the file was written, 2 if no garment like the given one was recognised. Raises
+    ConfigurationError for wrong arguments, StorageError if a file cannot be written."""
     surface = load_settings(options.cell).surface
     like = load_garment(options.like, surface)
     pair = _measured(options, like)
@@ -56,15 +59,16 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
-    seen, frame = look_at(options, options.like)
-    if seen.failure is not None:
+    outcome, frame = look_at(options, options.like)
+    if outcome.failure is not None:
         if options.json:
-            told = {"recognised": False, "reason": seen.failure.what, "hint": HINT}
-            print_json({"image": str(options.image), **told})
+            print_json({
+                "image": str(options.image), "recognised": False, "reason": outcome.failure.what, "hint": HINT,
+            })  # fmt: skip
         else:
-            print(f"not recognised as {options.like}: {seen.failure.what}\n  {HINT}")
+            print(f"not recognised as {options.like}: {outcome.failure.what}\n  {HINT}")
         return 2
-    perception = seen.unwrap()
+    perception = outcome.unwrap()
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
     template = fitted_template(points, like.template, pair, options.length)
     title = options.title or output.stem.replace("_", " ").capitalize()
@@ -84,13 +88,13 @@ def run(options: argparse.Namespace) -> int:
         return 0
     print(f"{title}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}")
     print(f"file     {output}")
-    print(f"overlay  {overlay}   (are the key points where they belong?)")
+    print(f"overlay  {overlay}   (check the positions of the key points)")
     print(f"next     foldcell garment check {output} --draw .   then measure its fabric: foldcell calibrate")
     return 0
 
 
 def _measured(options: argparse.Namespace, like: Garment) -> tuple[int, int] | None:
-    """The two key points of which the operator measured the distance; None for a camera that knows metres."""
+    """Indices of the two key points between which the operator measured; None for a calibrated camera."""
     if options.unit == "m":
         if options.length is not None or options.between is not None:
             raise ConfigurationError(
@@ -110,12 +114,12 @@ def _measured(options: argparse.Namespace, like: Garment) -> tuple[int, int] | N
     between = f"{like.keypoints[pair[0]]} and {like.keypoints[pair[1]]}"
     if options.length is None:
         raise ConfigurationError(
-            "a photograph does not tell how large the garment is",
+            "a photograph does not show how large the garment is",
             f"measure it from {between} and give --length in metres (or other points: --between A,B)",
         )
     if not SHORTEST <= options.length <= LONGEST:
         raise ConfigurationError(
-            f"--length {options.length:g}: no length of a garment", f"metres, {SHORTEST:g} to {LONGEST:g}"
+            f"--length {options.length:g} is no length of a garment", f"give {SHORTEST:g} to {LONGEST:g} metres"
         )
     return pair
 
@@ -127,5 +131,5 @@ def _scaled(options: argparse.Namespace, like: Garment, pair: tuple[int, int] | 
 
 
 def _name(stem: str) -> str:
-    """A file name that the shipped ones could have."""
+    """A file name in the style of the shipped ones."""
     return re.sub(r"[^a-z0-9]+", "_", stem.lower()).strip("_") or "garment"

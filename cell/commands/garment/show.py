@@ -1,4 +1,4 @@
-"""`foldcell garment show`."""
+"""`foldcell garment show`: one garment in detail."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    action = add_command(actions, "show", "all that is known of one garment", _run)
+    action = add_command(actions, "show", "show one garment in detail", _run)
     action.add_argument("garments", nargs=1, metavar="GARMENT", help="name or file")
     draw_option(action)
     cell_option(action)
@@ -43,8 +43,8 @@ def _run(options: argparse.Namespace) -> int:
           f"{m.friction_dynamic:.2f} dynamic, {m.friction_layers:.2f} between layers")  # fmt: skip
     print("folds:")
     for step in garment.plan:
-        ways = "; ".join(f"{v.name} ({len(v.grasps)} grasps)" for v in step.variants)
-        print(f"  {step.name}: {ways}")
+        variants = "; ".join(f"{v.name} ({len(v.grasps)} grasps)" for v in step.variants)
+        print(f"  {step.name}: {variants}")
     low, high = (math.degrees(a) for a in garment.poses.angle)
     print(
         f"lies at x {garment.poses.x[0]:g} to {garment.poses.x[1]:g} m, y {garment.poses.y[0]:g} to "

@@ -1,4 +1,4 @@
-"""`foldcell replay RUN --decide`: whether today's program decides a run as it was decided."""
+"""`foldcell replay RUN --decide`: whether the present program makes the decisions of a recorded run again."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def run(options: argparse.Namespace) -> int:
 
     changed = changed_versions(record.versions)
     lines = ProgressLines(progress_stream(options.json))
-    lines.note(f"deciding {record.id} again, by what was read then")
+    lines.note(f"deciding {record.id} again from its recorded readings")
     for name, (then, now) in changed.items():
-        lines.note(f"{name} was {then} then and is {now} now")
+        lines.note(f"the version of {name} was {then} and is {now} now")
     with compiling_told(lines.note):
         verdict = decide_again(record, entries, (lines,), lines.note, lines.computing)
     figures: dict[str, Any] = {
@@ -58,12 +58,12 @@ def _summary(figures: dict[str, Any]) -> None:
     if deviation is None:
         print(f"\nthe same decisions: {compared}, in {figures['wall_time_s']:.0f} s")
         if figures["broken_off"]:
-            print(f"  as far as {figures['cell_time_s']:.2f} s: {figures['broken_off']}")
+            print(f"  up to {figures['cell_time_s']:.2f} s: {figures['broken_off']}")
         return
     print(f"\nANOTHER DECISION at {deviation.cell_time_s:.2f} s, {_place(deviation.state, deviation.effect)}")
     print(f"  then   {deviation.then}")
     print(f"  now    {deviation.now}")
-    print(f"  in {deviation.place}; the same before it: {compared}")
+    print(f"  in {deviation.place}; equal before it: {compared}")
 
 
 def _place(state: str, effect: str | None) -> str:

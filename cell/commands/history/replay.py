@@ -1,4 +1,4 @@
-"""`foldcell replay RUN`: open the recording in the viewer, or say how."""
+"""`foldcell replay RUN`: opens the recording in the viewer, or prints how to open it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     run_name(parser)
     parser.add_argument(
         "--decide", action="store_true",
-        help="take the run's decisions again by what was read then, and compare (2: the first that differs)",
+        help="make the run's decisions again from its recorded readings and compare; exit code 2 if one differs",
     )  # fmt: skip
-    parser.add_argument("--no-viewer", action="store_true", help="only say where the recording is")
+    parser.add_argument("--no-viewer", action="store_true", help="only print where the recording is")
     logs_option(parser)
     json_option(parser)
 
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     if not recording.is_file():
         raise StorageError(
             f"the run {record.id} ({record.status}) has no recording {recording}",
-            f"foldcell report {record.id} shows what the journal knows",
+            f"foldcell report {record.id} shows the journal of the run",
         )
     viewer = find_viewer()
     screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform == "darwin"

@@ -1,4 +1,4 @@
-"""`foldcell report RUN`: what happened, from the journal, and where the report page is."""
+"""`foldcell report RUN`: the effects of a run, from the journal, and the path of its report page."""
 
 from __future__ import annotations
 
@@ -44,26 +44,28 @@ def run(options: argparse.Namespace) -> int:
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
     if reason := record.summary.get("reason"):
-        print(f"  nothing was begun: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
+        print(f"  the run did not begin: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
     if figures["resumable"]:
-        print(f"go on   {command_for(f'resume {record.id}', record.directory.parent)}")
+        print(f"resume  {command_for(f'resume {record.id}', record.directory.parent)}")
     print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
     return 0
 
 
 def _no_page(record: RunRecord) -> str:
-    """Why there is no page, and what there is instead."""
+    """Why there is no page, and the command that opens the recording if there is one."""
     recorded = (record.directory / "run.rrd").is_file()
     command = command_for(f"replay {record.id}", record.directory.parent)
-    replay = f"\n        {command} opens what was recorded" if recorded else ""
+    replay = f"\n        {command} opens the recording" if recorded else ""
     if record.status == "running":
-        return f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run as it goes{replay}"
+        return (
+            f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run while it lasts{replay}"
+        )
     if record.status == NOT_BEGUN:
         return "none: nothing was done"
     if record.status == "interrupted":
-        return f"none: the run was cut off before it was written{replay}"
+        return f"none: the run was interrupted before the report was written{replay}"
     if not (record.directory / "result.json").is_file():
-        return "none: it is written after the run's end (this moment, or something cut that off)"
+        return "none: the run has ended, but its report is still being written or was interrupted"
     return f"none: see {record.directory}"
 
 

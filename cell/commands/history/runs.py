@@ -1,4 +1,4 @@
-"""`foldcell runs`: the journal's runs and what is true of each now."""
+"""`foldcell runs`: the runs of the journal and the status of each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["add_options", "run", "run_figures"]
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("--last", type=count, metavar="N", help="only the last N")
+    parser.add_argument("--last", type=count, metavar="N", help="list the last N only")
     logs_option(parser)
     json_option(parser)
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
     if rows[-1]["status"] == "interrupted" and has_checkpoint(Path(rows[-1]["run_dir"])):
         last = Path(rows[-1]["run_dir"])
-        print(f"go on with the last one: {command_for(f'resume {last.name}', last.parent)}")
+        print(f"resume the last one: {command_for(f'resume {last.name}', last.parent)}")
     return 0
 
 
@@ -61,7 +61,7 @@ def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:
 
 
 def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
-    """One run as a flat object; `last_intent` says what was under way where a run has no end."""
+    """One run as a flat mapping; `last_intent` is the last effect of a run that has no end."""
     figures: dict[str, Any] = {
         "run": record.id,
         "status": record.status,

@@ -1,4 +1,4 @@
-"""`foldcell tidy`: free the disk of old runs' recordings."""
+"""`foldcell tidy`: removes the recordings of old runs to free disk space."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ MEBI = 2.0**20
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("--keep", type=count, default=50, metavar="N", help="leave the newest N as they are (50)")
+    parser.add_argument("--keep", type=count, default=50, metavar="N", help="keep the newest N runs complete (50)")
+    parser.add_argument("--unfinished", action="store_true", help="include runs that could still be resumed")
     parser.add_argument(
-        "--unfinished", action="store_true", help="also of runs that could still be gone on with (resume)"
+        "--yes", action="store_true", help="remove the recordings; without this they are only listed"
     )
-    parser.add_argument("--yes", action="store_true", help="remove them; without it they are only listed")
     logs_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Shows what would go; removes it with --yes."""
+    """List the removable recordings; with --yes remove them."""
     logs = logs_directory(options.logs)
     heavy = prunable_runs(logs, options.keep, options.unfinished)
     if options.yes:
@@ -50,5 +50,5 @@ def run(options: argparse.Namespace) -> int:
     if options.yes:
         print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the journal stay")
     else:
-        print(f"{total / MEBI:.0f} MiB would go (recordings, pictures, transcripts); --yes removes them")
+        print(f"{total / MEBI:.0f} MiB can be freed (recordings, pictures, transcripts); --yes removes them")
     return 0

@@ -1,4 +1,4 @@
-"""`foldcell bench NAME`: figures of one part, its peers' beside them, and the machine they were measured on."""
+"""`foldcell bench NAME`: measures one part of the program and its peers, with a description of the machine."""
 
 from __future__ import annotations
 
@@ -23,18 +23,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     names = ["cell", "cloth", "execution", "motion", "optimise", "perception"]
     parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
-    parser.add_argument("--peers", action="store_true", help="with peers that take long or need extra packages")
-    parser.add_argument("--quick", action="store_true", help="few samples: shows that it works, not how well")
-    parser.add_argument("--only", metavar="PART,...", help="of cloth: these parts")
     parser.add_argument(
-        "--keep", type=Path, metavar="FILE", help="of cloth: put each part's figures down there, go on from there"
+        "--peers", action="store_true", help="also measure peers that take long or need extra packages"
     )
-    parser.add_argument("--garment", metavar="A,B", help="only these, by name or file (optimise)")
+    parser.add_argument("--quick", action="store_true", help="few samples: a test of the benchmark itself")
+    parser.add_argument("--only", metavar="PART,...", help="these parts only (cloth)")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="write each part's figures to FILE and continue from it (cloth)"
+    )
+    parser.add_argument("--garment", metavar="A,B", help="these garments only, by name or file (optimise)")
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run benchmarks/NAME.py: measure(tell, *, peers, quick) -> flat figures, each with its unit in its name."""
+    """Run benchmarks/NAME: measure(tell, *, peers, quick) -> flat figures, each with its unit in its name. Raises
+    ConfigurationError if the benchmarks are not installed or a flag does not apply."""
     try:
         bench = importlib.import_module(f"benchmarks.{options.name}")
     except ModuleNotFoundError as e:
@@ -60,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_rows(name: str, rows: Any) -> None:
-    """A figure that is a list of rows, as a table of its own; what a row nests is in the JSON only."""
+    """Print a figure that is a list of rows as a table; nested values are in the JSON only."""
     if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
         return
     columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
@@ -69,11 +72,11 @@ def _print_rows(name: str, rows: Any) -> None:
 
 
 def _garments(options: argparse.Namespace) -> dict[str, Any]:
-    """The garments to measure, where the benchmark can be told and is."""
+    """The argument for --garment, which bench optimise takes."""
     if options.garment is None:
         return {}
     if options.name != "optimise":
-        raise ConfigurationError(f"--garment is not for bench {options.name}", "bench optimise takes it")
+        raise ConfigurationError(f"--garment does not apply to bench {options.name}", "bench optimise takes it")
     names = options.garment.split(",")
     for name in names:
         load_garment(name)
@@ -81,7 +84,7 @@ def _garments(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _parts(bench: ModuleType, options: argparse.Namespace) -> dict[str, Any]:
-    """--only and --keep, which benches that have PARTS take."""
+    """The arguments for --only and --keep, which benchmarks with PARTS take."""
     if not (options.only or options.keep):
         return {}
     if not hasattr(bench, "PARTS"):

@@ -1,4 +1,4 @@
-"""`foldcell chart`: the states and what leads from one to another, drawn from the table by `transitions`."""
+"""`foldcell chart`: draws the state chart from the transition table."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ __all__ = ["add_options", "run"]
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("--output", type=Path, metavar="SVG", help="(the one that report and page show)")
+    parser.add_argument(
+        "--output", type=Path, metavar="SVG", help="file to write (the chart of the report and the page)"
+    )
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the SVG. Without --output it replaces the one that reports and the operator's page show."""
+    """Write the SVG. Without --output it replaces the chart of the reports and the operator's page."""
     path = options.output or CHART
     write_whole(path, draw_chart())
     print_json({"chart": str(path)}) if options.json else print(path)

@@ -1,4 +1,4 @@
-"""What is installed, what is missing, and what to do about it. Every check is a value; nothing is changed."""
+"""Checks of the installation: what was found, and how to repair it. The checks change nothing."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ LEAST_DISK = 2**30
 class Verdict(StrEnum):
     GOOD = "good"
     WARNING = "warning"
-    """The cell runs, though not as it was tested, or something that is not needed for a run is missing."""
+    """The cell runs, but not as it was tested, or something that a run does not need is missing."""
     BAD = "bad"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at: what was found, and what to do unless it is good."""
+    """The result of one check: what was found, and a hint unless it is good."""
 
     name: str
     verdict: Verdict
@@ -40,7 +40,7 @@ class Check:
 
 
 def examine(logs: Path) -> list[Check]:
-    """All checks. A check that breaks is itself bad: the doctor never falls ill."""
+    """All checks. A check that raises an exception counts as bad."""
     checks: list[Callable[[], Iterable[Check]]] = [
         _python,
         _packages,
@@ -63,7 +63,7 @@ def _safely(work: Callable[[], Iterable[Check]]) -> list[Check]:
     try:
         return list(work())
     except Exception as e:
-        hint = e.hint if isinstance(e, CellError) else "make setup installs everything anew"
+        hint = e.hint if isinstance(e, CellError) else "make setup installs everything again"
         name = getattr(work, "__name__", "check").strip("_<>").replace("_", " ")
         return [Check(name, Verdict.BAD, f"{type(e).__name__}: {e}", hint)]
 
@@ -79,7 +79,7 @@ def _python() -> Iterable[Check]:
 
 
 def required_packages() -> list[str]:
-    """What foldcell itself says that it needs, without what only its developers need."""
+    """Names of the packages that foldcell requires, without its optional extras."""
     lines = metadata.requires("foldcell") or []
     names = [line.split(";")[0].strip() for line in lines if "extra ==" not in line]
     return [_name(n) for n in names]
@@ -120,11 +120,11 @@ def _package(name: str, pin: str | None) -> Check:
 
 
 NATIVE = ("pinocchio", "coal", "ruckig", "toppra", "numba", "scipy.linalg", "cv2", "pybullet", "rerun", "shapely")
-"""Modules with compiled parts, which can be installed and still not load."""
+"""Modules with compiled parts, which may fail to load although they are installed."""
 
 
 def _native_modules() -> Iterable[Check]:
-    """Each is loaded in a process of its own: one that crashes does not take the doctor along."""
+    """Load each module in a process of its own, because a module may crash its process."""
     started = {
         name: subprocess.Popen(
             [sys.executable, "-c", f"import {name}"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -133,15 +133,15 @@ def _native_modules() -> Iterable[Check]:
     }
     broken = []
     for name, process in started.items():
-        _, said = process.communicate()
+        _, errors = process.communicate()
         if process.returncode:
-            why = (said.strip().splitlines() or [f"crashed ({process.returncode})"])[-1]
-            hint = "make setup installs it anew; the message names a system library that is missing"
+            why = (errors.strip().splitlines() or [f"crashed ({process.returncode})"])[-1]
+            hint = "make setup installs it again; the message may name a missing system library"
             broken.append(Check(f"import {name}", Verdict.BAD, why, hint))
     yield from broken or [Check("compiled modules", Verdict.GOOD, f"all {len(NATIVE)} load")]
 
 
-# what a run reads and writes
+# files that a run reads and writes
 
 
 def _robot_model() -> Iterable[Check]:
@@ -158,10 +158,10 @@ def _robot_model() -> Iterable[Check]:
 
 
 def numba_cache_folder() -> Path:
-    """Where compiled functions are kept: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named:
-        return Path(named)
+    """Folder of the compiled functions: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
+    from_environment = os.environ.get("NUMBA_CACHE_DIR")
+    if from_environment:
+        return Path(from_environment)
     import skills.cloth
 
     return Path(next(iter(skills.cloth.__path__))) / "__pycache__"
@@ -197,7 +197,7 @@ def _logs(logs: Path) -> Iterable[Check]:
 
 
 def _write_problem(folder: Path) -> str | None:
-    """Why nothing can be written there, or None. Folders that do not exist are judged by the nearest one above."""
+    """Why the folder cannot be written, or None. If it is missing, the nearest existing one above is checked."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
@@ -232,7 +232,7 @@ def _memory() -> Iterable[Check]:
 
 def _cores() -> Iterable[Check]:
     cores = len(os.sched_getaffinity(0))
-    hint = "" if cores >= 2 else "two cores halve the time of optimising"
+    hint = "" if cores >= 2 else "two cores halve the time of an optimisation"
     yield Check(
         "processor", Verdict.GOOD if cores >= 2 else Verdict.WARNING, f"{cores} cores; no GPU is needed", hint
     )
@@ -261,7 +261,7 @@ def _viewer() -> Iterable[Check]:
 
 
 def _ros() -> Iterable[Check]:
-    """Only drivers `ros` and `emulator` need it."""
+    """ROS 1, which only the drivers `ros` and `emulator` need."""
     from robots.baxter.ros.installation import PACKAGES, find_ros
     from robots.baxter.ros.messages import load_messages
 

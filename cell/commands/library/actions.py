@@ -1,4 +1,4 @@
-"""`foldcell library`: its actions."""
+"""The actions of `foldcell library`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`foldcell library build`: optimise every fold, so that no run has to."""
+"""`foldcell library build`: optimises the folds of garments and stores their trajectories."""
 
 from __future__ import annotations
 
@@ -24,32 +24,36 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    build = add_command(actions, "build", "optimise every fold of the garments and keep the trajectories", _run)
-    build.add_argument("garments", nargs="*", metavar="GARMENT", help="names or files (all that are shipped)")
+    build = add_command(actions, "build", "optimise every fold of the garments and store the trajectories", _run)
+    build.add_argument("garments", nargs="*", metavar="GARMENT", help="names or files (all shipped garments)")
     build.add_argument(
-        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+        "--method",
+        choices=["default", "paper", "initial", "two_parameter"],
+        help="method of the optimiser (of the settings)",
     )
-    build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, among the logs)")
+    build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, in the logs)")
     cores = os.cpu_count() or 1
-    build.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one a core)")
+    build.add_argument(
+        "--workers", type=count, default=cores, metavar="N", help="number of processes (one for each core)"
+    )
     cell_option(build)
     logs_option(build)
     json_option(build)
 
 
 def _run(options: argparse.Namespace) -> int:
-    """0 when every fold has its entry, 2 when one could not be optimised (the others are kept)."""
+    """Returns 0 if every fold was optimised, 2 if one could not be; the others are stored."""
     settings = load_settings(options.cell)
     loaded = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
-    most = settings.motion.tool_speed
-    garments = [replace(g, max_tool_speed=min(g.max_tool_speed, most)) for g in loaded]
+    cell_speed = settings.motion.tool_speed
+    garments = [replace(g, max_tool_speed=min(g.max_tool_speed, cell_speed)) for g in loaded]
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
     out = progress_stream(options.json)
     unfinished = UnfinishedBuild(path, garments, settings.grasp.lift_height)
     bar = ProgressBar(out)
     if unfinished.library.entries:
-        begun = len(unfinished.library.entries)
-        bar.line(f"goes on from the {begun} folds in {unfinished.path}; delete it to begin anew")
+        finished = len(unfinished.library.entries)
+        bar.line(f"continues from the {finished} folds in {unfinished.path}; delete it to start again")
     failures: list[BuiltStep] = []
 
     def report(built: BuiltStep) -> None:

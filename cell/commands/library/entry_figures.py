@@ -1,4 +1,4 @@
-"""An entry of the library as plain numbers."""
+"""Figures of an entry of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`foldcell library show`."""
+"""`foldcell library show`: lists the entries of the library."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    action = add_command(actions, "show", "what the library holds", _run)
+    action = add_command(actions, "show", "list the entries of the library", _run)
     cell_option(action)
     logs_option(action)
     json_option(action)

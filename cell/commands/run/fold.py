@@ -1,4 +1,4 @@
-"""`foldcell fold` and `foldcell supervise`: one run of the cell."""
+"""`foldcell fold`: one run of the cell."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     run_options(parser)
     parser.add_argument("--approve", action="store_true", help="ask before each fold")
-    parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
+    parser.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
     parser.set_defaults(page=False, page_port=0)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Everything that the user gave is checked before the cell is opened; then the run."""
+    """Check the arguments before the cell is opened, then fold. Raises ConfigurationError, StorageError."""
     settings = load_settings(options.cell)
     if options.garment != "auto":
         load_garment(options.garment, settings.surface)
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def tell(result: FoldResult, json: bool) -> int:
-    """How a run ended, in a few lines or as JSON; -> the exit code."""
+    """Print the result of a run, in a few lines or as JSON; returns the exit code."""
     if json:
         print_json(result.as_json())
     else:
@@ -73,11 +73,11 @@ def _summary(figures: dict) -> None:
     words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}
     result = str(figures.get("result"))
     if figures.get("state") == "stopped":
-        words[result] = "STOPPED (the arms hold; the hands keep what they hold)"
-    drawn = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has none
-    print(f"\n{figures.get('garment')}{drawn}: {words.get(result, result)}")
+        words[result] = "STOPPED (the arms hold their position; the grippers do not open)"
+    seed = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has none
+    print(f"\n{figures.get('garment')}{seed}: {words.get(result, result)}")
     if figures.get("resumed_from"):
-        print(f"  went on with {figures['resumed_from']}")
+        print(f"  resumed {figures['resumed_from']}")
     failure = figures.get("failure")
     if failure:
         print(f"  {failure['what']}" + (f" ({failure['hint']})" if failure.get("hint") else ""))
@@ -110,8 +110,8 @@ def _summary(figures: dict) -> None:
         print(f"  not kept   {what}")
     folder = figures.get("run_dir")
     if folder and figures.get("state") in {"stopped", "fault"} and has_checkpoint(Path(folder)):
-        go_on = command_for(f"resume {Path(folder).name}", Path(folder).parent)
-        print(f"  go on      {go_on}   (it lets go, parks, and looks)")
+        resume = command_for(f"resume {Path(folder).name}", Path(folder).parent)
+        print(f"  resume     {resume}   (the arms release the garment, park, and the camera looks again)")
     if folder:
         if not unwritten:
             print(f"  report     {folder}/report.html")
@@ -121,16 +121,16 @@ def _summary(figures: dict) -> None:
 
 
 def _missed(score: dict) -> str:
-    """The figures that are beyond their limits, with these."""
+    """The figures that are beyond their limits, each with its limit."""
     missed = []
     for name, limit in (score.get("limits") or {}).items():
         value, word = score[name], name.rpartition("_")[0] or name
         if name == "iou" and value < limit:
-            missed.append(f"IoU {value:.3f}, passes from {limit:.3f}")
+            missed.append(f"IoU {value:.3f}, limit {limit:.3f}")
         elif name.endswith("_m") and value > limit:
-            missed.append(f"{word} {1e3 * value:.1f} mm, passes to {1e3 * limit:.1f}")
+            missed.append(f"{word} {1e3 * value:.1f} mm, limit {1e3 * limit:.1f}")
         elif name.endswith("_rad") and value > limit:
-            missed.append(f"turn {math.degrees(value):.1f} degrees, passes to {math.degrees(limit):.1f}")
+            missed.append(f"turn {math.degrees(value):.1f} degrees, limit {math.degrees(limit):.1f}")
     return "; ".join(missed)
 
 

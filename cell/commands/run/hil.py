@@ -1,4 +1,4 @@
-"""`foldcell hil`: scripted runs, each held to what its script expects."""
+"""`foldcell hil`: scripted runs, each checked against the expectations of its script."""
 
 from __future__ import annotations
 
@@ -33,23 +33,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     driver_options(parser)
     cell_option(parser)
     logs_option(parser)
-    parser.add_argument("--live", action="store_true", help="show the runs in a Rerun viewer as they go")
-    parser.add_argument("--realtime", action="store_true", help="let simulated time pass no faster than the clock")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="the results for a build server, as JUnit XML")
+    parser.add_argument("--live", action="store_true", help="show the runs in a Rerun viewer while they last")
+    parser.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
+    parser.add_argument(
+        "--junit", type=Path, metavar="FILE", help="write the results as JUnit XML, for a build server"
+    )
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when every script passed, 2 when one did not, 3 when a cell came to a fault that was not expected.
+    """Returns 0 if every script passed, 2 if one did not, 3 if a cell had an unexpected fault.
 
-    All scripts are read and checked before the first run begins. A signal ends the run under way, and no other
-    begins. Whatever ends the campaign, what was performed is told and kept."""
+    All scripts are read and checked before the first run begins. A signal ends the present run and the campaign.
+    The results of the performed runs are printed and written whatever ends the campaign.
+    """
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
     for script in scripts:
         check_script(script, settings, options.driver)
     if options.junit is not None and not options.junit.absolute().parent.is_dir():
-        raise ConfigurationError(f"{options.junit}: there is no such folder", "make it, or give another --junit")
+        raise ConfigurationError(f"{options.junit}: there is no such folder", "create it, or give another --junit")
     logs = prepare_logs(logs_directory(options.logs))
     with _owned(logs, options.driver):
         return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
@@ -60,16 +63,16 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
     ended_by: int | None = None
     try:
         ended_by = _perform(options, settings, scripts, folder, done)
-    except KeyboardInterrupt as e:  # between two runs; while one is under way signals are its own, and stop it
+    except KeyboardInterrupt as e:  # between two runs; during a run a signal stops the run
         ended_by = e.number if isinstance(e, Terminated) else signal.SIGINT
-    finally:  # also when a bug ends it
+    finally:  # after any exception too
         left = scripts[len(done) :]
         figures = _figures(done, left, options.driver)
         if options.json:
             print_json({**figures, "directory": str(folder)})
         else:
             _summary(done, left, folder)
-        _keep(folder, figures)
+        _write_results(folder, figures)
         if options.junit is not None:
             write_whole(options.junit, junit_text(done, left))
     if ended_by is not None:
@@ -81,7 +84,7 @@ def _perform(
     options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path,
     done: list[ScriptResult],
 ) -> int | None:  # fmt: skip
-    """Each script in turn, added to `done`; -> the signal that ended a run, if one did."""
+    """Run the scripts in order and append each result to `done`; returns the signal that ended a run, or None."""
     out = progress_stream(options.json)
     for number, script in enumerate(scripts, 1):
         print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
@@ -90,7 +93,7 @@ def _perform(
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
-        _keep(folder, _figures(done, scripts[number:], options.driver))  # now: a kill must not lose it
+        _write_results(folder, _figures(done, scripts[number:], options.driver))  # a later kill must not lose it
         print(_outcome(performance), file=out, flush=True)
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
@@ -98,17 +101,17 @@ def _perform(
 
 
 def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
-    """One owner a cell, also between two runs; each simulated run has a cell of its own."""
+    """The lock of a real cell for the whole campaign; each simulated run has a cell of its own."""
     return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
 
 
 def _files(given: list[Path]) -> list[Path]:
-    """The scripts, and those in the folders, that were named."""
+    """The given scripts and those in the given folders. Raises ConfigurationError for a folder without any."""
     files: list[Path] = []
     for path in given:
         inside = sorted(p for p in path.iterdir() if p.suffix in (".yaml", ".yml")) if path.is_dir() else [path]
         if not inside:
-            raise ConfigurationError(f"{path} holds no script", "scripts are YAML files; see docs/operating.md")
+            raise ConfigurationError(f"{path} contains no script", "scripts are YAML files; see docs/operating.md")
         files += inside
     return files
 
@@ -124,7 +127,7 @@ def _figures(done: list[ScriptResult], left: list[Script], driver: str) -> dict[
     }
 
 
-def _keep(folder: Path, figures: dict[str, Any]) -> None:
+def _write_results(folder: Path, figures: dict[str, Any]) -> None:
     write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
 
 
@@ -139,7 +142,7 @@ def _outcome(p: ScriptResult) -> str:
 
 def _summary(done: list[ScriptResult], left: list[Script], folder: Path) -> None:
     failed = [p.script.name for p in done if not p.passed]
-    names = f"; not: {', '.join(failed)}" if failed else ""
+    names = f"; failed: {', '.join(failed)}" if failed else ""
     lines = [f"\n{len(done) - len(failed)} of {len(done)} passed{names}"]
     if left:
         lines.append(f"not performed: {', '.join(script.name for script in left)}")

@@ -1,4 +1,4 @@
-"""`foldcell reset`: leave the robot's stop, once a person has seen to its cause. The motors stay off."""
+"""`foldcell reset`: resets the robot's stop after a person has cleared its cause. The motors stay off."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """0: it is not stopped any more; 2: it still is, since nobody agreed or the robot does not leave its stop."""
+    """Returns 0 if the robot is no longer stopped, 2 if it still is: nobody agreed, or the reset failed."""
     with stop_circuit() as stop:
         before = stop.state()
         if not before.stopped:
-            return _told(options, "not stopped", "the robot is not stopped")
+            return _report(options, "not stopped", "the robot is not stopped")
         if not (options.yes or _agreed(before.reason)):
-            return _told(options, "stopped", f"left stopped: {before.reason}")
+            return _report(options, "stopped", f"still stopped: {before.reason}")
         if _pressed_since(stop, before.reason):
-            return _told(options, "stopped", f"stopped anew meanwhile: {stop.state().reason}")
+            return _report(options, "stopped", f"stopped again meanwhile: {stop.state().reason}")
         try:
             stop.reset()
         except DriverError as e:
             if e.kind is not FailureKind.STOPPED:
                 raise
-            return _told(options, "stopped", f"{e.what}; {e.hint}")
-        return _told(options, "reset", f"reset ({before.reason}); the motors stay off until the next run")
+            return _report(options, "stopped", f"{e.what}; {e.hint}")
+        return _report(options, "reset", f"reset ({before.reason}); the motors stay off until the next run")
 
 
 def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether it is another stop by now than the one that was agreed to leave."""
+    """Whether the stop has another reason than the one that the person agreed to reset."""
     return stop.state().reason != reason
 
 
@@ -51,7 +51,7 @@ def _agreed(reason: str) -> bool:
     return sys.stdin is not None and sys.stdin.readline().strip().lower() == "yes"
 
 
-def _told(options: argparse.Namespace, state: str, text: str) -> int:
+def _report(options: argparse.Namespace, state: str, text: str) -> int:
     if options.json:
         print_json({"state": state, "what": text})
     else:

@@ -1,4 +1,4 @@
-"""`foldcell resume RUN`: go on with a run that was killed, stopped or ended before the garment was folded."""
+"""`foldcell resume RUN`: resumes a run that was killed, stopped or ended before the garment was folded."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     run_name(parser)
     logs_option(parser)
-    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer as it goes")
-    parser.add_argument("--approve", action="store_true", help="ask before each fold, though the run did not")
+    parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer while it lasts")
+    parser.add_argument("--approve", action="store_true", help="ask before each fold, even if the run did not")
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """What is left of the run is read and checked before the cell is opened."""
+    """Read and check the interrupted run before the cell is opened, then resume it. Raises ConfigurationError,
+    StorageError."""
     from cell.runs.checkpoint_writer import interrupted_run
     from cell.runs.fold_run import fold_once
 

@@ -1,4 +1,4 @@
-"""`foldcell supervise`: a fold under an operator's eyes."""
+"""`foldcell supervise`: a run in which an operator approves each fold."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     run_options(parser)
     parser.add_argument("--no-page", dest="page", action="store_false", help="do not serve the operator's page")
-    parser.add_argument("--page-port", type=port, default=0, metavar="N", help="of the page (a free one)")
+    parser.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
     parser.set_defaults(approve=True, realtime=True)
     json_option(parser)

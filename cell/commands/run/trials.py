@@ -1,4 +1,4 @@
-"""`foldcell trials`: the paper's table, measured in the simulated cell."""
+"""`foldcell trials`: success rates over seeds and garments in the simulated cell, as in the paper's table."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from robots.errors import StorageError
 __all__ = ["add_options", "run"]
 
 RUNS_EACH = 8
-"""After so many a worker process is replaced, which keeps memory flat."""
+"""A worker process is replaced after this number of runs, which limits its memory."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("--garments", default="all", metavar="A,B", help="names with commas between, or all (all)")
+    parser.add_argument("--garments", default="all", metavar="A,B", help="names separated by commas, or all (all)")
     parser.add_argument("--n", type=count, default=10, metavar="N", help="runs of each garment (10)")
-    parser.add_argument("--first-seed", type=seed, default=1, metavar="N", help="(1)")
+    parser.add_argument("--first-seed", type=seed, default=1, metavar="N", help="first seed (1)")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="runs at a time (1)")
-    driver_options(parser, real=False)  # nobody lays garments out for hundreds of runs
+    driver_options(parser, real=False)  # hundreds of runs need an attendant that never tires
     cell_option(parser)
     logs_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when every run came to an end, 3 when one was a fault or was not performed; folding badly is a figure, not
-    an error. `trials.json` is written after each run: an interrupted campaign keeps what it has."""
+    """Returns 0 if every run ended without a fault, 3 if one was a fault or was not performed. A bad fold is a
+    figure, not an error. `trials.json` is written after each run, so an interrupted campaign keeps its results."""
     settings = load_settings(options.cell)
     garments = list(list_garments()) if options.garments == "all" else _named(options.garments)
     for name in garments:
@@ -56,8 +56,8 @@ def run(options: argparse.Namespace) -> int:
     trials: list[Trial] = []
     out = progress_stream(options.json)
     _copy_library(logs, campaign)
-    kept = campaign / "trials.json"
-    write_whole(kept, _text(_figures(trials, planned)))
+    results_file = campaign / "trials.json"
+    write_whole(results_file, _text(_figures(trials, planned)))
     print(f"{len(planned)} runs, {options.workers} at a time", file=out, flush=True)
     try:
         with (
@@ -66,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
         ):
             for trial in running:
                 trials.append(trial)
-                write_whole(kept, _text(_figures(trials, planned)))
+                write_whole(results_file, _text(_figures(trials, planned)))
                 print(f"{len(trials):4d}/{len(planned)}  {_line(trial)}", file=out, flush=True)
     except KeyboardInterrupt:
-        print(f"{len(trials)} of {len(planned)} runs were performed: {kept}", file=sys.stderr)
+        print(f"{len(trials)} of {len(planned)} runs were performed: {results_file}", file=sys.stderr)
         raise
     if options.json:
         print_json({**_figures(trials, planned), "directory": str(campaign)})
@@ -79,12 +79,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _named(garments: str) -> list[str]:
-    """What stands between commas, each once: the same seeds over again would be no more evidence."""
+    """The names without repetitions: repeating the same seeds gives no further evidence."""
     return list(dict.fromkeys(name.strip() for name in garments.split(",")))
 
 
 def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, Any]:
-    """What is known so far. not_performed: the runs that were planned and have no figures yet, or never will."""
+    """The results so far. not_performed: the planned runs that have no figures."""
     performed = sorted((t for t in trials if t.performed), key=_key)
     missing = sorted(set(planned) - {_key(t) for t in performed})
     return {
@@ -98,8 +98,8 @@ def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, A
 def _one(
     driver: str, world: str, path: Path | None, settings: CellSettings, campaign: Path, garment: str, seed: int
 ) -> dict[str, Any]:
-    """One run in a worker process, in logs of its own: a cell has one owner, and what another run has optimised
-    must not decide how this one folds. The user's library, as it is, is at hand to all."""
+    """One run in a worker process. It has a logs folder of its own, so that trajectories which another run
+    optimised do not affect it. Each folder gets a copy of the user's library."""
     from cell.runs.fold_run import FoldRequest, fold_once
 
     logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
@@ -112,13 +112,13 @@ def _one(
 
 
 def _copy_library(logs: Path, to: Path) -> None:
-    """The user's library, if there is one, from some logs to others. Raises StorageError."""
+    """Copy the user's library, if there is one, from one logs folder to another. Raises StorageError."""
     try:
         shutil.copyfile(user_library_path(logs), user_library_path(to))
     except FileNotFoundError:
         return
     except OSError as error:
-        hint = "see whether both may be read and written, and whether the disk is full"
+        hint = "check the permissions of both folders and whether the disk is full"
         raise StorageError(f"{user_library_path(logs)} cannot be copied to {to}: {error.strerror}", hint) from None
 
 
@@ -140,14 +140,14 @@ def _text(figures: dict[str, Any]) -> bytes:
 def _line(trial: Trial) -> str:
     figures = trial.figures or {}
     times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
-    verdict = "folded" if trial.success else "claimed folded" if trial.result == "folded" else trial.result
+    verdict = "folded" if trial.success else "false claim" if trial.result == "folded" else trial.result
     return f"{trial.garment:<24} seed {trial.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
 
 
 def _print(rows: list[GarmentFigures], not_performed: int, campaign: Path) -> None:
-    print("\nsimulated; folded: by the scorer; interval: Wilson, 95 %; times and IoU: medians")
+    print("\nsimulated; folded: passed the scorer; interval: Wilson, 95 %; times and IoU: medians")
     print_table(
-        ("garment", "folded", "interval", "claimed in vain", "faults", "recoveries", "robot s", "wall s", "IoU"),
+        ("garment", "folded", "interval", "false claims", "faults", "recoveries", "robot s", "wall s", "IoU"),
         [
             (
                 r.garment,
@@ -164,5 +164,5 @@ def _print(rows: list[GarmentFigures], not_performed: int, campaign: Path) -> No
         ],
     )
     if not_performed:
-        print(f"{not_performed} runs were not performed: a worker process died; they are not in the table")
+        print(f"{not_performed} runs were not performed because a worker process died; they are not in the table")
     print(f"details  {campaign / 'trials.json'}")

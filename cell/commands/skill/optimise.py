@@ -1,4 +1,4 @@
-"""`foldcell optimise GARMENT`: trajectories of its folds, for this cell or any other robot."""
+"""`foldcell optimise GARMENT`: finds trajectories of its folds, for this cell or another robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
-from cell.operator.progress.compiling import compiling_told
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError
@@ -30,7 +29,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("garment", metavar="GARMENT", help="name or file")
     parser.add_argument("--step", type=count, metavar="N", help="only the N-th fold, from 1 (all)")
     parser.add_argument(
-        "--method", choices=["default", "paper", "initial", "two_parameter"], help="(of the settings)"
+        "--method",
+        choices=["default", "paper", "initial", "two_parameter"],
+        help="method of the optimiser (of the settings)",
     )
     parser.add_argument("--budget", type=count, metavar="N", help="simulations of one fold (of the settings)")
     parser.add_argument("--export", type=Path, metavar="FILE", help="tool poses and times, as .csv or .json")
@@ -39,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when every fold was optimised, 2 when one could not be."""
+    """Returns 0 if every fold was optimised, 2 if one could not be. Raises ConfigurationError, StorageError."""
     settings = load_settings(options.cell)
     garment = load_garment(options.garment, settings.surface)
     _check_export(options.export)
@@ -48,14 +49,14 @@ def run(options: argparse.Namespace) -> int:
     out = progress_stream(options.json)
 
     bar = ProgressBar(out)
-    told: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
-    with compiling_told(bar.line):
+    with compiling_results(bar.line):
         for fold in optimise_plan(
             garment, settings, options.step, method, options.budget, bar.restart, partial(_show, bar)
         ):
-            told.append(_figures(fold, settings.grasp.lift_height))
-            bar.line(_line(told[-1]))
+            results.append(_figures(fold, settings.grasp.lift_height))
+            bar.line(_line(results[-1]))
             if fold.paths:
                 paths[fold.step.name] = {i.value: path for i, path in fold.paths.items()}
     bar.clear()
@@ -64,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"tool poses and times  {options.export}", file=out)
     if options.json:
         export = str(options.export) if options.export else None
-        print_json({"garment": garment.name, "method": method, "steps": told, "export": export})
-    return 2 if any(s["failure"] for s in told) else 0
+        print_json({"garment": garment.name, "method": method, "steps": results, "export": export})
+    return 2 if any(s["failure"] for s in results) else 0
 
 
 def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float) -> None:
@@ -110,8 +111,9 @@ COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
-    """Tool poses over time, from the grasp through the straight lift to the release: position of the tool centre
-    point and orientation (quaternion, scalar last) of the tool frame in the table frame (robots/ports.py)."""
+    """Tool poses over time as CSV or JSON, from the grasp through the straight lift to the release: time [s],
+    position of the tool centre point [m] and orientation (quaternion, scalar last) of the tool frame in the table
+    frame (robots/ports.py). paths: fold -> grasp -> path."""
     rows: list[tuple[Any, ...]] = [
         (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
         for fold, arms in paths.items()

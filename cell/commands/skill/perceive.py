@@ -1,4 +1,4 @@
-"""`foldcell perceive IMAGE`: what the cell sees in a picture from its camera."""
+"""`foldcell perceive IMAGE`: recognises the garment in a picture."""
 
 from __future__ import annotations
 
@@ -25,40 +25,42 @@ __all__ = ["add_options", "look_at", "run", "write_overlay"]
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("image", type=Path, metavar="IMAGE", help="colour picture from the cell's camera")
-    parser.add_argument("--depth", type=Path, help="its depth: 16-bit PNG in millimetres, or .npy in metres")
-    parser.add_argument("--garment", default="auto", metavar="G", help="what is expected, or auto (auto)")
+    parser.add_argument(
+        "--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres"
+    )
+    parser.add_argument("--garment", default="auto", metavar="G", help="the expected garment, or auto (auto)")
     parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
     parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the overlay (IMAGE-perceived.png)")
     parser.add_argument(
-        "--unit", choices=["m", "px"], default="m", help="px: seen from above by an unknown camera (m)"
+        "--unit", choices=["m", "px"], default="m", help="px: photographed from above by an unknown camera (m)"
     )
     cell_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 with key points, 2 when no garment was recognised."""
+    """Returns 0 if a garment was recognised, 2 if none was. Raises ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
-    seen, frame = look_at(options, options.garment)
-    if seen.failure is not None:
+    outcome, frame = look_at(options, options.garment)
+    if outcome.failure is not None:
         if options.json:
-            print_json({**_refused(options.image, options.unit, seen.failure), "notes": seen.notes})
+            print_json({**_refused(options.image, options.unit, outcome.failure), "notes": outcome.notes})
         else:
-            print(f"not recognised: {seen.failure}")
+            print(f"not recognised: {outcome.failure}")
         return 2
-    perception = seen.unwrap()
+    perception = outcome.unwrap()
     write_overlay(output, perception, frame)
     if options.json:
-        print_json({**_figures(options.image, perception, output, options.unit), "notes": seen.notes})
+        print_json({**_figures(options.image, perception, output, options.unit), "notes": outcome.notes})
     else:
         _print(perception, output, options.unit)
     return 0
 
 
 def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
-    """What is seen in the picture `options.image`, with what the options say of it, and the picture. garment: what
-    is expected, or auto. Raises ConfigurationError for a file that cannot be used."""
+    """Perception of the picture `options.image` with the other options, and the picture. garment: the expected
+    garment, or auto. Raises ConfigurationError for a file that cannot be used."""
     _check_reference(options)
     settings = load_settings(options.cell)
     picture, empty = read_photograph(options.image, options.depth), None
@@ -68,18 +70,20 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
 
 
 def _check_reference(options: argparse.Namespace) -> None:
-    """A picture with depth is compared with an empty table's that has depth, too."""
+    """Raises ConfigurationError unless the picture and that of the empty table both have depth, or neither."""
     if options.reference is None and options.reference_depth is not None:
-        raise ConfigurationError("--reference-depth without --reference", "give the empty table's picture as well")
+        raise ConfigurationError(
+            "--reference-depth without --reference", "give the picture of the empty table too"
+        )
     if None not in (options.reference, options.depth) and options.reference_depth is None:
         raise ConfigurationError(
             "--reference with --depth, but without --reference-depth",
-            "give the empty table's depth as well, or leave out --reference or --depth",
+            "give the depth of the empty table too, or leave out --reference or --depth",
         )
 
 
 def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
-    """A picture of what was seen, drawn over what was looked at."""
+    """Write the picture with the recognised garment drawn over it. Raises StorageError."""
     done, png = cv2.imencode(".png", draw_on_camera(perception, frame.rgb)[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")

@@ -1,1 +1,1 @@
-"""The operator's page: what the cell does, beside the Rerun view, and what an operator may say to it now."""
+"""The operator's page: the state of the run, the commands that are possible now, and the Rerun view."""

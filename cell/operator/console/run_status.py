@@ -1,7 +1,7 @@
-"""What the operator's page shows, as the run goes: an observer that keeps the last word on everything.
+"""The status of the run for the operator's page: an observer that keeps the latest value of everything it shows.
 
-Any thread may write to it (the executive's, a skill's, whoever gives a command) and read: a reader always gets a
-whole snapshot.
+Any thread may write to it (the executive, a skill, a source of commands) and read it. A reader always gets a
+consistent snapshot.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _ALLOWED: Mapping[State, frozenset[Event]] = {
 
 
 class RunStatus:
-    """`snapshot` is what a page shows now, `version` changes with it."""
+    """`snapshot` is the content of the page; `version` changes with it."""
 
     def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
         self._lock = threading.Lock()
         self._remarks = RunEvents()
-        drawn = seed if simulated else None
-        self._about = {"run": run_id, "garment": Path(garment).stem, "seed": drawn, "simulated": simulated}
+        shown_seed = seed if simulated else None
+        self._about = {"run": run_id, "garment": Path(garment).stem, "seed": shown_seed, "simulated": simulated}
         self._state = State.IDLE
         self._context = RunContext()
         self._question = 0
@@ -52,7 +52,7 @@ class RunStatus:
         self._end: dict[str, Any] | None = None
         self.version = 0
 
-    # the runner's observer
+    # observer of the runner
 
     def entered(self, t: float, step: Step) -> None:
         with self._lock:
@@ -68,7 +68,7 @@ class RunStatus:
             self._context = result.context
             self.version += 1
 
-    # what is said within a state
+    # messages within a state
 
     def computing(self, done: int, total: int, remark: str) -> None:
         with self._lock:
@@ -81,20 +81,20 @@ class RunStatus:
             self.version += 1
 
     def ask(self, what: str | None) -> None:
-        """Something that the person at the cell is to do, and to approve when it is done; None: it is."""
+        """Ask the person at the cell to do something and then approve; None: nothing is asked any more."""
         with self._lock:
             self._wanted = what
             self._question += what is not None
             self.version += 1
 
     def heard(self, command: Event) -> None:
-        """A command was given, here or at the terminal: a motion that pauses can be resumed."""
+        """Note a command from the page or the terminal: after PAUSE the page offers RESUME."""
         with self._lock:
             self._pausing = command is Event.PAUSE or (self._pausing and command in ANSWERS)
             self.version += 1
 
     def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
-        """How the run ended, and the folder that it leaves."""
+        """Set the end of the run and its folder."""
         with self._lock:
             unfinished = state in {State.STOPPED, State.FAULT} and not self._context.through
             resumable = unfinished and has_checkpoint(folder)
@@ -105,26 +105,26 @@ class RunStatus:
             }  # fmt: skip
             self.version += 1
 
-    # the page's side
+    # used by the page
 
     def allowed(self) -> frozenset[Event]:
-        """What may be said now."""
+        """Commands that are possible now."""
         with self._lock:
-            return self._may_be_said()
+            return self._allowed_now()
 
     def answers(self, question: object) -> bool:
-        """Whether this is the question that is asked now."""
+        """Whether `question` is the number of the present question."""
         with self._lock:
             return self._asking() and question == self._question
 
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
-            may = self._may_be_said()
+            allowed = self._allowed_now()
             return {
                 **self._about,
                 "version": self.version,
                 "state": self._state.value,
-                "allowed": [event.value for event in ORDER if event in may],
+                "allowed": [event.value for event in ORDER if event in allowed],
                 "labels": {"retry": "Try again"} if self._state is State.ASKING else {},
                 "question": {"number": self._question, "text": self._asked()} if self._asking() else None,
                 "steps": self._steps(),
@@ -134,12 +134,12 @@ class RunStatus:
                 "end": self._end,
             }
 
-    def _may_be_said(self) -> frozenset[Event]:
+    def _allowed_now(self) -> frozenset[Event]:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
-        may = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # it stands still
-        may |= {Event.APPROVE} if self._wanted else set()
-        return may - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in may else may
+        allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # nothing moves
+        allowed |= {Event.APPROVE} if self._wanted else set()
+        return allowed - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in allowed else allowed
 
     def _asking(self) -> bool:
         return self._state in ASKING or self._wanted is not None
@@ -150,22 +150,24 @@ class RunStatus:
             return f"Please {self._wanted}. Then approve."
         if self._state is State.ASKING:
             failure = context.failure
-            laid = "to try again, first lay the garment as it was before this fold" if context.steps else ""
-            return _sentences(failure.what, failure.hint, laid) if failure else "What now?"
+            lay_again = "to try again, first lay the garment as it was before this fold" if context.steps else ""
+            return _sentences(failure.what, failure.hint, lay_again) if failure else "How should the run continue?"
         fold, steps, attempt = context.fold, context.steps, context.fold.attempt
         words = (steps[fold.index].name, steps[fold.index].variant) if steps else ("the fold",)
         name = ", ".join(word.replace("_", " ") for word in words if word)
         count = f"Fold {fold.index + 1} of {len(steps)}: {name}."
         if self._state is State.AWAITING_PRESSING:
-            seen = attempt.inspection if attempt else None
-            high = f"{1e3 * seen.height_m:.0f} mm high" if seen else "high"
-            return f"{count} It is made and stands {high}: press it flat? Skip leaves it so."
+            inspection = attempt.inspection if attempt else None
+            height = f"{1e3 * inspection.height_m:.0f} mm high" if inspection else "too high"
+            return f"{count} The fold is made and is {height}. Press it flat? Skip leaves it as it is."
         if attempt is None:
             return count
-        source = "looked up in the library" if attempt.trajectory.source == "library" else "optimised now"
-        missed = 1e3 * attempt.dissimilarity_m
-        end = f"; it is predicted to end {missed:.1f} mm from the ideal fold on average" if missed >= 0.0 else ""
-        return f"{count} The arc was {source}{end}."
+        source = "taken from the library" if attempt.trajectory.source == "library" else "optimised now"
+        error_mm = 1e3 * attempt.dissimilarity_m
+        error = (
+            f"; its predicted mean distance from the ideal fold is {error_mm:.1f} mm" if error_mm >= 0.0 else ""
+        )
+        return f"{count} The arc was {source}{error}."
 
     def _steps(self) -> list[dict[str, Any]]:
         context = self._context
@@ -177,6 +179,6 @@ class RunStatus:
 
 
 def _sentences(*parts: str) -> str:
-    """Parts of which some may be empty, one sentence each, the first as it begins."""
+    """The non-empty parts as sentences; all but the first get a capital letter."""
     first, *more = [part for part in parts if part]
     return " ".join(f"{part}." for part in (first, *(part[0].upper() + part[1:] for part in more)))

@@ -1,9 +1,9 @@
-"""Serves the operator's page on this machine, and takes what the operator says to it.
+"""Serves the operator's page on this machine and receives the operator's commands.
 
-The page talks over one WebSocket: it gets snapshots of the board as they change and a sign of life in between, and
-sends commands. A command is put into the one queue like any other; the stop goes straight to the stop circuit.
-Only who knows the page's address may speak: it holds a secret made for this run, and other sites' pages are
-refused by their origin.
+The page uses one WebSocket. It receives a snapshot of the run's status after each change, a keep-alive message in
+between, and sends commands. A command is put into the run's queue like any other; the stop goes directly to the
+stop circuit. Access requires the page's address, which contains a secret made for this run. Pages of other sites
+are refused by their origin.
 """
 
 from __future__ import annotations
@@ -42,24 +42,24 @@ PAGE = Path(__file__).with_name("page.html")
 HEADERS = {
     "Cache-Control": "no-store",
     "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",  # the address is the secret
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
     " connect-src 'self' ws:; frame-src http://127.0.0.1:*; base-uri 'none'; form-action 'none'",
 }
 START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 1.0
-"""How often the board is looked at for news, and a sign of life is sent."""
+"""Period at which the status is checked for changes, and longest time between two messages [s]."""
 LAST_WORD_S = 0.5
-"""For which the page is still served when the run has ended, so that it gets to know."""
+"""Time for which the page is served after the run's end, so that it receives the last status [s]."""
 LONGEST = 4096
-"""Bytes of a message; a command has some fifty."""
+"""Largest message [bytes]; a command has about fifty."""
 POLICY = 1008
 STOP_REASON = "the operator's page"
 
 
 def open_listener(port: int = 0) -> socket.socket:
-    """The page's own socket, on this machine only; port 0 takes a free one. Who comes before the page is served
-    has to wait, and is not refused. Raises StorageError for a port that somebody has."""
+    """Open the page's socket, on this machine only; port 0 takes a free one. Clients that connect before the page
+    is served wait. Raises StorageError if the port is in use."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -77,8 +77,11 @@ def open_listener(port: int = 0) -> socket.socket:
 def operators_page(
     run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
 ) -> Iterator[str]:
-    """The page's address for as long as the context lasts. viewer: address of the Rerun viewer to show beside it;
-    listener: from `open_listener`, closed at the end. Raises StorageError when the page cannot be served."""
+    """Serve the page while the context lasts; yields its address.
+
+    viewer: address of the Rerun viewer to show beside it; listener: from `open_listener`, closed at the end.
+    Raises StorageError if the page cannot be served.
+    """
     secret = secrets.token_urlsafe(16)
     port = listener.getsockname()[1]
     app = _Page(run_status, commands, stop, viewer, port).app(secret)
@@ -102,7 +105,7 @@ def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
     deadline = time.monotonic() + START_S
     while not server.started:
         if not thread.is_alive() or time.monotonic() > deadline:
-            raise StorageError("the operator's page cannot be served", "try --no-page, and keys at the terminal")
+            raise StorageError("the operator's page cannot be served", "use --no-page and keys at the terminal")
         time.sleep(0.01)
 
 
@@ -126,59 +129,59 @@ class _Page:
         return HTMLResponse(page, headers=HEADERS)
 
     async def link(self, link: WebSocket) -> None:
-        """One page's link. It is closed when either side of it fails: a page that hears nothing must know."""
+        """One page's WebSocket. It is closed if sending or receiving fails, so that the page notices that."""
         if link.headers.get("origin") not in self._origins:
             await link.close(POLICY)
             return
         await link.accept()
-        sides = {asyncio.create_task(self._tell(link)), asyncio.create_task(self._hear(link))}
-        _, open_still = await asyncio.wait(sides, return_when=asyncio.FIRST_COMPLETED)
-        for side in open_still:
-            side.cancel()
-        await asyncio.gather(*sides, return_exceptions=True)
-        with contextlib.suppress(Exception):  # it may be closed already, from either end
+        tasks = {asyncio.create_task(self._send(link)), asyncio.create_task(self._receive(link))}
+        _, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in pending:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(Exception):  # either end may have closed it already
             await link.close()
 
-    async def _tell(self, link: WebSocket) -> None:
-        told, spoke = -1, 0.0
+    async def _send(self, link: WebSocket) -> None:
+        sent_version, sent_at = -1, 0.0
         while True:
             version, now = self._run_status.version, time.monotonic()
-            if version != told:
+            if version != sent_version:
                 await link.send_json({"run_status": self._run_status.snapshot(), "stopped": self._stopped()})
-                told, spoke = version, now
-            elif now - spoke > ALIVE_S:
+                sent_version, sent_at = version, now
+            elif now - sent_at > ALIVE_S:
                 await link.send_json({"stopped": self._stopped()})
-                spoke = now
+                sent_at = now
             await asyncio.sleep(LOOK_S)
 
-    async def _hear(self, link: WebSocket) -> None:
+    async def _receive(self, link: WebSocket) -> None:
         while True:
             frame = await link.receive()
             if frame["type"] == "websocket.disconnect":
                 return
             try:
                 answer = self._answer(frame.get("text") or "")
-            except Exception:  # nothing that is said may end the link: the next word may be stop
-                answer = {"refused": "no message of this page"}
+            except Exception:  # a bad message must not close the link: the next one may be a stop
+                answer = {"refused": "the message is not valid"}
             await link.send_json(answer)
 
     def _stopped(self) -> bool | None:
-        """None where the driver cannot tell."""
+        """Whether the stop is set; None if the driver cannot read it."""
         try:
             return self._stop.state().stopped
         except DriverError:
             return None
 
     def _answer(self, message: str) -> dict[str, Any]:
-        """Do what a message says; what became of it, for the page."""
-        said = json.loads(message)
-        if "stop" in said:
+        """Carry out a message; returns the answer for the page."""
+        request = json.loads(message)
+        if "stop" in request:
             self._stop.trigger(STOP_REASON)
             return {"noted": "stop"}
-        command = next((event for event in self._run_status.allowed() if event.value == said["say"]), None)
+        command = next((event for event in self._run_status.allowed() if event.value == request["say"]), None)
         if command is None:
-            return {"refused": "that cannot be said now"}
-        if command in ANSWERS and not self._run_status.answers(said.get("question")):
-            return {"refused": "this question is no longer asked"}
+            return {"refused": "this command is not possible now"}
+        if command in ANSWERS and not self._run_status.answers(request.get("question")):
+            return {"refused": "this question is no longer open"}
         self._commands.put(command)
         return {"noted": command.value}

@@ -1,4 +1,4 @@
-"""What a supervised run has beside others: the page that shows its board, and the Rerun view in it."""
+"""Supervision of a run: the operator's page with the Rerun view in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Supervision"]
 
 
 class Supervision:
-    """Of one run. board: what the page shows; commands: the run's queue, which the board hears too."""
+    """Supervision of one run. run_status: shown on the page; commands: the run's queue."""
 
     def __init__(
         self, request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket.socket
@@ -29,7 +29,7 @@ class Supervision:
 
     @contextmanager
     def page(self, recorder: Recorder, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
-        """The operator's page, for as long as the context lasts. Raises StorageError as `operators_page`."""
+        """Serve the operator's page while the context lasts. Raises StorageError like `operators_page`."""
         live = recorder.live_url
         viewer = viewer_address(self._viewer, live) if self._viewer and live else None
         with operators_page(self._run_status, self._commands, stop, viewer, self._listener) as address:

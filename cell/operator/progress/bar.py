@@ -1,4 +1,4 @@
-"""How far long work is: a bar on a terminal, plain lines now and then elsewhere."""
+"""Progress of long work: a bar on a terminal, plain lines at intervals on any other stream."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ __all__ = ["ProgressBar"]
 
 WIDTH = 24
 EVERY_S = 15.0
-"""Plain lines come no more often [s]."""
-KNOWN = 3
-"""From so many on, the time that they took says something about those to come."""
+"""Least time between two plain lines [s]."""
+MIN_DONE = 3
+"""The time left is estimated once this many items are done."""
 
 
 class ProgressBar:
-    """Shows `done` of `total`, a remark and the time left. No stream, or one that is gone, never hinders."""
+    """Shows `done` of `total`, a remark and the time left. Never raises if the stream is missing or closed."""
 
     def __init__(self, stream: TextIO | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
         self._clock = clock
         self._terminal = stream is not None and stream.isatty()
         self._began = clock()
-        self._told = self._began
+        self._last_line = self._began
         self._shown = False
 
     def update(self, done: int, total: int, remark: str = "") -> None:
-        """So many of so many are done; total may change."""
+        """Show that `done` of `total` items are done; `total` may change."""
         now = self._clock()
         text = f"{done}/{total}  {remark}{self._left(now, done, total)}"
         if self._terminal:
@@ -36,28 +36,28 @@ class ProgressBar:
             line = f"[{'#' * full}{'.' * (WIDTH - full)}] {text}"[: shutil.get_terminal_size().columns - 1]
             self._write(f"\r{line}\x1b[K")
             self._shown = True
-        elif now - self._told >= EVERY_S:
-            self._told = now
+        elif now - self._last_line >= EVERY_S:
+            self._last_line = now
             self._write(text + "\n")
 
     def restart(self) -> None:
-        """Other work begins: the time left counts from now."""
+        """Begin other work: the time left is estimated from now on."""
         self.clear()
-        self._began = self._told = self._clock()
+        self._began = self._last_line = self._clock()
 
     def line(self, text: str) -> None:
-        """A line that stays; the bar goes on below it."""
+        """Write a line that stays; the bar continues below it."""
         self.clear()
         self._write(text + "\n")
 
     def clear(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._shown:
             self._write("\r\x1b[K")
             self._shown = False
 
     def _left(self, now: float, done: int, total: int) -> str:
-        if done < KNOWN or done >= total:
+        if done < MIN_DONE or done >= total:
             return ""
         seconds = round((now - self._began) / done * (total - done))
         minutes = f"{seconds // 60} min " if seconds >= 60 else ""

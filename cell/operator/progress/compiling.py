@@ -1,4 +1,4 @@
-"""Says that code is being compiled: the first use after an installation waits for it without another sign."""
+"""Reports that code is being compiled: the first use after an installation waits for it without other output."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ PARTS = {
     "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
-"""By package, with the rooms in it. What is compiled elsewhere takes a second."""
+"""Message for each package and its subpackages. Code of other packages compiles in about a second."""
 
 
 @contextmanager
 def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
-    """`say` gets a line when a part begins to compile; none when it comes from the compile cache."""
+    """Call `say` with a line when a package begins to compile; code from the compile cache gives no line."""
     with install_listener("numba:compile", _Listener(say)):
         yield
 

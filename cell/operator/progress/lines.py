@@ -1,4 +1,4 @@
-"""Progress as plain lines: cell time, state, and what failed. An observer of the runner."""
+"""Progress as plain lines: cell time, state and failures. An observer of the runner."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ __all__ = ["ProgressLines"]
 
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r) or end the run (q)",
-    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it so (s) or end the run (q)",
-    State.ASKING: "with the garment as it was before this fold try again (r), leave this fold out (s)"
+    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it as it is (s)"
+    " or end the run (q)",
+    State.ASKING: "lay the garment as it was before this fold and try again (r), skip this fold (s)"
     " or end the run (q)",
     State.PAUSED: "resume (c) or end the run (q)",
 }
 
 
 class ProgressLines:
-    """One line a state, one more for a failure, a bar for long computing; nothing without a stream. A terminal
-    that is gone never hinders the run."""
+    """One line for each state and each failure, and a bar for long computations. Prints nothing without a stream;
+    a closed terminal does not affect the run."""
 
     def __init__(self, stream: TextIO | None) -> None:
         self._bar = ProgressBar(stream)
@@ -38,9 +39,9 @@ class ProgressLines:
             self._bar.line(f"{t:8.1f} s    {failure}")
 
     def computing(self, done: int, total: int, remark: str) -> None:
-        """How far the state's long computing is."""
+        """Progress of a long computation."""
         self._bar.update(done, total, remark)
 
     def note(self, text: str) -> None:
-        """What happens within a state."""
+        """A message within a state."""
         self._bar.line(f"{'':12}{text}")

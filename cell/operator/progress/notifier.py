@@ -1,4 +1,4 @@
-"""Who follows a run, at the terminal and at the operator's page, and what they are told within a state."""
+"""Sends the messages of a run to its followers: the terminal and the operator's page."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ __all__ = ["Notifier", "say"]
 
 
 def say(text: str) -> None:
-    """To the person who typed the command, whatever was asked to be printed."""
+    """Print to standard error, where it never mixes with JSON output."""
     print(text, file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True)
 class Notifier:
-    """lines: of the terminal. board: what the page shows, also where none is open. quiet: no lines are printed.
-    typed: whether answers may be typed."""
+    """lines: for the terminal. run_status: for the page, whether or not one is open. quiet: no lines are printed.
+    typed: whether answers can be typed."""
 
     lines: ProgressLines
     run_status: RunStatus
@@ -31,18 +31,18 @@ class Notifier:
         return self.lines, self.run_status
 
     def note(self, text: str) -> None:
-        """What happens within a state."""
+        """A message within a state."""
         for watcher in self.watching:
             watcher.note(text)
 
     def computing(self, done: int, total: int, remark: str) -> None:
-        """How far the state's long computing is."""
+        """Progress of a long computation."""
         for watcher in self.watching:
             watcher.computing(done, total, remark)
 
     def ask(self, what: str | None) -> None:
-        """For something that the robot cannot do itself; None: it is not asked for any more."""
+        """Ask the person for something that the robot cannot do; None: nothing is asked any more."""
         self.run_status.ask(what)
         if what is not None:
-            told = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
-            say(told) if self.quiet else self.lines.note(told)
+            text = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
+            say(text) if self.quiet else self.lines.note(text)

@@ -1,6 +1,6 @@
-"""The operator at a terminal: letters typed become commands in the cell's one queue.
+"""The operator at a terminal: typed letters become commands in the cell's queue.
 
-The stop is not among them: it is out of band (Ctrl-C, or the button).
+The stop is not a typed command: it bypasses the queue (Ctrl-C, or the stop button).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ HELP = "  ".join(f"{key} {event.value}" for key, event in KEYS.items()) + "  Ctr
 
 
 class _Lines:
-    """What is typed into a source, read on a thread of its own, which never keeps the process alive. It is given
-    to whoever listens at that moment: the next run's operator follows the last one's."""
+    """Reads the lines typed into a source on a daemon thread and passes them to the present listener. There is one
+    reader for each source: the operator of the next run replaces that of the last one as its listener."""
 
     _of: ClassVar[WeakKeyDictionary[TextIO, _Lines]] = WeakKeyDictionary()
 
@@ -45,8 +45,8 @@ class _Lines:
     def of(cls, source: TextIO) -> _Lines:
         return cls._of.setdefault(source, cls(source))
 
-    def tell(self, operator: TerminalOperator) -> None:
-        """From now on; at once that it has ended, if it has."""
+    def listen(self, operator: TerminalOperator) -> None:
+        """Pass lines to `operator` from now on. If the source has ended, report that at once."""
         with self._lock:
             self._listener, begin, ended = operator, self.thread.ident is None, self._ended
         if begin:
@@ -55,7 +55,7 @@ class _Lines:
             operator.left()
 
     def _read(self, source: TextIO) -> None:
-        with suppress(OSError, ValueError):  # closed under our feet
+        with suppress(OSError, ValueError):  # the source was closed
             for line in source:
                 with self._lock:
                     listener = self._listener
@@ -68,10 +68,10 @@ class _Lines:
 
 
 class TerminalOperator:
-    """Takes the lines that are typed into `source` from when it starts until another one does.
+    """Turns lines typed into `source` into commands, from `start` until another operator starts.
 
-    When the source ends (the terminal was closed) nobody is left to answer: the run is told to end, unless
-    somebody sits elsewhere (`alone` is false).
+    If the source ends (the terminal was closed), nobody is left to answer and the command queue is closed, unless
+    there is another operator (`alone` is false).
     """
 
     def __init__(
@@ -82,39 +82,39 @@ class TerminalOperator:
         alone: bool = True,
         may: Callable[[], Set[Event]] = lambda: OPERATOR_EVENTS,
     ) -> None:
-        """may: what can be said at this moment."""
+        """answers: stream for answers to the operator; may: returns the commands that are possible now."""
         self._commands, self._alone, self._may = commands, alone, may
-        self._hints = alone or source.isatty()  # beside the page, to somebody who can type
+        self._hints = alone or source.isatty()  # with a page: only if somebody can type here
         self._lines = _Lines.of(source)
         self._answers = answers
 
     def start(self) -> None:
         if self._hints:
             self._say(f"keys (then Enter): {HELP}")
-        self._lines.tell(self)
+        self._lines.listen(self)
 
     def join(self, timeout: float | None = None) -> None:
         """Wait until the source has ended."""
         self._lines.thread.join(timeout)
 
     def left(self) -> None:
-        """The source has ended."""
+        """Called when the source has ended."""
         if self._alone:
             self._commands.close()
 
     def take(self, word: str) -> None:
-        """A line that was typed."""
+        """Handle a typed line."""
         if not word:
             return
         event = KEYS.get(word) or next((e for e in KEYS.values() if e.value == word), None)
         if event is None:
-            self._say(f"'{word}' is no command; there are: {HELP}")
+            self._say(f"'{word}' is no command; the commands are: {HELP}")
             return
         if event not in self._may():
-            self._say(f"  {event.value}: that cannot be said now")
+            self._say(f"  {event.value}: this command is not possible now")
             return
         self._commands.put(event)
-        self._say(f"  {event.value}: noted")
+        self._say(f"  {event.value}: accepted")
 
     def _say(self, text: str) -> None:
         with suppress(OSError, ValueError):
@@ -122,20 +122,21 @@ class TerminalOperator:
 
 
 def check_terminal(source: TextIO | None) -> None:
-    """Raises ConfigurationError where nobody could answer: no input, or a terminal in whose background this is."""
+    """Raises ConfigurationError if nobody can answer: there is no input, or this process runs in the background of
+    its terminal."""
     if source is None:
         raise ConfigurationError("nobody can answer: there is no terminal", "use the operator's page: supervise")
     with suppress(OSError, ValueError):
         if source.isatty() and not in_foreground(source):
             raise ConfigurationError(
-                "nobody can answer: this runs in the terminal's background",
+                "nobody can answer: this process runs in the terminal's background",
                 "start it in the foreground, or use the operator's page: supervise",
             )
 
 
 def in_foreground(source: TextIO | None) -> bool:
-    """Whether somebody can type into `source`: a terminal whose foreground this process is. Reading it from the
-    background would suspend the process, motions, page and all."""
+    """Whether somebody can type into `source`: it is a terminal and this process is in its foreground. Reading it
+    from the background would suspend the whole process, motions and page included."""
     try:
         return source is not None and source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp()
     except (OSError, ValueError):

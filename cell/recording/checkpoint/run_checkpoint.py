@@ -1,8 +1,9 @@
-"""What a run believes, put down after each effect: what it goes on from when it is interrupted.
+"""The checkpoint: a run's context, written after each effect so that an interrupted run can be resumed from it.
 
-A folder with one file `context`, written whole: a line of JSON that says what it is, then the context as a pickle
-of which only values of this program and arrays can come back. Large arrays stand beside it, each once under the
-hash of what is in it; pictures in the run's own store (cell/recording/frame_store.py).
+A checkpoint is a folder with one file `context`, which is always written as a whole. Its first line is JSON with
+version, schema and hash. The rest is a pickle of the context; reading it creates only values of this program and
+arrays. Each large array has a file of its own beside it, named by the hash of its content. Pictures are kept in
+the run's frame store (cell/recording/frame_store.py).
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ from skills.perception.inspection.result import Inspection
 __all__ = ["CHECKPOINT", "has_checkpoint", "read_checkpoint", "write_checkpoint"]
 
 CHECKPOINT, CONTEXT = "checkpoint", "context"
-"""Folder and file, in a run's folder, of what the run believed."""
+"""Names of the checkpoint's folder in a run's folder, and of its file."""
 
 SCHEMA = 3
 LARGE = 2**16
-"""Arrays of so many bytes have files of their own: most stay the same from effect to effect."""
+"""Arrays of at least this size have files of their own: most do not change from effect to effect [bytes]."""
 _OURS = ("cell.", "robots.", "skills.")
 _ARRAYS = frozenset(
     {
@@ -49,32 +50,34 @@ _ARRAYS = frozenset(
         ("numpy._core.numeric", "_frombuffer"),
     }
 )
-"""What numpy's arrays are made of in a pickle."""
+"""The functions and types that a pickle of a numpy array refers to."""
 
 
 def has_checkpoint(run: Path) -> bool:
-    """Whether the run with this folder has put down what it believed."""
+    """Whether the run with this folder has a checkpoint."""
     return (run / CHECKPOINT / CONTEXT).is_file()
 
 
 def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
-    """Put the context down; on disk when the call returns. Raises StorageError."""
+    """Write the context; it is on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
     try:
         folder.mkdir(exist_ok=True)
         _Pickler(stream, folder, frames).dump(context)
     except OSError as e:
-        raise StorageError(f"{folder} cannot be made: {e.strerror}", "make room", path=str(folder)) from e
+        raise StorageError(
+            f"{folder} cannot be created: {e.strerror}", "free some disk space", path=str(folder)
+        ) from e
     except (pickle.PicklingError, TypeError, AttributeError) as e:
-        raise InternalError(f"a value of the context cannot be put down: {e}") from e
+        raise InternalError(f"a value of the context cannot be written: {e}") from e
     body = stream.getvalue()
     head = {"foldcell": metadata.version("foldcell"), "schema": _schema(), "sha256": _hash(body)}
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
 def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
-    """The context as it was put down. Raises StorageError for a file or picture that is missing or damaged,
-    ConfigurationError for one of another version of this program."""
+    """Read the context. Raises StorageError if a file or picture is missing or damaged, ConfigurationError if
+    another version of this program wrote it."""
     path = folder / CONTEXT
     try:
         head_line, _, body = path.read_bytes().partition(b"\n")
@@ -84,24 +87,24 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
         raise _damaged(path, e) from None
     if (version, schema) != (metadata.version("foldcell"), _schema()):
         raise ConfigurationError(
-            f"{path} was written by another foldcell (that was {version}, this is {metadata.version('foldcell')})",
-            "go on with the version that began the run, or start a new one",
+            f"{path} was written by another foldcell (version {version}, this is {metadata.version('foldcell')})",
+            "resume with the version that began the run, or start a new run",
         )
     if digest != _hash(body):
-        raise _damaged(path, "its hash is another")
+        raise _damaged(path, "its hash does not match")
     try:
         context = _Unpickler(io.BytesIO(body), folder, frames).load()
     except StorageError:
         raise
-    except Exception as e:  # whatever a pickle can raise
+    except Exception as e:  # a damaged pickle can raise anything
         raise _damaged(path, e) from e
     if not isinstance(context, RunContext):
-        raise _damaged(path, "it holds something else")
+        raise _damaged(path, "it does not contain a run's context")
     return context
 
 
 def _schema() -> str:
-    """Of what a context is made of: a checkout can change without its version."""
+    """Schema number and hash of all field names: fields of a checkout can change while its version does not."""
     kinds = (RunContext, Sight, Recognition, Plan, FoldContext, Attempt, PressPlan, StepNote, Inspection)
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
@@ -128,7 +131,7 @@ class _Pickler(pickle.Pickler):
         return None
 
     def reducer_override(self, obj: Any) -> Any:
-        # some Pythons (3.11.0 to 3.11.3) put an Enum's member down as getattr(...), which nobody may call here
+        # Python 3.11.0 to 3.11.3 pickle an Enum member as a call of getattr, which _Unpickler refuses
         return (type(obj), (obj.value,)) if isinstance(obj, Enum) else NotImplemented
 
     def _put(self, array: NDArray[Any]) -> str:
@@ -146,12 +149,12 @@ def _array_path(folder: Path, name: str) -> Path:
 
 
 def _is_value(kind: type) -> bool:
-    """Skills touch nothing but values; of the other rooms only plain values are taken."""
+    """Any type of the skills, which are pure functions; of other packages only dataclasses and enums."""
     return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
 
 
 class _Unpickler(pickle.Unpickler):
-    """A pickle can call anything; this one only makes our own values and arrays."""
+    """A pickle can call any function. This unpickler creates only values of this program and arrays."""
 
     def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
         super().__init__(stream)
@@ -163,7 +166,7 @@ class _Unpickler(pickle.Unpickler):
             return self._frames.get(name)
         content = _array_path(self._folder, name).read_bytes()
         if _hash(content) != name:
-            raise pickle.UnpicklingError(f"the hash of its array {name} is another")
+            raise pickle.UnpicklingError(f"the hash of its array {name} does not match")
         return frozen(np.load(io.BytesIO(content), allow_pickle=False))
 
     def find_class(self, module: str, name: str) -> Any:
@@ -173,4 +176,4 @@ class _Unpickler(pickle.Unpickler):
             found = getattr(importlib.import_module(module), name)
             if isinstance(found, type) and _is_value(found):
                 return found
-        raise pickle.UnpicklingError(f"it names {module}.{name}")
+        raise pickle.UnpicklingError(f"it refers to {module}.{name}, which is not allowed")

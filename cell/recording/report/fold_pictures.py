@@ -1,7 +1,7 @@
-"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table, tool paths in green, a strip of frames.
+"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table and tool paths in green.
 
-A small software renderer (a z-buffer with smooth shading and a soft shadow), so that a report can be made
-where there is no graphics driver, and looks the same everywhere.
+This is a small software renderer (z-buffer, smooth shading, soft shadow). It needs no graphics driver and draws
+the same picture on every machine.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 @dataclass(frozen=True, eq=False)
 class KeyFrame:
-    """One moment of a fold. vertices: (n, 3) table frame; tools: where the tool centre points are, (3,)."""
+    """One moment of a fold. vertices: (n, 3); tools: the tool centre points (3,). Table frame [m]."""
 
     vertices: Array
     tools: Mapping[Side, Array] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pinhole camera of W x H pixels at `eye` that looks at `target` (3,), table frame, z up."""
+    """A pinhole camera of width x height pixels at `eye` (3,) that looks at `target` (3,); table frame, z up."""
 
     eye: Array
     target: Array
@@ -72,7 +72,7 @@ class View:
 
     @classmethod
     def around(cls, points: Array, width: int, height: int, margin: float = 0.08) -> View:
-        """From the front left, so near that all of `points` (n, 3) just fit."""
+        """A view from the front left that `points` (n, 3) fill, up to `margin` (fraction of the picture)."""
         low, high = points.min(axis=0), points.max(axis=0)
         target = (low + high) / 2.0
         eye = target + np.array([0.85, 0.75, 0.95]) * 1.35 * max(0.3, float(np.linalg.norm(high - low)))
@@ -95,7 +95,7 @@ def draw_frame(
     table: Table | None = None,
     arcs: Sequence[Array] = (),
 ) -> Picture:
-    """One picture (H, W, 3). triangles: (m, 3). arcs: tool paths (k, 3), drawn over everything."""
+    """One picture (H, W, 3). triangles: (m, 3). arcs: tool paths (k, 3), drawn on top."""
     big = view.scaled(SUPERSAMPLE)
     canvas = np.empty((big.height, big.width, 3), dtype=np.float64)
     canvas[:] = FLOOR_COLOUR if table is not None else (255, 255, 255)
@@ -120,18 +120,18 @@ def fold_strip(
     table: Table | None = None,
     size: tuple[int, int] = (300, 230),
 ) -> list[Picture]:
-    """One picture per frame, all from one view that fits the whole movement. size: width, height [px]."""
+    """One picture per frame, all from one view that shows the whole motion. size: width, height [px]."""
     if not frames:
         return []
-    seen = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
+    points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
     above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
-    seen += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
-    view = View.around(np.vstack(seen), *size)
+    points += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
+    view = View.around(np.vstack(points), *size)
     return [draw_frame(f, triangles, view, table, arcs) for f in frames]
 
 
 def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6) -> Picture:
-    """Pictures of one size side by side (H, W, 3), captions below them."""
+    """Pictures of one size side by side (H, W, 3), with captions below. gap [px]."""
     height, width = pictures[0].shape[:2]
     foot = 26 if any(captions) else 0
     out = np.full((height + foot, len(pictures) * (width + gap) - gap, 3), 255, dtype=np.uint8)
@@ -144,12 +144,12 @@ def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6
 
 
 def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
-    """Silhouette from above: outer contours [(k, 2), ...] in the table frame, the largest first."""
+    """Silhouette from above: outer contours [(k, 2), ...] in the table frame [m], the largest first."""
     low = vertices[:, :2].min(axis=0) - 5 * OUTLINE_PIXEL
     size = np.ceil((vertices[:, :2].max(axis=0) - low) / OUTLINE_PIXEL).astype(int) + 6
     mask = np.zeros((int(size[1]), int(size[0])), dtype=np.uint8)
     pixels = np.round((vertices[:, :2] - low) / OUTLINE_PIXEL).astype(np.int32)
-    for triangle in pixels[triangles]:  # fillPoly with all at once would cut overlaps out of each other
+    for triangle in pixels[triangles]:  # one fillPoly call for all would leave overlaps unfilled
         cv2.fillConvexPoly(mask, triangle, 255)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     smooth = [cv2.approxPolyDP(c, 1.0, True)[:, 0, :] for c in sorted(contours, key=cv2.contourArea, reverse=True)]
@@ -157,7 +157,7 @@ def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
 
 
 def _table(canvas: NDArray, view: View, table: Table) -> None:
-    """The table's top, cut at the plane through the eye's near side so that it always projects."""
+    """Draw the table's top without the part that is too close to the eye, or behind it, to be projected."""
     x, y = np.linspace(*table.x, 40), np.linspace(*table.y, 40)
     rim = np.vstack([
         np.column_stack([x, np.full(40, table.y[0])]), np.column_stack([np.full(40, table.x[1]), y]),
@@ -170,7 +170,7 @@ def _table(canvas: NDArray, view: View, table: Table) -> None:
 
 
 def _shadow(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.integer]) -> None:
-    """The garment along the light onto z = 0, blurred, as a darker table."""
+    """Darken the table by the garment's blurred projection along the light onto z = 0."""
     reach = vertices[:, 2:].clip(min=0.0) / LIGHT[2]
     p = view.project(np.column_stack([vertices[:, :2] - reach * LIGHT[:2], np.zeros(len(vertices))]))
     mask = np.zeros(canvas.shape[:2], dtype=np.uint8)
@@ -259,7 +259,7 @@ def _dot(
 
 
 def _tool(picture: Picture, view: View, point: Array) -> None:
-    """Two fingers that hold `point` (3,), as one stroke with a light rim."""
+    """Draw the fingers that hold `point` (3,) as one stroke with a light rim."""
     stroke = np.vstack([point, np.asarray(point) + np.array([0.0, 0.0, TOOL_LENGTH])])
     _line(picture, view, stroke, (250, 250, 250), 9 * SUPERSAMPLE)
     _line(picture, view, stroke, TOOL, 6 * SUPERSAMPLE)

@@ -1,4 +1,4 @@
-"""What the depth camera saw of a garment, as pictures: heights over the table in colour."""
+"""Height maps: the garment's heights over the table, as the depth camera measured them, in colour."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["height_maps"]
 Picture = NDArray[np.uint8]
 
 MARGIN = 12
-"""Pixels of the view around the garment."""
+"""Margin around the garment [px]."""
 WIDTH = 420
-"""Of the pictures, at least [px]."""
+"""Least width of a picture [px]."""
 PAPER = 250
 
 
 def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
-    """One (H, W, 3) RGB picture a look, all of the same part of the table and in the same colours: blue at the
-    table, red at the highest place of all."""
+    """One (H, W, 3) RGB picture for each look. All show the same part of the table in the same colour scale, from
+    blue at the table to red at the highest point of all looks."""
     rows, columns = np.nonzero(np.logical_or.reduce([look.mask for look in looks]))
     part = (
         slice(max(int(rows.min()) - MARGIN, 0), int(rows.max()) + MARGIN),

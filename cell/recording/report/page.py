@@ -1,7 +1,7 @@
-"""One page for one run: what was folded, how, how well, and what went wrong on the way.
+"""The report of one run as an HTML page: garment, folds, score, failures and times.
 
-The page is one file: pictures are inlined, drawings are SVG, nothing is fetched. It reads in light and in
-dark, and prints.
+The page is one file: pictures are inlined, drawings are SVG, and nothing is fetched. It has a light and a dark
+theme and can be printed.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from robots.ports import Array
 __all__ = ["Picture", "RunRecord", "ScoreRow", "StepRecord", "TimelineItem", "write_report"]
 
 PICTURE_WIDTH = 640
-"""Wider pictures are scaled down to this [px]."""
+"""Wider pictures are scaled down to this width [px]."""
 JPEG_QUALITY = 82
 RULER = 14
-"""Room for the scale under a drawing [px]."""
+"""Height of the scale bar under a drawing [px]."""
 RESULTS = {"folded": "Folded", "not_folded": "Not folded", "fault": "Fault"}
 
 
@@ -44,7 +44,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ScoreRow:
-    """One figure against its threshold. at_least: larger is better. unit: 'm', 'rad' or '' for a plain number."""
+    """One figure and its threshold. at_least: larger is better. unit: 'm', 'rad' or '' for a plain number."""
 
     name: str
     value: float
@@ -59,7 +59,7 @@ class ScoreRow:
 
 @dataclass(frozen=True)
 class TimelineItem:
-    """Something that went wrong or was done about it. level: 'failure', 'recovery', 'operator' or 'note'."""
+    """A failure, a recovery or a command. level: 'failure', 'recovery', 'operator' or 'note'."""
 
     t: float
     level: str
@@ -69,11 +69,11 @@ class TimelineItem:
 
 @dataclass(frozen=True, eq=False)
 class StepRecord:
-    """One fold. Outlines are contours (k, 2) in the table frame; what nobody knows stays None or empty.
+    """One fold. Outlines are contours (k, 2) in the table frame [m]. Unknown values are None or empty.
 
-    source: 'library' or 'optimised'. dissimilarity_m: D, predicted by the simulation. residual_m: of what
-    was observed against the prediction, per figure name [m]. aligned_iou, observed_iou: of what was seen with the
-    prediction, aligned and where it lies. duration_s: of the arms' motion with the garment, pauses left out.
+    source: 'library' or 'optimised'. dissimilarity_m: D, predicted by the simulation. aligned_iou, observed_iou:
+    overlap of the observed and the predicted silhouette, after alignment and without it. duration_s: of the arms'
+    motion with the garment, without pauses.
     """
 
     name: str
@@ -89,33 +89,33 @@ class StepRecord:
     accepted: bool | None = None
     key_frames: tuple[Picture, ...] = ()
     key_frames_note: str = ""
-    """What the key frames were made from, e.g. 'camera' or 'recorded garment (simulation)'."""
+    """Source of the key frames, e.g. 'camera' or 'recorded garment (simulation)'."""
     target: tuple[Array, ...] = ()
     predicted: tuple[Array, ...] = ()
     observed: tuple[Array, ...] = ()
     height_m: float | None = None
-    """How high the camera saw the stack stand."""
+    """Observed height of the stack."""
     pressed_from_m: tuple[float, ...] = ()
-    """How high it stood each time before it was pressed."""
+    """Height of the stack before each time it was pressed."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """All that the page shows. Times in seconds: robot_time_s on the cell's clock, wall_time_s on the wall's."""
+    """The content of the page. Times [s]: robot_time_s on the cell's clock, wall_time_s on the wall clock."""
 
     run_id: str
     garment: str
     result: str
     """'folded', 'not_folded' or 'fault'."""
     state: State | None = None
-    """In which the machine ended; None: no chart is shown."""
+    """The state in which the run ended; None: no chart is shown."""
     seed: int | None = None
     driver: str = "sim"
     simulated: bool = True
     world: str = ""
     title: str = ""
     reason: str = ""
-    """Why it was not folded; empty when it was."""
+    """Why the garment was not folded; empty if it was."""
     hint: str = ""
     started: str = ""
     robot_time_s: float | None = None
@@ -126,7 +126,7 @@ class RunRecord:
     timeline: tuple[TimelineItem, ...] = ()
     score: tuple[ScoreRow, ...] = ()
     pictures: tuple[Picture, ...] = ()
-    """Before, recognised, after: what belongs to the run as a whole."""
+    """Pictures of the whole run: the empty table, the recognised garment, the last picture."""
     versions: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     recording: str = ""
@@ -135,8 +135,8 @@ class RunRecord:
 
 
 def write_report(path: Path, run: RunRecord) -> Path:
-    """Write the page. Raises StorageError when the file cannot be written; never leaves half of one."""
-    write_whole(path, render(run), "make room, or make the run's folder writable")
+    """Write the page as a whole and return its path. Raises StorageError if the file cannot be written."""
+    write_whole(path, render(run), "free some disk space, or make the run's folder writable")
     return path
 
 
@@ -163,7 +163,7 @@ def render(run: RunRecord) -> str:
 
 
 def data_uri(rgb: NDArray[np.uint8]) -> str:
-    """A picture as a data URI: photographs as JPEG."""
+    """A picture (H, W, 3) as a data URI with a JPEG."""
     if rgb.shape[1] > PICTURE_WIDTH:
         size = (PICTURE_WIDTH, round(rgb.shape[0] * PICTURE_WIDTH / rgb.shape[1]))
         rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -175,7 +175,7 @@ def data_uri(rgb: NDArray[np.uint8]) -> str:
 
 
 def length(metres: float | None) -> str:
-    """'12.3 mm'; a dash when it is not known."""
+    """'12.3 mm'; a dash for an unknown value."""
     if metres is None or not np.isfinite(metres):
         return "–"
     return f"{metres * 1000.0:.1f} mm"
@@ -191,7 +191,7 @@ def seconds(s: float | None) -> str:
 
 
 def quantity(value: float | None, unit: str = "") -> str:
-    """A figure in the unit that a person reads."""
+    """A figure as text: metres in mm, radians in degrees."""
     if value is None or not np.isfinite(value):
         return "–"
     if unit == "m":
@@ -217,12 +217,12 @@ FIGURES = {
 
 
 def figure_name(name: str) -> str:
-    """A figure of the score in words."""
+    """Label of a figure of the score."""
     return FIGURES.get(name, words(name))
 
 
 def stages(run: RunRecord) -> list[dict[str, Any]]:
-    """Rows of the table of times, in the order given, with the share of the longest for the bar."""
+    """Rows of the table of times, in the order given. share: bar length in percent of the longest time."""
     names = [*run.stage_times_s, *(n for n in run.stage_wall_times_s if n not in run.stage_times_s)]
     longest = max([*run.stage_times_s.values(), 1e-9])
     return [
@@ -237,7 +237,7 @@ def stages(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested settings as dotted keys and texts."""
+    """Nested settings as pairs of a dotted key and a text."""
     rows: list[tuple[str, str]] = []
     for key, value in settings.items():
         name = f"{prefix}{key}"
@@ -251,7 +251,7 @@ def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, st
 
 
 def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
-    """Target, predicted and observed outline as SVG, seen from above as the robot sees it: far is up."""
+    """Target, predicted and observed outline as SVG, from above: away from the robot is up. width [px]."""
     layers = (("target", step.target), ("predicted", step.predicted), ("observed", step.observed))
     points = [np.asarray(c, dtype=float) for _, outlines in layers for c in outlines if len(c)]
     if not points:
@@ -278,6 +278,6 @@ def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
 
 
 def _path(contour: Array, low: Array, high: Array, scale: float) -> str:
-    """A closed contour (k, 2); table x is up, table y is to the left."""
+    """SVG path of a closed contour (k, 2); table x points up, table y to the left."""
     u, v = (high[1] - contour[:, 1]) * scale, (high[0] - contour[:, 0]) * scale
     return "M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in zip(u, v, strict=True)) + " Z"

@@ -1,4 +1,4 @@
-"""What a run's recording and transcript lack, in words for the terminal and the report."""
+"""Losses of a run's recording and transcript, as text for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ __all__ = ["recording_losses"]
 
 
 def recording_losses(recording: Mapping[str, Any]) -> tuple[str, ...]:
-    """recording: as in a run's result. Empty where all was kept; what a live viewer missed is in the file."""
+    """Lines about lost entries; empty if nothing was lost. recording: as in a run's result.
+
+    Entries that only a live viewer missed are in the file and do not count.
+    """
     lines = [str(error) for error in recording.get("errors") or ()]
     dropped = recording.get("dropped") or 0
     if dropped:
-        lines.append(f"{dropped} entries of the recording: they came faster than they could be written")
+        lines.append(f"{dropped} entries of the recording, which arrived faster than they could be written")
     return tuple(lines)

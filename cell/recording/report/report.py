@@ -1,4 +1,4 @@
-"""From what a run left behind to the page that a person reads (cell/recording/report/page.py lays it out)."""
+"""Makes a run's report from its end, its result and its recorded frames (layout: page.py)."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from skills.vocabulary import GraspTrajectory
 __all__ = ["TrueFrame", "report"]
 
 TrueFrame = tuple[float, Array, Mapping[Side, Array]]
-"""(cell time, vertices, tool positions) of a simulated garment: for pictures only."""
+"""(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment: for pictures only."""
 
 LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
 UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
 KEY_FRAMES = 6
 BREAK_S = 3.0
-"""Frames of the held garment that are further apart in time belong to different holds."""
+"""Frames of the held garment that are further apart in time belong to different holds [s]."""
 
 
 def report(
@@ -39,12 +39,14 @@ def report(
     request: FoldRequest,
     end: RunEnd,
     result: FoldResult,
-    remarks: Sequence[RunEvent],
+    events: Sequence[RunEvent],
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
 ) -> Path:
-    """Write `report.html`, `fold.png` and, where hands pressed, `pressing.png` into the run's folder. Raises
-    StorageError when the page cannot be."""
+    """Write `report.html`, `fold.png` and, if a fold was pressed, `pressing.png` into the run's folder.
+
+    Returns the page's path. Raises StorageError if the page cannot be written.
+    """
     context = end.context
     notes = context.notes()
     steps = [
@@ -70,7 +72,7 @@ def report(
         wall_time_s=result.wall_time_s,
         steps=tuple(steps),
         stage_times_s=result.stage_times_s,
-        timeline=tuple(_timeline(end, result, remarks)),
+        timeline=tuple(_timeline(end, result, events)),
         score=tuple(_score(result.score)),
         pictures=tuple(_pictures(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
@@ -83,15 +85,15 @@ def report(
     return write_report(folder / "report.html", record)
 
 
-def _timeline(end: RunEnd, result: FoldResult, remarks: Sequence[RunEvent]) -> Iterator[TimelineItem]:
-    if result.resumed_from:  # whose folds are shown with this run's own
-        yield TimelineItem(end.started, "operator", f"went on with {result.resumed_from}", "")
-    for r in remarks:
-        yield TimelineItem(r.t, LEVELS[r.kind], r.title, r.text)
+def _timeline(end: RunEnd, result: FoldResult, events: Sequence[RunEvent]) -> Iterator[TimelineItem]:
+    if result.resumed_from:  # the page shows the folds of that run too
+        yield TimelineItem(end.started, "operator", f"resumed {result.resumed_from}", "")
+    for event in events:
+        yield TimelineItem(event.t, LEVELS[event.kind], event.title, event.text)
 
 
 def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
-    """The key frames that were drawn (predicted, and of the simulated cell) as one picture, a row each."""
+    """Write the drawn key frames (predicted and simulated) as one picture, one row for each fold."""
     rows = []
     for step in steps:
         drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
@@ -105,7 +107,7 @@ def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
 
 
 def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
-    """What the last fold that was pressed looked like before and after."""
+    """Write the height maps of the last pressed fold, before and after pressing."""
     pictures = next(filter(None, (list(_pressings(note)) for note in reversed(notes))), None)
     if pictures:
         cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
@@ -155,17 +157,17 @@ def _step(
 
 
 def _pressings(note: StepNote) -> Iterator[Picture]:
-    """The heights that the camera saw before each pressing and after the last, if it was looked at then."""
+    """Height maps before each pressing and after the last one, if the fold was inspected after it."""
     if not note.pressed or note.inspected is None or note.inspected is note.pressed[-1]:
         return
     looks = (*note.pressed, note.inspected)
-    when = ["before"] * len(note.pressed) + ["after"]
-    for look, picture, told in zip(looks, height_maps(looks), when, strict=True):
-        yield Picture(picture, f"heights seen {told} pressing, {look.height_m * 1e3:.0f} mm")
+    times = ["before"] * len(note.pressed) + ["after"]
+    for look, picture, time in zip(looks, height_maps(looks), times, strict=True):
+        yield Picture(picture, f"heights seen {time} pressing, {look.height_m * 1e3:.0f} mm")
 
 
 def _refused(note: StepNote) -> Iterator[Picture]:
-    """The heights that the camera saw of a fold that was not accepted."""
+    """Height map of a fold that was not accepted."""
     if note.inspected is not None and not note.accepted:
         height = f", {note.height_m * 1e3:.0f} mm" if np.isfinite(note.height_m) else ""
         yield Picture(height_maps([note.inspected])[0], f"heights seen{height}")
@@ -179,7 +181,7 @@ def _arcs(trajectory: GraspTrajectory) -> list[Array]:
 
 
 def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
-    """The recorded frames of the hold in which the fold's pictures were taken: other holds were tried and lost."""
+    """The recorded frames of the hold in which the fold's pictures were taken; other holds failed."""
     holds: list[list[TrueFrame]] = []
     last = -np.inf
     for frame in frames:

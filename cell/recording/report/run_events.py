@@ -1,4 +1,4 @@
-"""An observer of the runner that keeps what went wrong and what was done about it, for the report."""
+"""An observer of the runner that collects failures, recoveries and commands for the report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["RunEvent", "RunEvents"]
 
 @dataclass(frozen=True)
 class RunEvent:
-    """kind: 'failure', 'recovery' or 'command'."""
+    """One event at cell time t [s]. kind: 'failure', 'recovery' or 'command'."""
 
     t: float
     kind: str
@@ -33,7 +33,7 @@ class RunEvents:
         failure = result.context.failure
         where = step.target.value.replace("_", " ")
         self.list += [
-            RunEvent(when, "command", what, f"on the way, while {where}") for when, what in result.within
+            RunEvent(t_command, "command", command, f"while {where}") for t_command, command in result.within
         ]
         if result.event in FAILING and failure is not None:
             kind = failure.kind.value.replace("_", " ")

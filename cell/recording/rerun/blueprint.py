@@ -1,4 +1,4 @@
-"""How the recording is laid out for an operator: the cell, what the camera sees, where the run stands."""
+"""The layout of the recording in the viewer: the cell, the camera's pictures, the state, series and log."""
 
 from __future__ import annotations
 

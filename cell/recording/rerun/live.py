@@ -1,8 +1,8 @@
-"""The live stream: a second recording stream on a thread of its own, which nobody waits for.
+"""The live stream: a second recording stream on a thread of its own, which never delays the run.
 
-It serves; it never connects. A stream that connects to a viewer holds up the end of the process for as
-long as the viewer hangs (for ever, if it accepts and is silent). Viewers connect here instead, whenever
-they like, and get what was kept for them.
+It is a server and never connects to a viewer: a stream that connects blocks the end of the process while the
+viewer hangs, for ever if the viewer accepts and stays silent. Viewers connect at any time and receive the entries
+that the server has kept for them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ __all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
 OnError = Callable[[BaseException], None]
 
 QUEUE = 400
-"""Entries that may wait for a slow viewer: about five seconds of a run."""
+"""Number of entries that may wait for a slow viewer: about five seconds of a run."""
 CLOSE_S = 2.0
 PORT = 9876
 MEMORY = "512MiB"
-"""What the server keeps for a viewer that comes late."""
+"""Memory that the server uses to keep entries for viewers that connect later."""
 
 
 class LiveStream:
-    """Feeds a viewer, drops what it does not take, counts that."""
+    """Serves entries to viewers; drops and counts the entries for which the queue is full."""
 
     def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
         host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
@@ -47,11 +47,11 @@ class LiveStream:
         self._pump.offer(entry, essential=entry.essential)
 
     def close(self) -> int:
-        """Number of entries that were dropped. Leaves a viewer that hangs behind after a moment."""
+        """Close the stream, waiting CLOSE_S at most; returns the number of dropped entries."""
         self._pump.close(CLOSE_S)
         return self._pump.dropped
 
-    # connecting, writing and leaving may each hang for seconds: all on the pump's thread
+    # on the pump's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
         stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
@@ -71,10 +71,11 @@ class LiveStream:
 
 
 def web_viewer() -> str | None:
-    """Serve Rerun's web viewer on a free port; its origin, or None where that fails: a run goes on without it.
+    """Serve Rerun's web viewer on a free port; returns its origin, or None if that fails.
 
-    It is the program alone and holds no data; it is served until this process ends, and on every interface: Rerun
-    has no way to bind it to one."""
+    The server holds the program only and no data. It runs until this process ends and listens on every interface:
+    Rerun cannot bind it to one.
+    """
     port = free_port(0)
     try:
         rr.serve_web_viewer(web_port=port, open_browser=False)
@@ -84,12 +85,12 @@ def web_viewer() -> str | None:
 
 
 def viewer_address(origin: str, live_url: str) -> str:
-    """Where a browser sees the stream `live_url` in the web viewer of this origin."""
+    """Address at which a browser shows the stream `live_url` in the web viewer of this origin."""
     return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
 
 
 def free_port(wanted: int = PORT) -> int:
-    """Rerun's usual port (or another one that is wanted) if nobody has it, else any."""
+    """The wanted port if it is free (by default Rerun's usual one), else any free port."""
     for port in (wanted, 0):
         with socket.socket() as s:
             try:

@@ -1,4 +1,4 @@
-"""The simulated tests of a fabric as Rerun recordings."""
+"""Rerun recordings of the simulated tests of a fabric."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HALF_TABLE = 0.75
 
 
 def record_shear(path: Path, test: ShearCalibration) -> None:
-    """The hung garment, the line that is measured as L1, and its elongation over time."""
+    """Record the hanging garment, the measured line L1, and its elongation over time. Raises StorageError."""
     stream = _begin(path, "hang test", "elongation")
     stream.log("elongation/measured", rr.SeriesLines(colors=[style.TARGET], names=["measured"]), static=True)
     for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):
@@ -40,7 +40,7 @@ def record_shear(path: Path, test: ShearCalibration) -> None:
 
 
 def record_friction(path: Path, test: FrictionCalibration) -> None:
-    """The table as it is lifted, and the garment as the friction is lowered until it slides."""
+    """Record the tilted table, and the garment as friction is lowered until it slides. Raises StorageError."""
     stream = _begin(path, "tilt test", "friction")
     plate = HALF_TABLE * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
@@ -56,7 +56,7 @@ def record_friction(path: Path, test: FrictionCalibration) -> None:
 
 
 def record_bending(path: Path, test: BendingCalibration) -> None:
-    """The strip that bends over the edge, and the plane of 41.5 degrees."""
+    """Record the strip that bends over the edge, and the plane of 41.5 degrees. Raises StorageError."""
     stream = _begin(path, "cantilever test", "angle")
     near = np.array([-test.behind, 0.0, 0.0])
     far = near + test.overhang * np.array([math.cos(test.plane), 0.0, -math.sin(test.plane)])

@@ -1,4 +1,4 @@
-"""An observer of the runner that feeds the Rerun view."""
+"""An observer of the runner that writes to the Rerun recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["RecorderObserver"]
 
 
 class RecorderObserver:
-    """States and transitions into the recording; failures with their hints."""
+    """Records states, transitions, and failures with their hints."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder

@@ -1,4 +1,4 @@
-"""A worker thread behind a bounded queue: who offers never waits, what does not fit is counted."""
+"""A worker thread with a bounded queue: callers never wait, and items that do not fit are dropped and counted."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ T = TypeVar("T")
 
 
 class Pump(Generic[T]):
-    """Takes items on any thread, works them off in order on its own.
+    """Accepts items on any thread and processes them in order on a thread of its own.
 
-    limit: the sum of the costs that may wait (items or bytes, as the caller counts). An item marked
-    essential is taken even when the queue is full: those are few and small, and without them (state
-    changes, the scene's fixed parts) the rest cannot be read. What `work` raises goes to `on_error`.
+    limit: the largest sum of the costs of waiting items (items or bytes, as the caller counts). An essential item
+    is accepted even if the queue is full: essential items (state changes, the scene's fixed parts) are few and
+    small, and the others cannot be shown without them. Exceptions of `work` go to `on_error`.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Pump(Generic[T]):
         self._thread.start()
 
     def offer(self, item: T, cost: float = 1.0, essential: bool = False) -> bool:
-        """Queue an item; False when it was dropped. Never blocks."""
+        """Queue an item; returns False if it was dropped. Never blocks."""
         with self._changed:
             if self._closing or (self._cost + cost > self._limit and not essential):
                 self.dropped += 1
@@ -53,7 +53,7 @@ class Pump(Generic[T]):
         return True
 
     def close(self, timeout: float) -> bool:
-        """Work off what waits, for `timeout` seconds at most; False when something was left (and counted)."""
+        """Process the waiting items for `timeout` seconds at most; returns False if some were dropped."""
         deadline = time.monotonic() + timeout
         with self._changed:
             self._closing = True
@@ -61,7 +61,7 @@ class Pump(Generic[T]):
         self._thread.join(max(0.0, deadline - time.monotonic()))
         if not self._thread.is_alive():
             return True
-        with self._changed:  # a daemon thread: it cannot hold up the end of the process
+        with self._changed:  # the thread is a daemon: it does not block the end of the process
             self.dropped += len(self._waiting)
             self._waiting.clear()
         return False
@@ -82,7 +82,7 @@ class Pump(Generic[T]):
         self._guard(self._finish)
 
     def _guard(self, function: Callable | None, *arguments: T) -> None:
-        """A worker that dies would lose all that follows: errors are told, and the work goes on."""
+        """Call `function` and report its exception: an exception must not end the thread."""
         if function is None:
             return
         try:

@@ -1,10 +1,10 @@
-"""The Rerun view of a run: a visitor of the runner that never raises into it and never delays it.
+"""The Rerun recording of a run. It never raises into the runner and never delays it.
 
-Each method hands a small job to the recorder's own thread and returns. That thread encodes (JPEG, PNG,
-normals, batches), writes the file, and offers the same entries to a second thread that feeds a live
-viewer. File and live are two streams with one recording id: a stream that serves both stalls the file
-when the viewer hangs (rerun #12620). The live queue drops when it is full; the file's is large enough
-for minutes, and both count what they drop.
+Each method passes a small job to the recorder's own thread and returns. That thread encodes (JPEG, PNG, normals,
+batches), writes the file, and offers the same entries to a second thread that serves live viewers. File and live
+view are two streams with one recording id: with one stream for both, a viewer that hangs would stall the file
+(rerun #12620). The live queue drops entries when it is full. The file's queue is large enough for minutes. Both
+count the dropped entries.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ FILE_QUEUE_BYTES = 512e6
 FILE_CLOSE_S = 60.0
 KEPT_ERRORS = 20
 HEARTBEAT = 1.0
-"""A state's lane ends at its last row, so the state is said again at least this often [s]."""
+"""The viewer ends a state at its last row, so the state is repeated at least this often [s]."""
 
 TRUTH_RATE = 15.0
-"""Pictures of the true garment a second [Hz]."""
+"""Rate at which the true garment is recorded [Hz]."""
 STILL = 2e-4
-"""Smaller movements of its vertices are not worth a picture [m]."""
+"""The true garment is not recorded again while its vertices have moved less than this [m]."""
 
 Job = Callable[[], Iterable[Entry]]
 
 
 class Seen(Protocol):
-    """What the recorder needs of a perception: the state, and which pixels are garment."""
+    """The parts of a perception that the recorder needs: the garment's state, and its mask."""
 
     @property
     def state(self) -> GarmentState: ...
@@ -66,8 +66,8 @@ class Seen(Protocol):
 
 @dataclass(frozen=True)
 class RecorderReport:
-    """What became of a recording. dropped: entries that the file lacks; live_dropped: that a viewer missed;
-    live_errors: what the live view met."""
+    """Losses of a recording. dropped: number of entries that the file lacks; live_dropped: number of entries that
+    the live view lacks; errors, live_errors: distinct error messages; error_count: number of all errors."""
 
     dropped: int = 0
     live_dropped: int = 0
@@ -81,7 +81,7 @@ class RecorderReport:
 
 
 class Recorder:
-    """Everything that a run shows. Times are seconds of the cell's clock; geometry is in the table frame."""
+    """Records a run. Times are in seconds of the cell's clock; geometry is in the table frame [m]."""
 
     def __init__(self, table: Table, robot: RobotVisual | None, truth: bool) -> None:
         self._table, self._truth_on = table, truth
@@ -94,7 +94,7 @@ class Recorder:
         self._pump: Pump[Job] | None = None
         self._live: LiveStream | None = None
         self._report: RecorderReport | None = None
-        # what the recorder's own thread knows
+        # used on the recorder's own thread only
         self._series = Series(None)
         self._calibration: CameraCalibration | None = None
         self._picture: tuple[int, int] | None = None
@@ -114,9 +114,9 @@ class Recorder:
     ) -> Recorder:
         """Begin the recording `path` (.rrd).
 
-        live: True serves viewers on 127.0.0.1 (`live_url` says where), 'HOST:PORT' elsewhere. truth: whether
-        `garment_truth` is kept. Does not raise: a recording that cannot be begun is reported by `close`, and
-        the run goes on without it.
+        live: True serves viewers on 127.0.0.1 (see `live_url`), 'HOST:PORT' on that address. truth: whether
+        `garment_truth` is recorded. Does not raise: if the recording cannot be begun, `close` reports the error
+        and the run goes on without it.
         """
         recorder = cls(table, robot, truth)
         try:
@@ -134,16 +134,16 @@ class Recorder:
 
     @classmethod
     def silent(cls) -> Recorder:
-        """One that keeps nothing: for tests, and where no recording is wanted."""
+        """A recorder that records nothing: for tests and for runs without a recording."""
         return cls(Table(0.0, (0.0, 1.0), (-0.5, 0.5)), None, truth=False)
 
     @property
     def live_url(self) -> str | None:
-        """Where a viewer can connect; None without a live stream."""
+        """Address to which a viewer can connect; None without a live stream."""
         return self._live.url if self._live else None
 
     def close(self) -> RecorderReport:
-        """Write what waits and end the streams. Returns what was lost; may be called twice."""
+        """Write the waiting entries and end the streams. Returns the losses; may be called twice."""
         if self._report is not None:
             return self._report
         dropped = live_dropped = 0
@@ -165,36 +165,36 @@ class Recorder:
         )
         return self._report
 
-    # what the runner calls
+    # called by the runner
 
     def state(self, t: float, state: str) -> None:
-        """The executive has entered `state`."""
+        """Record that the executive has entered `state`."""
         self._submit(partial(self._enter, t, str(state)), essential=True)
 
     def event(self, t: float, text: str, level: str = "INFO") -> None:
-        """A line of the log. level: DEBUG, INFO, WARN or ERROR."""
+        """Record a line of the log. level: DEBUG, INFO, WARN or ERROR."""
         self._submit(partial(scene.log_entries, t, text, level), essential=True)
 
     def camera(self, t: float, frame: CameraFrame, calibration: CameraCalibration) -> None:
         self._submit(partial(self._picture_entries, t, frame, calibration), frame.rgb.nbytes + frame.depth.nbytes)
 
     def perception(self, t: float, seen: Seen, overlay: NDArray | None = None) -> None:
-        """What was recognised. overlay: (H, W, 3) uint8, a picture of it for people; None: drawn here."""
+        """Record the recognised garment. overlay: (H, W, 3) uint8, a picture of it; None: drawn here."""
         self._submit(partial(self._perception_entries, t, seen, overlay), seen_cost(seen, overlay))
 
     def plan(self, t: float, step: FoldStep) -> None:
-        """The step that begins; clears what was drawn for the step before."""
+        """Record the step that begins; clears the drawings of the step before."""
         self._submit(partial(scene.plan_entries, t, step), essential=True)
 
     def arcs(self, t: float, arcs: Mapping[Side, Array], planned: bool = True) -> None:
-        """Tool paths (n, 3) of the arms: planned ones green."""
-        self._submit(partial(scene.arc_entries, t, _kept(arcs), planned), essential=True)
+        """Record tool paths (n, 3) of the arms, planned or driven."""
+        self._submit(partial(scene.arc_entries, t, _copied_arcs(arcs), planned), essential=True)
 
     def predicted(self, t: float, shape: PredictedShape) -> None:
         self._submit(partial(scene.predicted_entries, t, shape), shape.vertices.nbytes)
 
     def observed(self, t: float, points: Array) -> None:
-        """A contour (n, 2) or height points (n, 3) [m]."""
+        """Record an observed contour (n, 2) or height points (n, 3) [m]."""
         self._submit(partial(scene.observed_entries, t, _copy(points)), points.nbytes)
 
     def candidate(
@@ -205,13 +205,13 @@ class Recorder:
         own: tuple[float, float],
         best: tuple[float, float],
     ) -> None:
-        """One more simulated fold of an optimisation. arcs: (n, 3) of its arms; own, best: its dissimilarity D [m]
-        and cost C [m], and those of the best so far."""
-        entries = partial(scene.candidate_entries, t, simulations, _kept(arcs), own, best)
+        """Record a simulated fold of an optimisation. arcs: (n, 3) for each grasp; own, best: dissimilarity D [m]
+        and cost C [m] of this candidate and of the best so far."""
+        entries = partial(scene.candidate_entries, t, simulations, _copied_arcs(arcs), own, best)
         self._submit(entries, sum(arc.nbytes for arc in arcs.values()) + 200.0)
 
     def adapted(self, t: float, friction: float, learned: float) -> None:
-        """The friction that is believed after a fold, and the share of what was unsure that the fold told."""
+        """Record the friction estimate after a fold. learned: share (0..1) of the uncertainty that it removed."""
         self._submit(partial(scene.adapted_entries, t, friction, learned), essential=True)
 
     def joints(self, state: JointState) -> None:
@@ -224,7 +224,7 @@ class Recorder:
         self._submit(partial(self._series_entries, reading.stamp, self._series_of("tactile"), reading), 600.0)
 
     def garment_truth(self, t: float, vertices: Array, triangles: NDArray) -> None:
-        """Simulation only: the garment itself, (n, 3) and (m, 3), labelled as truth."""
+        """Record the simulated garment itself, labelled as truth. vertices (n, 3), triangles (m, 3)."""
         if self._truth_on:
             self._submit(partial(self._truth_entries, t, _copy(vertices), triangles), vertices.nbytes)
 
@@ -235,7 +235,7 @@ class Recorder:
             self._pump.offer(job, cost, essential)
 
     def _work(self, job: Job) -> None:
-        with catch_and_log_exceptions(strict=True):  # or Rerun would print its errors and go on
+        with catch_and_log_exceptions(strict=True):  # else Rerun only prints its errors
             for entry in job():
                 if self._file is not None:
                     entry.write(self._file)
@@ -261,7 +261,7 @@ class Recorder:
         yield from scene.state_entries(t, state)
 
     def _series_of(self, name: str) -> Callable[[object], list[Entry]]:
-        return lambda value: getattr(self._series, name)(value)  # the series are made on that thread
+        return lambda value: getattr(self._series, name)(value)  # looked up later, on the recorder's thread
 
     def _series_entries(self, t: float, add: Callable[[object], list[Entry]], value: object) -> Iterable[Entry]:
         yield from add(value)
@@ -286,13 +286,13 @@ class Recorder:
         yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))
 
     def _truth_entries(self, t: float, vertices: Array, triangles: NDArray) -> Iterable[Entry]:
-        """At most TRUTH_RATE, and only while something moves: the garment is most of the file."""
+        """Entries at TRUTH_RATE at most, and only while the garment moves: it takes up most of the file."""
         first = True
         if self._garment is not None:
-            when, before, known = self._garment
-            first = known is not triangles and not np.array_equal(known, triangles)
-            still = not first and np.abs(vertices - before).max() < STILL
-            if not first and (still or t - when < 0.99 / TRUTH_RATE):
+            last_t, last_vertices, last_triangles = self._garment
+            first = last_triangles is not triangles and not np.array_equal(last_triangles, triangles)
+            still = not first and np.abs(vertices - last_vertices).max() < STILL
+            if not first and (still or t - last_t < 0.99 / TRUTH_RATE):
                 return
         self._garment = (t, vertices, triangles)
         yield from scene.truth_entries(t, vertices, triangles, first)
@@ -303,7 +303,7 @@ class Recorder:
             _note(self._errors, error)
 
     def _note_live(self, error: BaseException) -> None:
-        """What the live view met: the file has it all."""
+        """Errors of the live view are counted apart: the file is complete without it."""
         with self._lock:
             _note(self._live_errors, error)
 
@@ -315,11 +315,11 @@ def _note(errors: list[str], error: BaseException) -> None:
 
 
 def _copy(points: Array) -> Array:
-    """Read-only, so that the caller may go on with its own array."""
+    """A read-only copy: the caller may change its own array."""
     return frozen(points)
 
 
-def _kept(arcs: Mapping[K, Array]) -> dict[K, Array]:
+def _copied_arcs(arcs: Mapping[K, Array]) -> dict[K, Array]:
     return {key: _copy(arc) for key, arc in arcs.items()}
 
 

@@ -1,8 +1,8 @@
-"""Values into entries: what each thing of the cell looks like in the recording. Pure functions.
+"""Entries of a recording for each thing of the cell. Pure functions.
 
-Entities. `world` is the robot's base frame; what lies in the table frame stands under `world/table`. The
-camera is a pinhole there, so that the viewer draws arcs, contours and key points into its picture by
-itself. Series, state and log have trees of their own: a view shows one tree.
+`world` is the robot's base frame. Entities in the table frame are under `world/table`. The camera is a pinhole
+there, so that the viewer projects arcs, contours and key points into its picture. Series, state and log are trees
+of their own, because a view shows one tree.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ CAMERA = f"{TABLE}/camera"
 TRUTH = rr.escape_entity_path_part("truth (simulation)")
 JPEG_QUALITY = 85
 ABOVE = 0.003
-"""Lines drawn on the table are lifted by this, or they vanish in its surface [m]."""
+"""Lines on the table are drawn this much above its surface, which would hide them otherwise [m]."""
 OVERHANG = 0.15
-"""A fold line is drawn this much beyond the outer grasps [m]."""
+"""A fold line is drawn to this distance beyond the outer grasps [m]."""
 THICKNESS = 0.04
 LEGS = 0.05
 EYE, LOOK_AT = (2.10, 1.45, 0.80), (0.30, 0.02, -0.05)
-"""The layout's view of the cell: from the front left, as somebody at the table [m, base frame]."""
+"""Default view of the cell: from the front left, like a person at the table [m, base frame]."""
 TOWARDS_EYE = np.subtract(EYE, LOOK_AT)
 
 
 def cell_entries(table: Table, floor: float | None) -> list[Entry]:
-    """What never moves: frames, table (on legs if the floor's height in the base frame is given), styles."""
+    """Fixed frames, the table and styles. floor: its height in the base frame [m]; None: a table without legs."""
     (x0, x1), (y0, y1) = table.x, table.y
     legs = [] if floor is None else [(x, y) for x in (x0 + LEGS, x1 - LEGS) for y in (y0 + LEGS, y1 - LEGS)]
     height = table.height - (floor or 0.0)
@@ -92,7 +92,7 @@ def _series_entries() -> list[Entry]:
 
 
 def joint_names_entries(names: Sequence[str]) -> list[Entry]:
-    """Names of the joint series: 7 a side."""
+    """Names of the joint series. names: (14,), the left arm's seven first."""
     return [
         Log(f"joints/{side}", None, (rr.SeriesLines(names=list(names[part])),), essential=True)
         for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
@@ -108,7 +108,7 @@ def log_entries(t: float, text: str, level: str) -> list[Entry]:
 
 
 def jpeg(rgb: NDArray) -> rr.EncodedImage:
-    """(H, W, 3) uint8 as an entity's picture."""
+    """A picture (H, W, 3) uint8 as a JPEG archetype."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
@@ -117,9 +117,9 @@ def jpeg(rgb: NDArray) -> rr.EncodedImage:
 
 
 def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration) -> list[Entry]:
-    """The picture, its depth, where the camera is believed to stand; what was seen before is cleared."""
+    """The picture, its depth and the camera's estimated pose; clears the perception of the picture before."""
     k, T = calibration.intrinsics, calibration.T_table_camera
-    pinhole = rr.Pinhole(  # a negative width is in points of the screen
+    pinhole = rr.Pinhole(  # a negative line width is in points of the screen
         image_from_camera=k.matrix, resolution=[k.width, k.height], camera_xyz=rr.ViewCoordinates.RDF,
         image_plane_distance=0.2, color=(160, 160, 170), line_width=-1.0,
     )  # fmt: skip
@@ -141,7 +141,7 @@ def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration)
 def mask_entries(
     t: float, mask: NDArray, calibration: CameraCalibration, table: Table, shape: tuple[int, int]
 ) -> list[Entry]:
-    """The segmentation over the camera's picture of `shape`. mask: bool, in camera or table-view pixels."""
+    """The segmentation over the camera's picture of `shape` (H, W). mask: bool, in camera or table-view pixels."""
     if mask.shape != shape:
         view = TableView(calibration, table, (table.x[1] - table.x[0]) / mask.shape[0])
         size = (shape[1], shape[0])
@@ -156,7 +156,7 @@ def mask_entries(
 
 
 def perception_entries(t: float, state: GarmentState) -> list[Entry]:
-    """Contour and key points as perceived, on the table."""
+    """Perceived contour and key points, on the table."""
     names = list(state.keypoints)
     entries: list[Entry] = [
         Log(f"{TABLE}/perceived/contour", t, (_closed(state.contour, style.PERCEIVED, 0.002),)),
@@ -169,7 +169,7 @@ def perception_entries(t: float, state: GarmentState) -> list[Entry]:
 
 
 def plan_entries(t: float, step: FoldStep) -> list[Entry]:
-    """The fold line, grasps and targets of a step; what belonged to the step before is cleared."""
+    """The fold line, grasps and targets of a step; clears arcs and prediction of the step before."""
     old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
     line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
     grasp_ids = list(step.grasps)
@@ -186,8 +186,10 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
 
 
 def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
-    """Tool paths (n, 3): planned in green, what was really driven darker and thinner. A plan ends the search, and
-    an arm that has no part in it has no path any more."""
+    """Tool paths (n, 3): planned ones light green, driven ones darker and thinner.
+
+    Clears the paths of arms that are not in `arcs`; planned paths also clear the candidates of the search.
+    """
     kind = "planned" if planned else "driven"
     colour, radius = (style.ARC_PLANNED, 0.005) if planned else (style.ARC_DONE, 0.003)
     void = [*(("candidate", "best") if planned else ()), *(f"{kind}/{side}" for side in Side if side not in arcs)]
@@ -207,9 +209,10 @@ def candidate_entries(
     own: tuple[float, float],
     best: tuple[float, float],
 ) -> list[Entry]:
-    """A simulated candidate: its arcs (n, 3), thin, and where it and the best stand by D [m] and cost C [m].
+    """A simulated candidate: its thin arcs (n, 3), and (D [m], C [m]) of the candidate and of the best so far.
 
-    The best's arc stays in view in green. C is the paths' length [m] and 1000 D: it fits one scale with D in mm.
+    The best candidate's arc stays visible in green. The cost C is path length [m] + 1000 D, so it fits one scale
+    with D in mm.
     """
     shown = [
         Log(f"{TABLE}/arcs/candidate/{i}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
@@ -226,7 +229,7 @@ def candidate_entries(
 
 
 def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
-    """The believed friction of the table, and how much (0..1) the fold before taught of it."""
+    """The friction estimate of the table, and the share (0..1) of its uncertainty that the last fold removed."""
     figures = {"friction": friction, "friction_learned": learned}
     return [Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items()]
 
@@ -244,7 +247,7 @@ def observed_entries(t: float, points: Array) -> list[Entry]:
 
 
 def truth_entries(t: float, vertices: Array, triangles: NDArray, first: bool) -> list[Entry]:
-    """The simulated garment itself; whole when it comes first, then only what moves."""
+    """The simulated garment itself: the whole mesh if `first`, else vertices and normals only."""
     path = f"{TABLE}/{TRUTH}"
     if first:
         return [Log(path, t, (_mesh(vertices, triangles, (*style.GARMENT, 255)),), essential=True)]
@@ -263,7 +266,7 @@ def _mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Me
 
 
 def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
-    """(n, 3) unit normals: of the triangles around a vertex, weighted by their area."""
+    """(n, 3) unit normals: the mean of the triangles around a vertex, weighted by their area."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     normal = np.zeros_like(vertices)
     for k in range(3):
@@ -272,7 +275,7 @@ def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
 
 
 def facing_normals(vertices: Array, triangles: NDArray) -> Array:
-    """(n, 3) normals turned towards the layout's eye: the viewer leaves the back of a sheet black."""
+    """(n, 3) normals turned towards the default eye: the viewer draws the back of a sheet black."""
     normal = vertex_normals(vertices, triangles)
     away = normal @ TOWARDS_EYE < 0.0
     normal[away] *= -1.0
@@ -292,7 +295,7 @@ def _closed(contour: Array, colour: tuple[int, ...], radius: float) -> rr.LineSt
 
 
 def _fold_line(step: FoldStep) -> Array:
-    """(2, 2): the part of the endless line beside the grasps."""
+    """(2, 2): ends of the part of the infinite line beside the grasps."""
     line = step.line
     along = (np.array([g.point for g in step.grasps.values()]) - line.point) @ line.direction
     return line.point + np.outer((along.min() - OVERHANG, along.max() + OVERHANG), line.direction)

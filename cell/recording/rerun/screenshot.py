@@ -1,6 +1,6 @@
-"""Pictures of a recording as an operator sees it: `python -m cell.recording.rerun.screenshot RUN.rrd OUT.png`.
+"""Pictures of a recording in the viewer: `python -m cell.recording.rerun.screenshot RUN.rrd OUT.png`.
 
-Uses Rerun's own viewer without a window; it needs a graphics driver, in software at least (Debian:
+This runs Rerun's viewer without a window. It needs a graphics driver; one in software is enough (Debian:
 mesa-vulkan-drivers).
 """
 
@@ -23,16 +23,16 @@ from robots.errors import CellError
 __all__ = ["screenshot"]
 
 MENU_BAR = 36
-"""Rows of the viewer's own menu, cut away [px]."""
+"""Height of the viewer's menu, which is cut off [px]."""
 SETTLE_S = 2.0
-"""The viewer's first pictures lack meshes that are still being uploaded [s]."""
+"""Waiting time before a picture: the first ones lack meshes that are still being uploaded [s]."""
 
 
 def screenshot(recording: Path, picture: Path, t: float | None = None, view: str | None = None) -> None:
     """Draw `recording` at cell time t [s] (None: its end) into the PNG `picture`.
 
-    view: name of one view of the layout, None for the whole window. Raises CellError when there is no
-    viewer, no graphics driver, no such view.
+    view: name of one view of the layout; None: the whole window. Raises CellError if the viewer, a graphics driver
+    or the view is missing.
     """
     executable = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
     if executable is None:
@@ -55,7 +55,7 @@ def screenshot(recording: Path, picture: Path, t: float | None = None, view: str
 
 
 def _end(viewer: ViewerClient) -> float:
-    """Last cell time of what is open [s]."""
+    """Last cell time of the open recording [s]."""
     timelines = viewer.get_state().recordings[0].timelines
     return max(float(line.end or 0) / 1e9 for line in timelines if line.name == TIMELINE)
 
@@ -72,7 +72,7 @@ def main() -> int:
     parser.add_argument("recording", type=Path)
     parser.add_argument("picture", type=Path)
     parser.add_argument("--time", type=float, help="cell time [s]; default: the end")
-    parser.add_argument("--view", help="one view only, by its name")
+    parser.add_argument("--view", help="name of one view; default: the whole window")
     arguments = parser.parse_args()
     screenshot(arguments.recording, arguments.picture, arguments.time, arguments.view)
     return 0

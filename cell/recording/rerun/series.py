@@ -1,6 +1,6 @@
-"""Series at 100 Hz, gathered and written in batches: a batch costs what a single row would.
+"""Series at 100 Hz, collected and written in batches: a batch costs as much as a single row.
 
-Everything here runs on the recorder's own thread.
+This module runs on the recorder's own thread only.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ __all__ = ["Series"]
 BATCH = 0.5
 """Rows are written when they span this much cell time [s]."""
 POSE_RATE = 25.0
-"""Transforms of the robot's links are kept at this rate [Hz]: enough for the eye, a quarter of the file."""
+"""Rate at which the robot's transforms are recorded [Hz]: smooth for the eye, with a quarter of the data."""
 
 
 class Series:
-    """Rows of joints, grippers and tactile pads that wait to be written."""
+    """Collects rows of joints, grippers and tactile pads until they are written."""
 
     def __init__(self, robot: RobotFigure | None) -> None:
         self._robot = robot
@@ -44,7 +44,7 @@ class Series:
         return self._flush_tactile(reading.side) if _full(rows) else []
 
     def flush(self) -> list[Entry]:
-        """All rows that still wait."""
+        """Entries for all rows that still wait."""
         entries = self._flush_joints()
         for side in Side:
             entries += self._flush_gripper(side) + self._flush_tactile(side)
@@ -60,7 +60,7 @@ class Series:
             for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
         ]
         if self._robot is not None:
-            k = _thinned(t)
+            k = _subsampled(t)
             entries += self._robot.joints(t[k], q[k], np.array([rows[i].head_pan for i in k]))
         return entries
 
@@ -75,7 +75,7 @@ class Series:
             Columns(f"grip/{side}/gripper_N", t, tuple(rr.Scalars.columns(scalars=force))),
         ]
         if self._robot is not None:
-            k = _thinned(t)
+            k = _subsampled(t)
             entries += self._robot.fingers(side, t[k], opening[k])
         return entries
 
@@ -95,8 +95,8 @@ def _full(rows: list) -> bool:
     return bool(rows[-1].stamp - rows[0].stamp >= BATCH)
 
 
-def _thinned(t: np.ndarray) -> np.ndarray:
-    """Indices of rows at POSE_RATE, the last one always among them."""
+def _subsampled(t: np.ndarray) -> np.ndarray:
+    """Indices of rows at POSE_RATE, always including the last one."""
     slot = np.floor((t - t[0]) * POSE_RATE + 1e-6)
     keep = np.flatnonzero(np.diff(slot, prepend=-1.0) > 0)
     return np.union1d(keep, [len(t) - 1])

@@ -1,4 +1,4 @@
-"""Colours and names that an operator sees, in one place. All colours are RGB or RGBA, 0-255."""
+"""Colours and labels of the recording. All colours are RGB or RGBA, 0-255."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
 
 
 def darker(colour: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Of the same hue, told from it in a plot."""
+    """A darker colour of the same hue."""
     red, green, blue = (round(0.55 * part) for part in colour)
     return red, green, blue
 

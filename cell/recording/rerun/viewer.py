@@ -1,4 +1,4 @@
-"""Where the Rerun viewer is, the program that opens recordings."""
+"""Finds the Rerun viewer, the program that opens recordings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["find_viewer"]
 
 
 def find_viewer() -> Path | None:
-    """The viewer that came with rerun-sdk: beside this interpreter, or on the path."""
+    """Path of the viewer: beside this interpreter, or on the PATH; None if it is not installed."""
     beside = Path(sys.executable).parent / "rerun"
     if beside.is_file():
         return beside

@@ -1,1 +1,1 @@
-"""Runs that are decided again: what passed between executive and cell is kept, and answers it another time."""
+"""Transcripts: all exchanges between executive and cell are recorded, so that a run can be decided again."""

@@ -1,8 +1,8 @@
-"""Takes down a run: ports and commands that pass everything on and note what was asked and what was answered.
+"""Records a run: ports and commands that pass every call on and record the question and the answer.
 
-The executive asks from one thread, and what it asks is noted in that order. The stop is triggered past all this,
-from any thread; what other threads ask of it, and what is asked at the pace of the wall's clock while a skill
-computes (`Workcell.watched_stop`), is not noted: it only ends a computation early whose result is void anyway.
+The executive calls from one thread, and its calls are recorded in that order. The stop is triggered directly, from
+any thread. Polls of the stop from other threads or while a skill computes (`Workcell.watched_stop`) depend on the
+wall clock and are not recorded: they only end a computation early, and its result is discarded then.
 """
 
 from __future__ import annotations
@@ -45,27 +45,27 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class RecordedPorts:
-    """The executive's side of a cell."""
+    """The ports and the command queue that the executive uses."""
 
     ports: Ports
     commands: CommandQueue
 
 
 class PortRecorder:
-    """Has a run's transcript written. Make it on the thread of the executive."""
+    """Writes a run's transcript. Create it on the thread of the executive."""
 
     def __init__(self, folder: Path | None) -> None:
-        """folder: the run's; None: nothing is kept."""
+        """folder: the run's folder; None: nothing is recorded."""
         self._folder = folder
         self._writer: TranscriptWriter | None = None
         self._thread = threading.get_ident()
 
     def between(self, ports: Ports, commands: CommandQueue) -> RecordedPorts:
-        """Ports and commands for the executive, from now on taken down. Raises StorageError."""
+        """Begin the transcript; returns the ports and commands for the executive. Raises StorageError."""
         if self._folder is None:
             return RecordedPorts(ports, commands)
         self._writer = TranscriptWriter(self._folder, CellConstants.of(ports))
-        heard = replace(
+        recorded = replace(
             ports,
             clock=_Clock(self, ports.clock),
             arms=_Arms(self, ports.arms),
@@ -76,28 +76,30 @@ class PortRecorder:
             stop=_Stop(self, ports.stop),
             attendant=_Attendant(self, ports.attendant),
         )
-        return RecordedPorts(heard, _Commands(self, commands))
+        return RecordedPorts(recorded, _Commands(self, commands))
 
     def end(self) -> None:
-        """The run has come to its end."""
-        self.hear(Channel.END, (), lambda: None)
+        """Record the end of the run."""
+        self.record(Channel.END, (), lambda: None)
 
     def close(self) -> str | None:
-        """Nothing is noted any more; -> why the transcript ends before the run, where it does."""
+        """Close the transcript; returns why it ends before the run, or None if it is complete."""
         if self._writer is None:
             return None
         trouble = self._writer.close()
-        return trouble and f"the run cannot be decided again from here on: {trouble}"
+        return trouble and f"the transcript ends early: {trouble}"
 
     @property
     def on_its_thread(self) -> bool:
         return threading.get_ident() == self._thread
 
-    def hear(self, channel: Channel, arguments: tuple[object, ...], call: Callable[..., T], *given: object) -> T:
-        """What `call` gives or raises, noted as the answer to `arguments`."""
-        question = self._packed(channel, arguments)  # before it is asked: a driver may keep what it gets
+    def record(
+        self, channel: Channel, question_values: tuple[object, ...], call: Callable[..., T], *arguments: object
+    ) -> T:
+        """Call `call(*arguments)` and record what it returns or raises as the answer to `question_values`."""
+        question = self._packed(channel, question_values)  # before the call: a driver may change its arguments
         try:
-            answer = call(*given)
+            answer = call(*arguments)
         except Exception as e:
             self._note(channel, question, pack_raised(e))
             raise
@@ -105,7 +107,7 @@ class PortRecorder:
         return answer
 
     def _packed(self, channel: Channel, value: object) -> bytes:
-        """A driver that gives what it should not ends the transcript; the run has to judge it all the same."""
+        """Pack a value. One of a wrong type ends the transcript but not the run, which checks it itself."""
         try:
             return pack(value)
         except Exception as e:
@@ -123,10 +125,10 @@ class _Clock:
         self._port_recorder, self._clock = port_recorder, clock
 
     def now(self) -> float:
-        return self._port_recorder.hear(Channel.NOW, (), self._clock.now)
+        return self._port_recorder.record(Channel.NOW, (), self._clock.now)
 
     def sleep_until(self, t: float) -> None:
-        self._port_recorder.hear(Channel.SLEEP, (t,), self._clock.sleep_until, t)
+        self._port_recorder.record(Channel.SLEEP, (t,), self._clock.sleep_until, t)
 
 
 class _Arms:
@@ -135,13 +137,13 @@ class _Arms:
         self.command_timeout = arms.command_timeout
 
     def state(self) -> JointState:
-        return self._port_recorder.hear(Channel.ARMS, (), self._arms.state)
+        return self._port_recorder.record(Channel.ARMS, (), self._arms.state)
 
     def enable(self) -> None:
-        self._port_recorder.hear(Channel.ENABLE, (), self._arms.enable)
+        self._port_recorder.record(Channel.ENABLE, (), self._arms.enable)
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        return self._port_recorder.hear(Channel.SET_POINT, (q, qd), self._arms.command, q, qd)
+        return self._port_recorder.record(Channel.SET_POINT, (q, qd), self._arms.command, q, qd)
 
 
 class _Head:
@@ -149,7 +151,7 @@ class _Head:
         self._port_recorder, self._head = port_recorder, head
 
     def command_pan(self, angle: float) -> None:
-        self._port_recorder.hear(Channel.HEAD, (angle,), self._head.command_pan, angle)
+        self._port_recorder.record(Channel.HEAD, (angle,), self._head.command_pan, angle)
 
 
 class _Gripper:
@@ -158,13 +160,15 @@ class _Gripper:
         self.side, self.max_opening = side, gripper.max_opening
 
     def calibrate(self) -> None:
-        self._port_recorder.hear(Channel.CALIBRATE, (self.side,), self._gripper.calibrate)
+        self._port_recorder.record(Channel.CALIBRATE, (self.side,), self._gripper.calibrate)
 
     def command(self, opening: float, force: float) -> None:
-        self._port_recorder.hear(Channel.GRIP, (self.side, opening, force), self._gripper.command, opening, force)
+        self._port_recorder.record(
+            Channel.GRIP, (self.side, opening, force), self._gripper.command, opening, force
+        )
 
     def state(self) -> GripperState:
-        return self._port_recorder.hear(Channel.GRIPPER, (self.side,), self._gripper.state)
+        return self._port_recorder.record(Channel.GRIPPER, (self.side,), self._gripper.state)
 
 
 class _Tactile:
@@ -173,7 +177,7 @@ class _Tactile:
         self.side = side
 
     def reading(self) -> TactileReading:
-        return self._port_recorder.hear(Channel.TACTILE, (self.side,), self._tactile.reading)
+        return self._port_recorder.record(Channel.TACTILE, (self.side,), self._tactile.reading)
 
 
 class _Camera:
@@ -181,10 +185,10 @@ class _Camera:
         self._port_recorder, self._camera = port_recorder, camera
 
     def capture(self) -> CameraFrame:
-        return self._port_recorder.hear(Channel.CAPTURE, (), self._camera.capture)
+        return self._port_recorder.record(Channel.CAPTURE, (), self._camera.capture)
 
     def glimpse(self) -> CameraFrame | None:
-        return self._port_recorder.hear(Channel.GLIMPSE, (), self._camera.glimpse)
+        return self._port_recorder.record(Channel.GLIMPSE, (), self._camera.glimpse)
 
 
 class _Stop:
@@ -197,7 +201,7 @@ class _Stop:
     def state(self) -> StopState:
         if not self._port_recorder.on_its_thread:
             return self._stop.state()
-        return self._port_recorder.hear(Channel.STOP, (), self._stop.state)
+        return self._port_recorder.record(Channel.STOP, (), self._stop.state)
 
     def reset(self) -> None:
         self._stop.reset()
@@ -208,14 +212,14 @@ class _Attendant:
         self._port_recorder, self._attendant = port_recorder, attendant
 
     def lay_garment(self) -> None:
-        self._port_recorder.hear(Channel.LAY, (), self._attendant.lay_garment)
+        self._port_recorder.record(Channel.LAY, (), self._attendant.lay_garment)
 
     def bring_board(self, place: BoardPlace) -> None:
-        self._port_recorder.hear(Channel.BOARD, (place,), self._attendant.bring_board, place)
+        self._port_recorder.record(Channel.BOARD, (place,), self._attendant.bring_board, place)
 
 
 class _Commands(CommandQueue):
-    """What is said goes into the cell's one queue; what the executive takes from it is noted."""
+    """Passes commands on to the cell's queue; records which commands the executive takes from it."""
 
     def __init__(self, port_recorder: PortRecorder, queue: CommandQueue) -> None:
         super().__init__()
@@ -228,12 +232,12 @@ class _Commands(CommandQueue):
         self._all.drop(void)
 
     def take(self, wanted: Set[Event]) -> Event | None:
-        return self._port_recorder.hear(Channel.TAKE, (wanted_names(wanted),), self._all.take, wanted)
+        return self._port_recorder.record(Channel.TAKE, (wanted_names(wanted),), self._all.take, wanted)
 
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        return self._port_recorder.hear(Channel.WAIT, (wanted_names(wanted),), self._all.wait, wanted, seconds)
+        return self._port_recorder.record(Channel.WAIT, (wanted_names(wanted),), self._all.wait, wanted, seconds)
 
 
 def wanted_names(wanted: Set[Event]) -> tuple[str, ...]:
-    """Which commands were asked for, in an order that is always the same."""
+    """Names of the wanted commands, sorted."""
     return tuple(sorted(command.value for command in wanted))

@@ -1,4 +1,4 @@
-"""Ports and commands that answer from a transcript, in its order, as long as the executive asks what was asked."""
+"""Ports and commands that answer from a transcript while the executive asks the recorded questions in order."""
 
 from __future__ import annotations
 
@@ -34,29 +34,29 @@ __all__ = ["Answers", "Halt", "asked_in_words"]
 
 
 class Halt(BaseException):
-    """Nothing more can be answered. Passes through all that catches what goes wrong in a run."""
+    """The transcript has no further answer. A BaseException, so that no handler of the run catches it."""
 
     def __init__(self, then: str = "", now: str = "", trouble: CellError | None = None) -> None:
-        """then, now: what was asked and what is asked; both empty: the transcript is over. trouble: it, or one of
-        its pictures, cannot be read."""
+        """then, now: the recorded and the present question; both empty: the transcript has ended. trouble: the
+        error if the transcript or one of its pictures cannot be read."""
         super().__init__(now)
         self.then, self.now, self.trouble = then, now, trouble
 
 
 @dataclass(eq=False)
 class Answers:
-    """Walks along a transcript. Make it on the thread that will ask."""
+    """Reads the answers of a transcript in order. Create it on the thread of the executive."""
 
     transcript: Transcript
     cell_time: float = 0.0
-    """How far the clock is known to have come [s]."""
+    """Latest known time of the recorded clock [s]."""
     count: int = 0
-    """Exchanges that were the same."""
+    """Number of questions that were equal to the recorded ones."""
     asked: dict[Channel, int] = field(default_factory=dict)
-    """How many of each channel."""
+    """The same number for each channel."""
     abandoned: bool = False
-    """Nobody waits for the outcome any more: what still computes is told that the stop is set. So it is at the
-    transcript's end, where nothing that comes of it can be compared."""
+    """True if the outcome is no longer needed. `stop_ahead` then reports a set stop, so that computations end
+    early. It does so at the transcript's end too, where nothing is left to compare."""
 
     def __post_init__(self) -> None:
         self._frames = FrameStore(self.transcript.path.parent / FRAMES)
@@ -67,20 +67,20 @@ class Answers:
 
     @property
     def next(self) -> Exchange | None:
-        """What was asked next; None: the transcript is over."""
+        """The next recorded exchange; None: the transcript has ended."""
         return self._next
 
     def answer(self, channel: Channel, *arguments: object) -> Any:
-        """What was answered then. Raises what was raised then, and Halt where something else was asked."""
-        question, there = pack(arguments), self._next
-        if there is None:
+        """The recorded answer. Raises the recorded exception, and Halt if the recorded question is another one."""
+        question, exchange = pack(arguments), self._next
+        if exchange is None:
             raise Halt()
-        if there.channel is not channel or there.question != question:
-            raise Halt(*_two(there, channel, arguments))
+        if exchange.channel is not channel or exchange.question != question:
+            raise Halt(*_both_in_words(exchange, channel, arguments))
         self.count += 1
         self.asked[channel] = self.asked.get(channel, 0) + 1
         try:
-            answer = unpack(there.answer)
+            answer = unpack(exchange.answer)
             if isinstance(answer, Picture):
                 answer = self._frames.get(answer.name)
         except ValueError as e:
@@ -99,13 +99,13 @@ class Answers:
         return answer
 
     def stop_ahead(self) -> StopState:
-        """The stop as it is known while nothing else is asked: set, if it was, or if the next question says so."""
-        there = self._next
-        if there is None or self.abandoned:
-            return StopState(self.cell_time, True, "nobody waits for it any more")
-        if there.channel is Channel.STOP:
+        """The stop without a question: the next recorded answer if that is the stop's, else the last one."""
+        exchange = self._next
+        if exchange is None or self.abandoned:
+            return StopState(self.cell_time, True, "the outcome is no longer needed")
+        if exchange.channel is Channel.STOP:
             with suppress(ValueError):
-                state = unpack(there.answer)
+                state = unpack(exchange.answer)
                 if isinstance(state, StopState):
                     return state
         return self._stop
@@ -115,13 +115,13 @@ class Answers:
         return threading.get_ident() == self._thread
 
     def ports(self) -> Ports:
-        told = self.transcript.constants
-        openings = dict(told.max_opening)
+        constants = self.transcript.constants
+        openings = dict(constants.max_opening)
         return Ports(
-            driver=told.driver,
-            simulated=told.simulated,
+            driver=constants.driver,
+            simulated=constants.simulated,
             clock=_Clock(self),
-            arms=_Arms(self, told.command_timeout),
+            arms=_Arms(self, constants.command_timeout),
             head=_Head(self),
             grippers={side: _Gripper(self, side, opening) for side, opening in openings.items()},
             tactile={side: _Tactile(self, side) for side in openings},
@@ -145,7 +145,7 @@ class Answers:
     def _damaged(self, why: Exception) -> StorageError:
         return StorageError(
             f"the transcript {self.transcript.path} is damaged after {self.count} exchanges: {why}",
-            "decide a copy from a backup, or another run",
+            "use a copy from a backup, or another run",
         )
 
 
@@ -215,7 +215,7 @@ class _Camera(_Port):
 
 
 class _WatchedStop(_Port):
-    """The stop as it is asked while a skill computes, as often as it may be."""
+    """The stop that is polled while a skill computes. It may be polled any number of times."""
 
     def trigger(self, reason: str) -> None: ...
 
@@ -241,7 +241,7 @@ class _Attendant(_Port):
 
 
 class _Commands(CommandQueue):
-    """Says what was said, when it was said."""
+    """Returns the recorded commands at the recorded questions."""
 
     def __init__(self, answers: Answers) -> None:
         super().__init__()
@@ -257,16 +257,16 @@ class _Commands(CommandQueue):
 # in words
 
 
-def _two(there: Exchange, channel: Channel, arguments: tuple[Any, ...]) -> tuple[str, str]:
-    """What was asked then and what is asked now, told so that the difference shows."""
-    then, now = asked_in_words(there), _in_words(channel, arguments)
-    if there.channel is Channel.SET_POINT and channel is Channel.SET_POINT:
-        now += _difference(unpack(there.question), arguments)
+def _both_in_words(recorded: Exchange, channel: Channel, arguments: tuple[Any, ...]) -> tuple[str, str]:
+    """The recorded and the present question in words, with the largest difference of two set-points."""
+    then, now = asked_in_words(recorded), _in_words(channel, arguments)
+    if recorded.channel is Channel.SET_POINT and channel is Channel.SET_POINT:
+        now += _difference(unpack(recorded.question), arguments)
     return then, now
 
 
 def asked_in_words(exchange: Exchange) -> str:
-    """What was asked, as a person says it."""
+    """The question of an exchange in words."""
     try:
         return _in_words(exchange.channel, unpack(exchange.question))
     except ValueError:
@@ -309,11 +309,11 @@ _WORDS: dict[Channel, Callable[..., str]] = {
     Channel.GRIPPER: lambda side: f"a reading of the {side} gripper",
     Channel.TACTILE: lambda side: f"a tactile reading of the {side} hand",
     Channel.CAPTURE: lambda: "a picture",
-    Channel.GLIMPSE: lambda: "a picture for show",
+    Channel.GLIMPSE: lambda: "a picture for display",
     Channel.STOP: lambda: "a look at the stop",
     Channel.LAY: lambda: "asking for the garment to be laid",
     Channel.BOARD: lambda place: f"asking for the board: {place}",
-    Channel.TAKE: lambda wanted: f"a look for what the operator says ({', '.join(wanted)})",
-    Channel.WAIT: lambda wanted: f"waiting for the operator to say one of {', '.join(wanted)}",
+    Channel.TAKE: lambda wanted: f"a look for a command of the operator ({', '.join(wanted)})",
+    Channel.WAIT: lambda wanted: f"waiting for a command of the operator ({', '.join(wanted)})",
     Channel.END: lambda: "the end of the run",
 }

@@ -1,13 +1,13 @@
-"""The transcript: all that passed between the executive and its cell in a run, in order, in one file.
+"""The transcript: all exchanges between the executive and its cell in a run, in order, in one file.
 
     foldcell transcript 1       the schema, one line
     {"cell": ...}               the head, one line of JSON: constants of the cell, names of channels and fields
     size crc data               chunks until the end: 4 and 4 bytes, then zlib; a chunk holds whole exchanges, each
                                 channel (1), lengths of question and answer (4, 4), question, answer
 
-It is written by a thread of its own, every fifth of a second: neither disk nor compression keeps the arms waiting,
-and a process that is killed leaves all but its last moment. What cannot be written ends the transcript, not the
-run. Pictures go into the frame store beside it (cell/recording/frame_store.py), their names into the transcript.
+A thread of its own writes it every 0.2 s: neither disk nor compression delays the arms, and a killed process loses
+the last exchanges only. A write error ends the transcript, not the run. Pictures are stored in the frame store
+beside it (cell/recording/frame_store.py); the transcript contains their names.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ __all__ = ["TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter"]
 TRANSCRIPT = "run.transcript"
 SCHEMA = "foldcell transcript 1"
 EVERY_S = 0.2
-"""How much of a run is written at a time [s]."""
+"""Period of writing [s]."""
 PENDING = 256 << 20
-"""More than this that the disk has not taken yet ends the transcript [bytes]."""
+"""The transcript ends if more data than this waits to be written [bytes]."""
 CLOSE_S = 60.0
 LARGEST_CHUNK = 1 << 30
 
@@ -46,7 +46,7 @@ _EXCHANGE = struct.Struct("<BII")
 
 @dataclass(frozen=True)
 class CellConstants:
-    """What never changes about a cell's ports. command_timeout [s], max_opening of each gripper [m]."""
+    """Constants of a cell's ports. command_timeout [s], max_opening of each gripper [m]."""
 
     driver: str
     simulated: bool
@@ -60,23 +60,23 @@ class CellConstants:
 
 
 class TranscriptWriter:
-    """Writes a transcript. `note` is for one thread, and returns at once."""
+    """Writes a transcript. Call `note` from one thread only; it returns at once."""
 
     def __init__(self, folder: Path, constants: CellConstants) -> None:
-        """Raises StorageError when the run's folder takes no file."""
+        """Create the file in the run's folder. Raises StorageError."""
         self._frames = FrameStore(folder / FRAMES)
-        self._file = _begun(folder / TRANSCRIPT, constants)
+        self._file = _create(folder / TRANSCRIPT, constants)
         self._pending: list[tuple[Channel, bytes, bytes | CameraFrame]] = []
         self._size = 0
         self._mutex = threading.Lock()
         self._closing = threading.Event()
         self.trouble: str | None = None
-        """Why the transcript ends before the run, where it does."""
+        """Why the transcript ends before the run; None while it is complete."""
         self._thread = threading.Thread(target=self._work, name="transcript", daemon=True)
         self._thread.start()
 
     def note(self, channel: Channel, question: bytes, answer: bytes | CameraFrame) -> None:
-        """One exchange; a picture is put into the frame store later. Never raises."""
+        """Record one exchange; a picture is written to the frame store later. Never raises."""
         if self.trouble is not None:
             return
         size = answer.rgb.nbytes + answer.depth.nbytes if isinstance(answer, CameraFrame) else len(answer)
@@ -85,18 +85,18 @@ class TranscriptWriter:
             self._size += size + len(question)
             if self._size > PENDING:
                 self._pending.clear()
-                self.trouble = "the disk is too slow for what the run reads"
+                self.trouble = "the disk is too slow for the run's data"
 
     def fail(self, why: str) -> None:
-        """End the transcript here: what comes could not be told."""
+        """End the transcript here because of `why`."""
         self.trouble = self.trouble or why
 
     def close(self) -> str | None:
-        """Write what is left; -> why the transcript ends before the run, where it does."""
+        """Write the remaining exchanges; returns `trouble`."""
         self._closing.set()
         self._thread.join(CLOSE_S)
         if self._thread.is_alive():
-            self.fail("the disk does not take what the run has read")
+            self.fail(f"the disk did not write the run's data within {CLOSE_S:.0f} s")
         return self.trouble
 
     def _work(self) -> None:
@@ -112,13 +112,13 @@ class TranscriptWriter:
                     self.fail(e.what)
                 except OSError as e:
                     self.fail(f"{e.strerror}: {file.name}")
-                except Exception as e:  # a bug of ours ends the transcript, never the run
+                except Exception as e:  # an error in this program ends the transcript, never the run
                     self.fail(f"{type(e).__name__}: {e}")
             with suppress(OSError):
                 os.fsync(file.fileno())
 
     def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, bytes, bytes | CameraFrame]]) -> None:
-        """As far as it can be kept: what comes before a picture that cannot is written all the same."""
+        """Write exchanges; if a picture cannot be stored, the exchanges before it are written."""
         written = []
         try:
             for channel, question, answer in exchanges:
@@ -131,10 +131,10 @@ class TranscriptWriter:
 
 
 class Transcript:
-    """A transcript to be read: `constants` of its cell, and its exchanges by iteration, as far as they go."""
+    """Reads a transcript: `constants` of its cell; iteration yields its exchanges."""
 
     def __init__(self, path: Path) -> None:
-        """Raises StorageError for a file that is missing, or is no transcript of this version of foldcell."""
+        """Raises StorageError if the file is missing or is no transcript of this version of foldcell."""
         self.path = path
         try:
             with path.open("rb") as file:
@@ -143,18 +143,18 @@ class Transcript:
         except OSError as e:
             raise StorageError(
                 f"the run {path.parent.name} has no transcript {path}: {e.strerror}",
-                "runs of older versions and those without a recording keep none: start a new one",
+                "runs of older versions and runs without a recording have none: start a new run",
             ) from None
         try:
             self.constants = _constants_from(head["cell"])
             self._channels = [Channel(name) for name in head["channels"]]
             if head["records"] != _fields() or head["enums"] != [kind.__name__ for kind in ENUMS]:
-                raise ValueError("its readings have other fields")
+                raise ValueError("its records have other fields")
         except (ValueError, KeyError, TypeError) as e:
             raise self._of_other_version(str(e)) from None
 
     def __iter__(self) -> Iterator[Exchange]:
-        """Raises StorageError where it is damaged. One that breaks off just ends."""
+        """Yields the exchanges; ends early if the file is truncated. Raises StorageError if it is damaged."""
         count = 0
         with self.path.open("rb") as file:
             file.seek(self._begin)
@@ -170,14 +170,14 @@ class Transcript:
                 except (ValueError, LookupError, struct.error, zlib.error) as e:
                     raise StorageError(
                         f"the transcript {self.path} is damaged after {count} exchanges: {e}",
-                        "decide a copy from a backup, or another run",
+                        "use a copy from a backup, or another run",
                     ) from None
                 count += len(exchanges)
                 yield from exchanges
 
     def _head(self, file: BinaryIO) -> dict[str, Any]:
         if file.readline(200).decode("ascii", "replace").rstrip("\n") != SCHEMA:
-            raise self._of_other_version("it does not begin as one")
+            raise self._of_other_version("its first line is another one")
         try:
             return dict(json.loads(file.readline(100_000)))
         except (ValueError, TypeError):
@@ -186,23 +186,23 @@ class Transcript:
     def _of_other_version(self, why: str) -> StorageError:
         return StorageError(
             f"{self.path} is no transcript of this version of foldcell: {why}",
-            "decide the run with the version that made it (foldcell runs --json tells which)",
+            "decide the run with the version that recorded it (see foldcell runs --json)",
         )
 
     def _exchanges(self, data: bytes) -> Iterator[Exchange]:
         at = 0
         while at < len(data):
-            channel, asked, answered = _EXCHANGE.unpack_from(data, at)
+            channel, question_size, answer_size = _EXCHANGE.unpack_from(data, at)
             at += _EXCHANGE.size
-            if at + asked + answered > len(data):
-                raise ValueError("an exchange is cut off")
-            question, answer = data[at : at + asked], data[at + asked : at + asked + answered]
-            yield Exchange(self._channels[channel], question, answer)
-            at += asked + answered
+            middle, end = at + question_size, at + question_size + answer_size
+            if end > len(data):
+                raise ValueError("an exchange is truncated")
+            yield Exchange(self._channels[channel], data[at:middle], data[middle:end])
+            at = end
 
 
-def _begun(path: Path, constants: CellConstants) -> BinaryIO:
-    """The file with its head. Every write reaches the system at once: a killed process leaves what was written."""
+def _create(path: Path, constants: CellConstants) -> BinaryIO:
+    """Create the file and write its head. The file is unbuffered: a killed process loses no finished write."""
     head = {
         "cell": dataclasses.asdict(constants),
         "channels": [channel.value for channel in Channel],
@@ -213,12 +213,14 @@ def _begun(path: Path, constants: CellConstants) -> BinaryIO:
         file = path.open("wb", buffering=0)
         _write_all(file, f"{SCHEMA}\n{json.dumps(head)}\n".encode())
     except OSError as e:
-        raise StorageError(f"{path} cannot be written: {e.strerror}", "make room", path=str(path)) from e
+        raise StorageError(
+            f"{path} cannot be written: {e.strerror}", "free some disk space", path=str(path)
+        ) from e
     return file
 
 
 def _write_all(file: BinaryIO, data: bytes) -> None:
-    """A disk that fills up takes a part first, and says why it takes no more at the next try."""
+    """Write in a loop: a full disk accepts a part first and raises OSError at the next write."""
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]
@@ -239,6 +241,6 @@ def _fields() -> dict[str, list[str]]:
     return {kind.__name__: [f.name for f in dataclasses.fields(kind)] for kind in RECORDS}
 
 
-def _constants_from(told: dict[str, Any]) -> CellConstants:
-    openings = tuple((Side(side), float(opening)) for side, opening in told["max_opening"])
-    return CellConstants(str(told["driver"]), bool(told["simulated"]), float(told["command_timeout"]), openings)
+def _constants_from(cell: dict[str, Any]) -> CellConstants:
+    openings = tuple((Side(side), float(opening)) for side, opening in cell["max_opening"])
+    return CellConstants(str(cell["driver"]), bool(cell["simulated"]), float(cell["command_timeout"]), openings)

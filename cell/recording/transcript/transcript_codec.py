@@ -1,18 +1,17 @@
 """One exchange between the executive and its cell, as a value and as bytes.
 
-An exchange is a question (which port's what, with which arguments) and its answer. Both are packed so that
-equal bytes mean equal values, bit for bit:
+An exchange is a question (port, method and arguments) and its answer. Equal bytes mean equal values, bit for bit:
 
     N T F         nothing, true, false           i  integer, 8 bytes       f  float, 8 bytes
     s  text       length (4), UTF-8              (  tuple: count (4), then its items
     a  array      length (1) and name of the dtype, dimensions (1), each (4), then the items in C order
-    r  record     which of RECORDS (1), then its fields in order
-    e  enum       which of ENUMS (1), then its value
+    r  record     index in RECORDS (1), then its fields in order
+    e  enum       index in ENUMS (1), then its value
     p  picture    the 32 bytes of its name in the run's frame store
     !  refusal    kind, what, hint, and the figures as JSON: a DriverError
     x  crash      name and text of any other exception
 
-All numbers are little-endian. Nothing in it is executed on reading.
+All numbers are little-endian. Reading executes no code from the file.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ __all__ = ["ENUMS", "RECORDS", "Channel", "Exchange", "Picture", "Raised", "pack
 
 
 class Channel(Enum):
-    """What can be asked. The values are what a transcript calls them."""
+    """The questions of the executive. The values are their names in a transcript."""
 
     NOW = "clock.now"
     SLEEP = "clock.sleep_until"
@@ -65,12 +64,12 @@ class Channel(Enum):
     BOARD = "attendant.bring_board"
     TAKE = "commands.take"
     WAIT = "commands.wait"
-    END = "end"  # the run came to its end: nothing is asked any more
+    END = "end"  # the end of the run, the last exchange
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A camera's picture by its name in the frame store: 64 hexadecimal digits."""
+    """A camera frame by its name in the frame store: 64 hexadecimal digits."""
 
     name: str
 
@@ -84,7 +83,7 @@ class Raised:
 
 @dataclass(frozen=True)
 class Exchange:
-    """question: the packed arguments; answer: packed."""
+    """question: the packed arguments; answer: the packed answer."""
 
     channel: Channel
     question: bytes
@@ -100,10 +99,10 @@ _INT = struct.Struct("<cq")
 
 
 def pack(value: object) -> bytes:
-    """Raises TypeError for a value of a type that no port gives or takes."""
+    """A value as bytes. Raises TypeError for a type that no port uses."""
     packer = _PACKERS.get(type(value))
     if packer is None:
-        raise TypeError(f"a {type(value).__name__} cannot be kept in a transcript")
+        raise TypeError(f"a {type(value).__name__} cannot be written to a transcript")
     return packer(value)
 
 
@@ -116,11 +115,11 @@ def pack_raised(error: Exception) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """The value; a Picture for a picture, a Raised for an exception. Raises ValueError for what is no value."""
+    """The value; a Picture for a camera frame, a Raised for an exception. Raises ValueError for invalid bytes."""
     try:
         value, end = _unpack(memoryview(data), 0)
     except (struct.error, LookupError, TypeError, RecursionError) as e:
-        raise ValueError(f"no value: {e}") from None
+        raise ValueError(f"it is no packed value: {e}") from None
     if end != len(data):
         raise ValueError(f"{len(data) - end} bytes too many")
     return value
@@ -195,7 +194,7 @@ def _unpack(data: memoryview, at: int) -> tuple[Any, int]:
 
 def _take(data: memoryview, at: int, size: int) -> tuple[bytes, int]:
     if at + size > len(data):
-        raise ValueError("it is cut off")
+        raise ValueError("it is truncated")
     return bytes(data[at : at + size]), at + size
 
 
@@ -209,7 +208,7 @@ def _read_array(data: memoryview, at: int) -> tuple[NDArray[Any], int]:
     name, at = _take(data, at + 1, data[at])
     dtype = np.dtype(name.decode("ascii"))
     if dtype.kind not in "fiub":
-        raise ValueError(f"an array of {dtype}")
+        raise ValueError(f"an array of {dtype} is not allowed")
     dimensions = data[at]
     shape = struct.unpack_from(f"<{dimensions}I", data, at + 1)
     at += 1 + 4 * dimensions
@@ -260,7 +259,7 @@ def _read_refusal(data: memoryview, at: int) -> tuple[Raised, int]:
 def _read_crash(data: memoryview, at: int) -> tuple[Raised, int]:
     name, at = _read_text(data, at)
     text, at = _read_text(data, at)
-    return Raised(type(name, (Exception,), {})(text)), at  # of its name, since that is told of it
+    return Raised(type(name, (Exception,), {})(text)), at  # a class with the recorded name
 
 
 def _read_float(data: memoryview, at: int) -> tuple[float, int]:

@@ -1,4 +1,4 @@
-"""The calibration board in the simulated world, and the person who holds it before the camera."""
+"""The calibration board in the simulated world, and the person who holds it in front of the camera."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 
 
 def built_table(table: Table, noise: BuildNoise, rng: np.random.Generator) -> Table:
-    """The table as it really stands."""
+    """The true table: its height [m] differs from the drawing."""
     return Table(table.height + noise.table_height * float(rng.standard_normal()), table.x, table.y)
 
 
 def built_lens(drawn: Intrinsics, noise: BuildNoise, rng: np.random.Generator) -> Intrinsics:
-    """The colour camera as it really sees: a pinhole of its own."""
+    """The true intrinsics of the colour camera [px], which differ from the data sheet."""
     fx, fy = np.array([drawn.fx, drawn.fy]) * (1.0 + noise.focal * rng.standard_normal(2))
     cx, cy = np.array([drawn.cx, drawn.cy]) + noise.centre * rng.standard_normal(2)
     return Intrinsics(drawn.width, drawn.height, float(fx), float(fy), float(cx), float(cy))
 
 
 class WorldBoard:
-    """One printed board. `bring` says where it is from now on; every pose is drawn anew."""
+    """One printed board. `bring` moves it to a place and draws a new pose."""
 
     def __init__(self, noise: BoardNoise, rng: np.random.Generator) -> None:
         self._noise, self._rng = noise, rng
@@ -42,7 +42,7 @@ class WorldBoard:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """(h, w, 3) what is printed on the card."""
+        """(h, w, 3) RGB picture of the printed card."""
         return np.asarray(cv2.cvtColor(BOARD.image(PIXELS_A_METRE), cv2.COLOR_GRAY2RGB), dtype=np.uint8)
 
     @property
@@ -55,7 +55,7 @@ class WorldBoard:
         self._T = self._shown() if place is BoardPlace.SHOWN else self._held()
 
     def pose(self, T_base_camera: Array, T_base_tool: Mapping[Side, Array]) -> Array | None:
-        """(4, 4) board to base now, None while it is away."""
+        """(4, 4) present pose of the board in the base frame; None while it is away."""
         if self._place is BoardPlace.AWAY:
             return None
         if self._place is BoardPlace.SHOWN:
@@ -63,7 +63,7 @@ class WorldBoard:
         return np.asarray(T_base_tool[IN_HAND[self._place]] @ self._T)
 
     def _shown(self) -> Array:
-        """(4, 4) board to camera: somewhere in the view, leaning."""
+        """(4, 4) random pose in the camera frame: within the view, tilted."""
         rng, noise = self._rng, self._noise
         z = noise.shown_distance.draw(rng)
         T = np.eye(4)
@@ -76,7 +76,7 @@ class WorldBoard:
         return T
 
     def _held(self) -> Array:
-        """(4, 4) board to tool: the tab between the pads, a little off."""
+        """(4, 4) random pose in the tool frame: the tab between the pads, with a small error."""
         rng, noise = self._rng, self._noise
         T = np.array(BOARD.T_tool_board)
         T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(noise.held_angle * rng.standard_normal(3))[0]

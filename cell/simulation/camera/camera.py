@@ -1,4 +1,4 @@
-"""The RGB-D camera of the simulated cell: a client of the render process, and the sensor's own errors."""
+"""The RGB-D camera of the simulated cell: a client of the render process, with the errors of the sensor."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from skills.vocabulary import Array
 __all__ = ["Renderer", "SimulatedCamera"]
 
 PICTURE_TIMEOUT_S = 30.0
-"""Of the render process, on the wall: only how long a crash or a hang stays unnoticed."""
+"""Wall time after which the render process counts as hanging [s]."""
 PICTURES_A_PROCESS = 400
-"""The renderer leaks; its process is replaced after so many."""
+"""The renderer leaks memory; its process is replaced after this number of pictures."""
 ATTEMPTS = 2
 
 
 class Renderer:
-    """The render process, started at once and restarted when it dies. Pictures are a function of the shot."""
+    """The render process, started at once and restarted if it dies. A picture depends on the shot only."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -50,14 +50,14 @@ class Renderer:
             [sys.executable, "-m", "cell.simulation.camera.render_server", str(theirs.fileno())],
             pass_fds=[theirs.fileno()], env=environment,
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            start_new_session=True,  # the operator's Ctrl-C is not meant for it
+            start_new_session=True,  # so that Ctrl-C does not reach it
         )  # fmt: skip
         theirs.close()
         ours.send(self._scene)
         self._connection, self._count = ours, 0
 
     def picture(self, shot: Shot) -> Picture:
-        """Raises DriverError(CAMERA_FAULT) when two processes in a row give none."""
+        """Render a shot. Raises DriverError(CAMERA_FAULT) if two processes in a row fail."""
         problem = ""
         for _ in range(ATTEMPTS):
             if self._process is None or self._count >= PICTURES_A_PROCESS:
@@ -103,8 +103,8 @@ class Renderer:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """How this camera sees, drawn once a world: gain of each colour channel, corner shading, and the part of the
-    depth's noise that is the same in every picture."""
+    """Constant errors of this camera, drawn once for each world: gain of each colour channel, vignetting, and the
+    part of the depth noise that is the same in every picture."""
 
     gain: Array
     vignette: NDArray[np.float32]
@@ -112,10 +112,10 @@ class _Look:
 
 
 class SimulatedCamera:
-    """Pictures with the sensor's errors. The noise of a picture depends on the seed and its sequence number
-    only, so that looking once more or once less changes no other draw of the world.
+    """Pictures with the errors of the sensor. The noise of a picture depends only on the seed and its sequence
+    number, so that the number of pictures changes no other random number of the world.
 
-    `shot` gives the world's present state, `now` its time.
+    shot: returns the world's present state; now: its time [s]; ideal: no errors.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class SimulatedCamera:
         self._last: CameraFrame | None = None
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
-        """Faults: the picture stays what it was; nothing but black; no answer."""
+        """Faults: the last picture is repeated; pictures are black; the camera does not answer."""
 
     def _draw_look(self, rng: np.random.Generator, lasting: np.random.Generator) -> _Look:
         noise, k = self._noise, self._intrinsics
@@ -145,13 +145,15 @@ class SimulatedCamera:
         return _Look(gain, (1.0 - noise.vignette * r2 / 2).astype(np.float32), self._grain(u.shape, lasting))
 
     def _grain(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Noise of deviation 1 in which neighbouring pixels are alike."""
+        """Noise of standard deviation 1 with correlated neighbouring pixels."""
         width = self._noise.depth_grain_px
         blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
-        return np.asarray(blurred * (2.0 * np.sqrt(np.pi) * width))  # blurring took this share of the deviation
+        return np.asarray(
+            blurred * (2.0 * np.sqrt(np.pi) * width)
+        )  # the factor restores the standard deviation after blurring
 
     def capture(self, exposures: int = 1) -> CameraFrame:
-        """A picture whose depth is the mean of so many exposures."""
+        """A picture whose depth is the mean of `exposures`. Raises DriverError(CAMERA_FAULT) while silent."""
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
@@ -176,7 +178,7 @@ class SimulatedCamera:
 
     @sequence.setter
     def sequence(self, value: int) -> None:
-        """For restoring a world: the next picture is number `value` + 1."""
+        """Used to restore a world: the next picture gets the number `value` + 1."""
         self._sequence, self._last = value, None
 
     def _sense_colour(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -189,10 +191,10 @@ class SimulatedCamera:
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     def _sense_depth(self, depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-        """Stereo triangulation: noise that grows with z squared, disparities in steps, nothing at edges."""
+        """Errors of stereo triangulation: noise proportional to z squared, quantised disparity, gaps at edges."""
         noise = self._noise
-        seen = np.isfinite(depth)
-        z = np.where(seen, depth, 1.0).astype(np.float64)
+        hit = np.isfinite(depth)
+        z = np.where(hit, depth, 1.0).astype(np.float64)
         lasting = noise.depth_lasting
         grain = lasting * self._look.grain + np.sqrt(1.0 - lasting**2) * self._grain(z.shape, rng)
         noisy = z + noise.depth_sigma * z**2 * grain
@@ -200,7 +202,7 @@ class SimulatedCamera:
         measured = scale / np.maximum(np.rint(scale / noisy), 1.0)
         edge = _edges(z, noise.edge_jump)
         lost = edge & (rng.random(z.shape) < noise.edge_loss) | (rng.random(z.shape) < noise.pixel_loss)
-        measured[~seen | lost] = np.nan
+        measured[~hit | lost] = np.nan
         return measured.astype(np.float32)
 
 

@@ -1,8 +1,8 @@
-"""The renderer's own process: a PyBullet world that only exists to be looked at.
+"""The render process: a PyBullet world that is used for pictures only.
 
-PyBullet's TinyRenderer leaks and may crash; here it can do both without taking the cell along. The garment
-is a puppet: a soft body without physics whose vertices are set before each picture. One step of a
-microsecond is needed after that, or the camera shows the old shape. Run by `cell.simulation.camera.camera`:
+PyBullet's TinyRenderer leaks memory and may crash; in a process of its own this does not affect the cell. The
+garment is a puppet, a soft body without physics whose vertices are set before each picture. After that, one step
+of a microsecond is needed: otherwise the camera shows the old shape. Started by `cell.simulation.camera.camera`:
 
     python -m cell.simulation.camera.render_server FD
 """
@@ -25,25 +25,25 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from robots.baxter.suppress_output import suppress_output
 from skills.vocabulary import Array, Table
 
-with suppress_output():  # it prints when it was built
+with suppress_output():  # it prints its build time
     import pybullet as pb
 
 __all__ = ["Picture", "Scene", "Shot", "main"]
 
-FAR, NEAR = 4.0, 0.25  # of the view [m]
+FAR, NEAR = 4.0, 0.25  # clipping planes [m]
 STEP = 1e-6  # [s]
-HIDDEN = -5.0  # where the puppet waits until the garment is laid, below the floor [m]
-FLOOR = -0.924  # of the base frame [m]
+HIDDEN = -5.0  # height of hidden objects, below the floor [m]
+FLOOR = -0.924  # height of the floor, base frame [m]
 FLOOR_RGB = (112, 114, 118)
 FINE = 2
-"""Samples a pixel, along each side, of a picture with the board: its corners are found to a tenth of a pixel."""
+"""Samples along each side of a pixel in pictures with the board, whose corners are found to a tenth of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is in the picture. Textures: (h, w, 3) RGB. garment: vertices (n, 3), texture coordinates (n, 2)
-    and triangles (m, 3) of its mesh. focal, centre: of the camera [px]. light: where it comes from; ambient,
-    diffuse: its coefficients."""
+    """The fixed content of the pictures. Textures: (h, w, 3) RGB. garment_uv, garment_triangles: texture
+    coordinates (n, 2) and triangles (m, 3) of the garment's mesh. width, height, focal, centre: of the camera
+    [px]. light: direction to the light; ambient, diffuse: its coefficients."""
 
     urdf: str
     table: Table
@@ -59,13 +59,13 @@ class Scene:
     ambient: float
     diffuse: float
     board: tuple[NDArray[np.uint8], tuple[float, float]] | None = None
-    """The calibration board's picture (h, w, 3), and its width and height [m]."""
+    """Picture (h, w, 3) of the calibration board, and its width and height [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One picture's state. joints: name -> position; vertices: (n, 3) in the base frame, None while no garment
-    lies there; T_base_camera: (4, 4), OpenCV axes; T_base_board: (4, 4), None while there is no board."""
+    """The state of the world for one picture. joints: name -> position; vertices: (n, 3) in the base frame, None
+    without a garment; T_base_camera: (4, 4), OpenCV axes; T_base_board: (4, 4), None without a board."""
 
     joints: dict[str, float]
     vertices: Array | None
@@ -75,14 +75,14 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """rgb: (h, w, 3) uint8; depth: (h, w) float32 along the optical axis, NaN where nothing was hit [m]."""
+    """rgb: (h, w, 3) uint8; depth: (h, w) float32 along the optical axis [m], NaN where nothing was hit."""
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
 
 
 class _Stage:
-    """The scene, loaded."""
+    """The loaded scene."""
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         self._scene = scene
@@ -99,7 +99,7 @@ class _Stage:
         n = pb.getNumJoints(self._robot, physicsClientId=self._client)
         infos = [pb.getJointInfo(self._robot, i, physicsClientId=self._client) for i in range(n)]
         self._joints = {info[1].decode(): info[0] for info in infos}
-        for link in range(-1, n):  # thinned meshes are not watertight
+        for link in range(-1, n):  # decimated meshes are not watertight
             pb.changeVisualShape(
                 self._robot, link, flags=pb.VISUAL_SHAPE_DOUBLE_SIDED, physicsClientId=self._client
             )
@@ -134,7 +134,7 @@ class _Stage:
         self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
 
     def _load_board(self, folder: Path) -> int | None:
-        """A card about its own middle, its front towards -z, x and y along the picture's rows and columns."""
+        """A card centred at the origin, its front towards -z, x and y along the picture's rows and columns."""
         if self._scene.board is None:
             return None
         image, (w, h) = self._scene.board
@@ -187,7 +187,7 @@ class _Stage:
         pb.stepSimulation(physicsClientId=self._client)
         n = 1 if shot.T_base_board is None else FINE
         shape = (n * scene.height, n * scene.width)
-        _, _, rgba, buffer, _ = pb.getCameraImage(  # the segmentation is thrown away: nobody may see it
+        _, _, rgba, buffer, _ = pb.getCameraImage(  # the segmentation is discarded: no skill may use it
             shape[1], shape[0], _view(shot.T_base_camera), self._projection(n), renderer=pb.ER_TINY_RENDERER,
             shadow=1, lightDirection=scene.light, lightColor=(1.0, 1.0, 1.0), lightAmbientCoeff=scene.ambient,
             lightDiffuseCoeff=scene.diffuse, lightSpecularCoeff=0.0, physicsClientId=self._client,
@@ -201,8 +201,8 @@ class _Stage:
         return Picture(rgb, depth.astype(np.float32))
 
     def _projection(self, n: int) -> tuple[float, ...]:
-        """TinyRenderer samples a pixel at its lower left corner: shifted by half a pixel, whole pixel
-        coordinates are the pixels' centres, as everywhere else. n: samples a pixel, along each side."""
+        """The projection matrix, shifted by half a pixel: TinyRenderer samples a pixel at its lower left corner,
+        while integer coordinates mean pixel centres everywhere else. n: samples along each side of a pixel."""
         scene = self._scene
         x, y = NEAR / scene.focal[0], NEAR / scene.focal[1]
         shift = 0.5 - 0.5 / n  # the samples of a pixel lie about its centre
@@ -212,11 +212,11 @@ class _Stage:
 
 
 def leading(triangles: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """The triangles (m, 3), each turned about so that every one of the n vertices comes first in one of them.
+    """The triangles (m, 3), with their corners rotated so that each of the n vertices is first in one of them.
 
-    PyBullet ties what it draws to the face in which a vertex lies when the mesh is loaded. Rounding may deny a
-    vertex its own faces, except one that begins with it; then another sheet's face that happens to lie over it
-    would carry it away. (For the same reason no two faces may lie in one plane then.)
+    When PyBullet loads the mesh, it attaches each drawn vertex to a face that contains it. Rounding can hide the
+    vertex's own faces from this search, except a face that begins with it. The vertex would then be attached to a
+    face of another layer above it and move with that. For the same reason no two faces may be coplanar then.
     """
     m = np.arange(len(triangles))
     touches = csr_matrix((np.ones(3 * len(m)), (triangles.T.ravel(), np.tile(m, 3))), shape=(n, len(m)))
@@ -240,9 +240,9 @@ def _view(T_base_camera: Array) -> tuple[float, ...]:
 
 
 def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32], upright: bool = False) -> str:
-    """An OBJ whose texture coordinates are numbered like its vertices: PyBullet keeps that order.
+    """An OBJ whose texture coordinates are numbered like its vertices, an order that PyBullet keeps.
 
-    upright: lit everywhere as if it lay flat. PyBullet keeps a soft body's normals as they were loaded.
+    upright: all normals point up, as on flat cloth; PyBullet never updates the normals of a soft body.
     """
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
     lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv]
@@ -266,7 +266,7 @@ def main(descriptor: int) -> None:
                     stage = _Stage(message, Path(folder))
                 elif stage is not None:
                     connection.send(stage.picture(message))
-            except Exception:  # the other side turns it into a camera fault
+            except Exception:  # the client reports it as a camera fault
                 connection.send(traceback.format_exc())
 
 

@@ -1,7 +1,6 @@
-"""The simulated cell as a robot on a network: the same world, reached over ROS by the real robot's driver.
+"""The emulated robot: the simulated world behind ROS, used through the driver of the real robot.
 
-The executive gets what the driver gives. The world stands in another process, and time in it is that process's: it
-goes on whether anybody commands or not, at the wall's pace at most.
+The world runs in another process. Its time passes whether or not commands arrive, at most as fast as wall time.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ __all__ = ["emulated_cell"]
 
 START_S = 60.0
 ANSWER_S = 120.0
-"""On the wall: a person lays a garment, and it comes to rest."""
+"""Wall time for one answer, e.g. until a laid garment has come to rest [s]."""
 ROOT = Path(__file__).resolve().parents[3]
 
 _master: subprocess.Popen[bytes] | None = None
@@ -45,9 +44,9 @@ _starting = threading.Lock()
 def emulated_cell(
     settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
 ) -> Iterator[SimulatedCell]:
-    """A simulated cell whose ports are the driver's, over ROS. limits: of the driver's set-points.
+    """A simulated cell whose ports are those of the ROS driver. limits: for the driver's set-points.
 
-    Raises ConfigurationError: no ROS, or what `open_simulated_cell` refuses.
+    Raises ConfigurationError if ROS is missing, and like `open_simulated_cell`.
     """
     _start_master()
     with ExitStack() as closing:
@@ -73,14 +72,14 @@ class _Attendant:
 
 
 class _World:
-    """What is outside of the executive's view, over the pipe to the process that has it."""
+    """Access to the parts of the world that the executive does not see, over a pipe to its process."""
 
     def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings) -> None:
         ours, theirs = Pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "cell.simulation.emulator.emulator_process", str(theirs.fileno())],
             pass_fds=[theirs.fileno()], env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            start_new_session=True,  # the operator's Ctrl-C is not meant for it
+            start_new_session=True,  # so that Ctrl-C does not reach it
         )  # fmt: skip
         theirs.close()
         self._connection: Connection = ours
@@ -97,7 +96,7 @@ class _World:
         return self.ask("truth")
 
     def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Nobody is told on the way: only the end is scored."""
+        """Does nothing: the truth of another process is read at the end of a run only."""
 
     def checkpoint(self) -> bytes:
         return self.ask("checkpoint")
@@ -105,11 +104,12 @@ class _World:
     def restore(self, saved: bytes) -> None:
         self.ask("restore", saved)
 
-    def ask(self, name: str, *given: Any) -> Any:
-        """Raises what was raised there, and DriverError(HARDWARE_FAULT) when the process is gone."""
+    def ask(self, name: str, *arguments: Any) -> Any:
+        """The answer of the world's process. Raises the exceptions raised there, and DriverError(HARDWARE_FAULT)
+        if the process has ended."""
         with self._asking:
             try:
-                self._connection.send((name, *given))
+                self._connection.send((name, *arguments))
             except OSError as error:
                 raise self._gone(str(error)) from error
             return self._answer(ANSWER_S)
@@ -125,7 +125,7 @@ class _World:
     def _answer(self, seconds: float) -> Any:
         try:
             if not self._connection.poll(seconds):
-                self._connection.close()  # a late answer would be taken for the next one
+                self._connection.close()  # a late answer would be read as the next one
                 raise self._gone(f"no answer in {seconds:.0f} s")
             answer = self._connection.recv()
         except (EOFError, OSError) as error:
@@ -136,7 +136,9 @@ class _World:
 
     def _gone(self, why: str) -> DriverError:
         return DriverError(
-            FailureKind.HARDWARE_FAULT, f"the emulated robot is gone: {why}", "start the run again; see its output"
+            FailureKind.HARDWARE_FAULT,
+            f"the emulated robot does not respond: {why}",
+            "start the run again; see its output",
         )
 
 
@@ -149,7 +151,7 @@ class _Faults:
 
 
 def _start_master() -> None:
-    """One for this process's life: it can be a node of no other (rospy)."""
+    """Start one ROS master for the life of this process: with rospy a process can use one master only."""
     global _master
     with _starting:
         if _master is not None and _master.poll() is None:
@@ -167,7 +169,7 @@ def _start_master() -> None:
         assert _master.stdout is not None
         if _master.stdout.readline().strip() != b"ready":
             _master = None
-            raise ConfigurationError("the ROS master does not start", "`foldcell doctor` tells what is missing")
+            raise ConfigurationError("the ROS master does not start", "`foldcell doctor` shows what is missing")
         atexit.register(_master.kill)
 
 

@@ -1,6 +1,7 @@
-"""The simulated cell in a process of its own, behind ROS as a real robot is.
+"""The process of the emulated robot: the simulated cell behind ROS, like a real robot.
 
-What is no robot's (the attendant, faults, the truth, checkpoints) comes over a pipe. The process ends with it.
+Requests that do not belong to a robot (attendant, faults, truth, checkpoints) arrive over a pipe. The process ends
+when the pipe is closed.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ __all__ = ["main"]
 
 
 SWITCH_S = 5e-4
-"""Each topic has a thread of its own: with Python's 5 ms their turns take longer than a tick."""
+"""Switch interval of Python's threads [s]: each topic has one, and 5 ms, the default, would exceed a tick."""
 
 
 PATIENCE_S = 0.3
-"""Beyond this the executive is late, as it would be with a robot."""
+"""Longest time by which the emulator waits for commands; later ones are late, as with a real robot [s]."""
 
 
 def main() -> None:
@@ -53,7 +54,7 @@ def _serve(connection: Connection, cell: SimulatedCell, topics: CameraTopics) ->
     ports = cell.ports
     node = open_node("baxter_emulator")
     emulator = Emulator(ports, node, topics, patience=PATIENCE_S)
-    over = threading.Event()
+    ended = threading.Event()
     answers: Mapping[str, Callable[..., Any]] = {
         "truth": cell.truth.now,
         "inject": cell.faults.add,
@@ -65,23 +66,23 @@ def _serve(connection: Connection, cell: SimulatedCell, topics: CameraTopics) ->
 
     def listen() -> None:
         try:
-            emulator.perform(lambda: None).result()  # everything was published by then
+            emulator.perform(lambda: None).result()  # returns after all topics were published
             connection.send("ready")
             while True:
-                name, *given = connection.recv()
+                name, *arguments = connection.recv()
                 try:
-                    connection.send(emulator.perform(partial(answers[name], *given)).result())
+                    connection.send(emulator.perform(partial(answers[name], *arguments)).result())
                 except CellError as error:
                     connection.send(error)
-        except (EOFError, OSError, CancelledError):  # whoever asks is gone, or the emulator is
+        except (EOFError, OSError, CancelledError):  # the client or the emulator has ended
             pass
         finally:
-            over.set()
+            ended.set()
             connection.close()
 
     threading.Thread(target=listen, name="outside", daemon=True).start()
     try:
-        emulator.run(over)
+        emulator.run(ended)
     finally:
         node.close()
 

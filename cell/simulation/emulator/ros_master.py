@@ -1,4 +1,4 @@
-"""A ROS master of this program's own, in a process that ends with whoever started it.
+"""A ROS master of this program's own, in a process that ends with the process that started it.
 
 python -m cell.simulation.emulator.ros_master PORT      until standard input ends
 """
@@ -19,7 +19,7 @@ def main() -> None:
     print("ready", flush=True)
     while sys.stdin.buffer.read(1):
         pass
-    os._exit(0)  # its server's threads know no end
+    os._exit(0)  # the server's threads never end
 
 
 if __name__ == "__main__":

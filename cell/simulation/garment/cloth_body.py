@@ -1,4 +1,4 @@
-"""The cloth of the simulated cell, behind one protocol: our own solver's, or MuJoCo's flex."""
+"""The cloth of the simulated cell: one protocol for foldcell's own solver and MuJoCo's flex."""
 
 from __future__ import annotations
 
@@ -18,61 +18,63 @@ from skills.vocabulary import Array, Material
 __all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body"]
 
 FRAME_RATE = 60
-"""Cloth frames in a second."""
+"""Rate of the cloth frames [Hz]."""
 
 
 class ClothBody(Protocol):
-    """One garment's cloth on the table z = 0 of the table frame, advanced in frames of 1 / FRAME_RATE.
+    """One garment's cloth on the table z = 0 of the table frame, advanced in frames of 1 / FRAME_RATE [s].
 
-    Hands are 0 and 1; a hand's pose is position (3,) and rotation (3, 3) R_table_tool. What `pads` says when a
-    hand grips is what that grip has.
+    Hands are 0 and 1; a hand's pose is position (3,) [m] and rotation (3, 3) R_table_tool. A grip uses the value
+    that `pads` has when it begins.
     """
 
     pads: PadGeometry
 
     @property
     def positions(self) -> Array:
-        """(n, 3) [m], table frame (a copy)."""
+        """A copy of the vertices (n, 3) [m], table frame."""
 
     def advance(self, frames: int = 1) -> None:
-        """Go on by so many frames, with the hands where they were last."""
+        """Advance by `frames`, with the hands at their last poses."""
 
     def advance_along(
         self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
     ) -> None:
-        """Go on along sampled motions, one sample a frame bound: position (frames + 1, 2, 3) and rotation
-        (frames + 1, 2, 3, 3) of both hands; capsules that push the cloth: ends (frames + 1, k, 3) twice and
+        """Advance along motions sampled at the bounds of the frames: position (frames + 1, 2, 3) and rotation
+        (frames + 1, 2, 3, 3) of both hands. capsules: bodies that push the cloth; both ends (frames + 1, k, 3) and
         radius (k,) [m]."""
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float) -> PinchReport:
-        """Close the pads of `hand` at a pose, squeezing with `force` [N]: what is between them is held, as a
-        line about which it can hang, and follows the hand."""
+        """Close the pads of `hand` at a pose with `force` [N]. The cloth between them is held along a line, about
+        which it can turn, and follows the hand."""
 
     def release(self, hand: int) -> None:
         """Open the pads of `hand`."""
 
     def set_grip_force(self, hand: int, force: float) -> None:
-        """Squeeze with another force [N]; the cloth slips out beyond 2 * pad friction * force."""
+        """Change the grip force [N]; the cloth slips out if it pulls with more than 2 * pad friction * force."""
 
     def held(self, hand: int) -> bool:
         """Whether `hand` still has cloth between its pads."""
 
     def pinch_force(self, hand: int) -> Array:
-        """(3,) [N] mean force of the cloth on the hand over the last frame."""
+        """Mean force (3,) [N] of the cloth on the hand over the last frame."""
 
     def checkpoint(self) -> dict[str, Array]:
-        """Everything that decides what comes next, as named arrays."""
+        """The complete state as named arrays."""
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Back to a checkpoint of a body with the same mesh, material and traits."""
+        """Restore a checkpoint of a body with the same mesh, material and traits."""
 
 
 @dataclass(frozen=True)
 class BodyTraits:
-    """What of this piece the garment file does not say. anisotropy: stiffness along material y over that along x
-    (our own body's only: MuJoCo's shell is isotropic); damping: of stretch and bending, over the usual;
-    residual_curvature [1/m]: friction in bending as `SolverSettings` has it (our own body's only: MuJoCo's shell
-    has none)."""
+    """Properties of one piece of cloth that are not in the garment file.
+
+    anisotropy: stiffness along material y divided by that along x. damping: of stretch and bending, divided by the
+    default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's shell is isotropic and has
+    no bending friction.
+    """
 
     anisotropy: float = 1.0
     damping: float = 1.0
@@ -80,13 +82,13 @@ class BodyTraits:
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
-    """Raises ConfigurationError when the world `world` cannot have such a garment, or is not installed."""
+    """Raises ConfigurationError if `world` cannot simulate the garment, or is not installed."""
     if world != "mujoco":
         return
     if layers != 1:
         raise ConfigurationError(
-            f"the mujoco world carries one layer of cloth, and {garment} has {layers}",
-            "fold a towel there, or take the world xpbd",
+            f"the mujoco world simulates one layer of cloth, but {garment} has {layers}",
+            "fold a towel there, or use the world xpbd",
             layers=layers,
         )
     try:
@@ -101,13 +103,13 @@ def check_body(world: str, garment: str, layers: int) -> None:
 def build_body(
     world: str, mesh: ClothMesh, material: Material, positions: Array, traits: BodyTraits, pads: PadGeometry
 ) -> ClothBody:
-    """The cloth of `world`, at rest at `positions` (n, 3). Raises ConfigurationError as `check_body`."""
+    """The cloth of `world`, at rest at `positions` (n, 3) [m]. Raises ConfigurationError like `check_body`."""
     check_body(world, "the garment", int(mesh.layer.max()) + 1)
     if world == "mujoco":
         from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 
-        usual = MujocoSettings()
-        settings = MujocoSettings(damping=usual.damping * traits.damping)
+        default = MujocoSettings()
+        settings = MujocoSettings(damping=default.damping * traits.damping)
         return MujocoCloth(mesh, material, positions, settings, pads=pads)
     base = SolverSettings()
     return ClothSimulation(

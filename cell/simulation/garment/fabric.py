@@ -1,4 +1,4 @@
-"""What the table and the fabrics look like: textures drawn from the world's generator."""
+"""Random textures of the table and the fabrics."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Texture = NDArray[np.uint8]
 
 SIZE = 512
 TABLE_HSV = {"bare_table": (16, 85, 168), "laminate": (20, 25, 190), "felt": (62, 90, 95)}
-"""OpenCV hue (0..179), saturation, value of the surfaces that have a look; others look like the bare table."""
+"""OpenCV hue (0..179), saturation and value of table surfaces; other surfaces look like the bare table."""
 FABRIC_HUES = (0, 6, 58, 88, 105, 115, 125, 150, 170)
-"""Hues well away from the table's [OpenCV, 0..179]."""
+"""OpenCV hues (0..179) that differ clearly from the table's."""
 
 
 def table_texture(rng: np.random.Generator, surface: str) -> Texture:
-    """(SIZE, SIZE, 3) RGB: a grain along x over the surface's colour."""
+    """(SIZE, SIZE, 3) RGB: the surface's colour with a grain along x."""
     hue, saturation, value = TABLE_HSV.get(surface, TABLE_HSV["bare_table"])
     streaks = _noise(rng, (4.0, 60.0)) * 12.0 + _noise(rng, (30.0, 60.0)) * 8.0 + _noise(rng, (0.8, 2.0)) * 4.0
     return _coloured(
@@ -31,7 +31,7 @@ def table_texture(rng: np.random.Generator, surface: str) -> Texture:
 def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture:
     """(SIZE, SIZE, 3) RGB: a plain or striped weave with hems.
 
-    look 'contrast': a hue far from the table's; 'table_hue': the table's own hue, a little lighter or darker.
+    look: 'contrast', a hue far from the table's, or 'table_hue', the table's hue, a little lighter or darker.
     """
     hue: float
     saturation: float
@@ -53,8 +53,8 @@ def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture
 
 
 def garment_uv(rest: Array, layer: NDArray[np.int32]) -> Array:
-    """(n, 2) texture coordinates of mesh vertices from their material coordinates (n, 2): the sheet above
-    takes the texture mirrored, so that front and back do not match by accident."""
+    """(n, 2) texture coordinates of mesh vertices from their material coordinates (n, 2) and layers (n,). The
+    upper layer has the texture mirrored, so that front and back do not match by accident."""
     low, span = rest.min(axis=0), np.ptp(rest, axis=0)
     uv = (rest - low) / span
     uv[layer > 0, 0] = 1.0 - uv[layer > 0, 0]
@@ -62,7 +62,7 @@ def garment_uv(rest: Array, layer: NDArray[np.int32]) -> Array:
 
 
 def _stripes(rng: np.random.Generator) -> Array:
-    """A band or two of stripes across the fabric, in brightness."""
+    """(SIZE, SIZE) brightness of two bands of stripes across the fabric."""
     u = np.linspace(0.0, 1.0, SIZE)
     band = np.zeros(SIZE)
     for centre in rng.uniform(0.08, 0.2, 1).tolist() + rng.uniform(0.8, 0.92, 1).tolist():
@@ -71,7 +71,7 @@ def _stripes(rng: np.random.Generator) -> Array:
 
 
 def _noise(rng: np.random.Generator, sigma: tuple[float, float]) -> Array:
-    """(SIZE, SIZE) smooth noise of unit deviation; sigma: correlation along rows' and columns' direction [px]."""
+    """(SIZE, SIZE) smooth noise of standard deviation 1. sigma: correlation length along x and y [px]."""
     field = cv2.GaussianBlur(rng.standard_normal((SIZE, SIZE)), (0, 0), sigmaX=sigma[0], sigmaY=sigma[1])
     return np.asarray(field / field.std(), dtype=np.float64)
 

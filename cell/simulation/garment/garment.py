@@ -1,4 +1,4 @@
-"""The garment of the simulated world: its own outline, mesh and fabric, and how it lies on the table."""
+"""The garment of the simulated world: its true outline, mesh and fabric, and its cloth on the table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["WorldGarment"]
 FINEST, COARSEST = 0.012, 0.024
 """Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
-"""Cloth that hangs further than this above a fingertip is not under it [m]."""
+"""Cloth that is further than this above a fingertip does not count as under it [m]."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class _Pose:
 
 
 class WorldGarment:
-    """One garment, not yet on the table until `lay`. Everything it is was drawn from `rng` at the start.
+    """One garment, which is not on the table until `lay`. All its properties are drawn from `rng` at the start.
 
-    world: what its cloth is. Raises ConfigurationError as `check_body`.
+    world: solver of its cloth. ideal: no errors. Raises ConfigurationError like `check_body`.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class WorldGarment:
         anisotropy = 1.0 - share * noise.anisotropy * rng.uniform()
         self.pad_friction = PadGeometry().friction
         self._wrinkles = int(rng.integers(2**31))
-        # drawn on its own: everything else of a seed is as it was before there was such friction
+        # a generator of its own, so that the other random numbers of a seed stay as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
         self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread))
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
 
-    # how it lies -------------------------------------------------------------------------------------
+    # position
 
     @property
     def laid(self) -> bool:
@@ -74,17 +74,17 @@ class WorldGarment:
 
     @property
     def residual_curvature(self) -> float:
-        """[1/m] that its friction in bending can keep."""
+        """Curvature that bending friction can hold [1/m]."""
         return self._traits.residual_curvature
 
     @property
     def flat(self) -> Array:
-        """(n, 2) where each vertex lies in the pose in which it is laid, perfectly flat, table frame."""
+        """(n, 2) vertices of the perfectly flat garment in the pose in which it is laid, table frame [m]."""
         return self.pose.place(self.mesh.rest)
 
     @property
     def positions(self) -> Array:
-        """(n, 3) table frame."""
+        """(n, 3) vertices, table frame [m]."""
         return self._cloth.positions
 
     @property
@@ -93,7 +93,7 @@ class WorldGarment:
         return self._body
 
     def lay(self) -> None:
-        """Put it on the table with the small wrinkles that a hand leaves, and let it come to rest."""
+        """Put the garment on the table with small wrinkles and let it come to rest."""
         self._body = self._build(self._wrinkled())
         self._cloth.advance(round(self._noise.settle_time * FRAME_RATE))
 
@@ -102,7 +102,7 @@ class WorldGarment:
         return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
 
     def _wrinkled(self) -> Array:
-        """(n, 3): waves in a random direction, and as much less width as they take up."""
+        """(n, 3) vertices with waves in random directions, shrunk so that the cloth keeps its length."""
         lying = self.mesh.lay_flat(self.material.thickness)
         if self._ideal:
             return np.column_stack((self.flat, lying[:, 2]))
@@ -120,7 +120,7 @@ class WorldGarment:
         return np.column_stack((self.pose.place(shrunk), lying[:, 2] + height))
 
     def _draw_relief(self, rng: np.random.Generator) -> Array:
-        """(n,) [m] how far each vertex stands out to the eye: small creases, fixed in the fabric."""
+        """(n,) height of small creases in the fabric that only the camera sees [m]."""
         height = np.zeros(len(self.mesh.rest))
         for _ in range(6):
             angle, phase = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi)
@@ -131,15 +131,15 @@ class WorldGarment:
 
     @property
     def seen(self) -> Array:
-        """(n, 3) what the camera sees of it: the upper surface, with creases that the solver does not carry."""
+        """(n, 3) vertices for the camera, with small creases that the solver does not simulate [m]."""
         x = self._cloth.positions
         x[:, 2] += self._relief
         return x
 
-    # what the robot does to it -----------------------------------------------------------------------
+    # actions of the robot
 
     def grip(self, hand: int, position: Array, rotation: Array, stroke: float, force: float) -> PinchReport:
-        """Close the pads, which stood `stroke` [m] apart, at a pose in the table frame."""
+        """Close the pads from `stroke` [m] apart with `force` [N], at a pose in the table frame."""
         self._cloth.pads = replace(self._cloth.pads, stroke=stroke)
         return self._cloth.grip(hand, position, rotation, force)
 
@@ -154,19 +154,19 @@ class WorldGarment:
         self._cloth.set_grip_force(hand, force)
 
     def pull(self, hand: int) -> Array:
-        """(3,) [N] of the cloth on the hand."""
+        """Force (3,) [N] of the cloth on the hand."""
         return self._cloth.pinch_force(hand)
 
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
-        """Go on by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its end;
-        capsules: their ends (2, k, 3) twice and radius (k,)."""
+        """Advance by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its
+        end. capsules: both ends (2, k, 3) and radius (k,) [m]."""
         if self.laid:
             self._cloth.advance_along(position, rotation, capsules)
 
-    # what the robot feels and the camera sees --------------------------------------------------------
+    # measurements
 
     def stack(self, point: Array) -> float:
-        """Thickness of the cloth under a fingertip at `point` (3,) when pressed flat [m]: its layers there."""
+        """Thickness of all layers under a fingertip at `point` (3,), when pressed flat [m]."""
         if not self.laid:
             return 0.0
         x = self._cloth.positions
@@ -177,7 +177,7 @@ class WorldGarment:
         a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         r = point - a
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        area = np.where(np.abs(area) < 1e-12, np.inf, area)  # seen edge-on: covers nothing
+        area = np.where(np.abs(area) < 1e-12, np.inf, area)  # vertical triangles cover nothing
         s, t = (r[:, 0] * v[:, 1] - r[:, 1] * v[:, 0]) / area, (u[:, 0] * r[:, 1] - u[:, 1] * r[:, 0]) / area
         height = a[:, 2] + s * u[:, 2] + t * v[:, 2]
         under = (s >= 0) & (t >= 0) & (s + t <= 1) & (height < point[2] + CATCH)
@@ -208,7 +208,7 @@ class WorldGarment:
 
 
 def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:
-    """This piece's fabric: each property departs from the garment file's by its share at most."""
+    """The true fabric: each property differs from the garment file by its share in the noise table at most."""
 
     def near(value: float, share: float) -> float:
         return value * (1.0 + share * rng.uniform(-1.0, 1.0))

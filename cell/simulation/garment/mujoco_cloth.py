@@ -1,12 +1,12 @@
-"""MuJoCo's flex as the cloth of a one-layer garment: the optional extra `peers`.
+"""MuJoCo's flex as the cloth of a garment of one layer (optional extra `peers`).
 
-The same mesh, areal mass, membrane modulus Y, flexural rigidity B and friction as our own solver's. MuJoCo's shell
-is a plate of Young modulus E and thickness t with Y = E t and B = E t^3 / (12 (1 - nu^2)), so
-t = sqrt(12 (1 - nu^2) B / Y); it is not the thickness of its contacts.
+Mesh, areal mass, membrane modulus Y, flexural rigidity B and friction are those of foldcell's own solver. MuJoCo's
+shell is a plate of Young modulus E and thickness t with Y = E t and B = E t^3 / (12 (1 - nu^2)), so
+t = sqrt(12 (1 - nu^2) B / Y). Contacts use another thickness.
 
-Pads hold material points: each coordinate of such a point is a linear function of the vertices', which MuJoCo
-calls a fixed tendon, tied to where the hand has it. A grip is therefore a new model, with the old one's state.
-Hands are capsules without friction: MuJoCo's kinematic bodies have no speed to rub with.
+Pads hold material points. Each coordinate of such a point is a linear function of vertex coordinates, a fixed
+tendon in MuJoCo, and an equality ties it to the hand. Each grip therefore compiles a new model and copies the
+state of the old one. Hands are capsules without friction, because kinematic bodies of MuJoCo have no velocity.
 """
 
 from __future__ import annotations
@@ -28,21 +28,25 @@ __all__ = ["MujocoCloth", "MujocoSettings"]
 
 POISSON = 1.0 / 3.0
 HANDS, CAPSULES = 2, 6
-LONGEST = 0.06  # half the length of a capsule's axis at most [m]
-AWAY = 50.0  # [m] where capsules wait that are not there
-CLOSING = 0.12  # [s] in which a pinch draws the cloth between the pads to their middle
+LONGEST = 0.06  # largest half length of a capsule's axis [m]
+AWAY = 50.0  # coordinate of unused capsules [m]
+CLOSING = 0.12  # time in which closing pads draw the cloth to their middle [s]
 HOLD_SOLREF = (0.004, 1.0)
 HAND_SOLREF = "0.01 1"
-STILL = 5e-5  # [m] a cloth that strays no further from its place
-STILL_FRAMES = 15  # in so many frames is at rest, and is not computed until something comes near it
-NEAR = 0.02  # [m] to a capsule
+STILL = 5e-5  # largest movement of cloth at rest [m]
+STILL_FRAMES = 15  # cloth at rest for this number of frames is not computed until a capsule comes near
+NEAR = 0.02  # distance to a capsule that wakes cloth at rest [m]
 
 
 @dataclass(frozen=True)
 class MujocoSettings:
-    """frame_rate [1/s]; steps: of MuJoCo in a frame. solref: time constant [s] of contacts (damping ratio 1): of
-    MuJoCo's own 0.02 s cloth creeps by centimetres in a fold. damping [s]: of the shell. gravity [m/s2].
-    selfcollide: whether cloth meets cloth. rest: whether cloth at rest is left alone."""
+    """Settings of the solver.
+
+    frame_rate [1/s]; steps: MuJoCo's steps in a frame. solref: time constant [s] of contacts (damping ratio 1);
+    with MuJoCo's default of 0.02 s cloth creeps by centimetres during a fold. iterations, tolerance: of the
+    solver. damping [s]: of the shell. gravity [m/s2]. selfcollide: whether cloth collides with itself. rest:
+    whether cloth at rest is not computed.
+    """
 
     frame_rate: int = 60
     steps: int = 5
@@ -56,15 +60,16 @@ class MujocoSettings:
 
     @property
     def step(self) -> float:
-        """[s]"""
+        """Time step [s]."""
         return 1.0 / (self.frame_rate * self.steps)
 
 
 @dataclass(eq=False)
 class _Hold:
-    """What one hand has: m material points (vertex, bary (m, 3)), where they were in the tool frame (offset) and
-    at which height they are held [m]; age: since the pads closed [s]; limit, force: borne at most and borne now
-    [N]; rows: 3 m of the model's equalities."""
+    """The cloth that one hand holds: m material points (vertex, bary (m, 3)), their positions in the tool frame
+    when the pads closed (offset (m, 3) [m]) and the heights at which they are held (height (m,) [m]). age: time
+    since the pads closed [s]; limit, force: largest and present force [N]; rows: the 3 m equalities in the
+    model."""
 
     vertex: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     bary: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -76,8 +81,8 @@ class _Hold:
     rows: slice = field(default_factory=lambda: slice(0, 0))
 
     def targets(self, x: Array, position: Array, rotation: Array) -> Array:
-        """(m, 3) where the points belong, with the cloth at x (n, 3). Several layers keep their distances, and the
-        stack is free to turn about the line."""
+        """(m, 3) target positions of the points, for vertices x (n, 3). Layers keep their distances, and the stack
+        is free to turn about the held line."""
         mean = self.height.mean()
         r = self.height - mean
         at = (self._points(x) - position) @ rotation
@@ -95,8 +100,8 @@ class _Hold:
 class MujocoCloth:
     """One sheet of cloth on the table: a `ClothBody`.
 
-    positions: (n, 3) to start from, at rest; fixed: vertices that never leave where they lie flat; table: whether
-    there is one. Raises InternalError when MuJoCo loses the cloth.
+    positions: (n, 3) at the start, at rest; fixed: vertices that stay at their flat positions; table: whether
+    there is one. Raises InternalError if MuJoCo's state becomes invalid.
     """
 
     def __init__(
@@ -123,7 +128,7 @@ class MujocoCloth:
         self.set_positions(self._flat if positions is None else positions)
 
     def _build(self) -> None:
-        """The model with what the hands hold now, in the same state."""
+        """Compile the model with the present holds and copy the state of the old model."""
         old = getattr(self, "_data", None)
         self._model = _compile(self._xml, self.material, self.mesh, self._free, self._flat, self._holds)
         self._data = mujoco.MjData(self._model)
@@ -141,14 +146,14 @@ class MujocoCloth:
         return x
 
     def set_positions(self, positions: Array) -> None:
-        """Put the cloth somewhere (n, 3), at rest; what was held is released."""
+        """Set the vertices (n, 3), at rest; releases both hands."""
         for hand in range(HANDS):
             self.release(hand)
         self._data.qpos[:] = (positions - self._flat)[self._free].ravel()
         self._data.qvel[:] = 0.0
         self._wake()
 
-    # hands -------------------------------------------------------------------------------------------
+    # hands
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
         p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
@@ -174,7 +179,7 @@ class MujocoCloth:
     def pinch_force(self, hand: int) -> Array:
         return self._holds[hand].force.copy()
 
-    # time --------------------------------------------------------------------------------------------
+    # time
 
     def advance(self, frames: int = 1) -> None:
         p, r = np.repeat(self._position[None], frames + 1, 0), np.repeat(self._rotation[None], frames + 1, 0)
@@ -209,7 +214,7 @@ class MujocoCloth:
             for hand, hold in enumerate(self._holds):
                 forces[hand] += self._pull(hold) / self.settings.steps
         if not np.isfinite(self._data.qpos).all() or self._data.warning.number[mujoco.mjtWarning.mjWARN_BADQACC]:
-            raise InternalError("MuJoCo lost the cloth's positions", time_s=float(self._data.time))
+            raise InternalError("MuJoCo's state of the cloth is invalid", time_s=float(self._data.time))
         for hand, hold in enumerate(self._holds):
             hold.force = forces[hand]
             if self.held(hand) and np.linalg.norm(forces[hand]) > hold.limit:
@@ -220,14 +225,14 @@ class MujocoCloth:
         self._model.eq_data[hold.rows, 0] = (targets - rest).ravel()
 
     def _pull(self, hold: _Hold) -> Array:
-        """(3,) [N] of the cloth on the hand in the last step."""
+        """Force (3,) [N] of the cloth on the hand in the last step."""
         data = self._data
         mine = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (data.efc_id >= hold.rows.start)
         mine &= data.efc_id < hold.rows.stop
         return -np.asarray(data.efc_force[mine]).reshape(-1, 3).sum(axis=0)
 
     def _at_rest(self, capsules: tuple[Array, Array, Array] | None) -> bool:
-        """Whether nothing moves the cloth in this frame."""
+        """Whether the cloth is at rest and nothing moves it in this frame."""
         x = self.positions
         touched = capsules is not None and _within(x, *capsules, NEAR)
         if not self.settings.rest or touched or any(self.held(hand) for hand in range(HANDS)):
@@ -245,20 +250,20 @@ class MujocoCloth:
         self._resting, self._still = self.positions, 0
 
     def _place(self, low: Array, high: Array, radius: Array) -> None:
-        """Put capsules with axes low-high (k, 3)."""
+        """Place capsules with axes from low to high (k, 3) and radius (k,)."""
         for k, (p0, p1) in enumerate(zip(low, high, strict=True)):
             length = float(np.linalg.norm(p1 - p0))
             quaternion = np.zeros(4)
             mujoco.mju_quatZ2Vec(quaternion, (p1 - p0) / length)
             self._data.mocap_pos[k], self._data.mocap_quat[k] = 0.5 * (p0 + p1), quaternion
-            # only ever smaller than compiled, so that the bounds of the broad phase hold
+            # never larger than compiled, so that the bounds of the broad phase stay valid
             self._model.geom_size[self._capsule[k], :2] = radius[k], min(0.5 * length, LONGEST)
 
     def _take_away(self, capsules: Sequence[int]) -> None:
         for k in capsules:
             self._data.mocap_pos[k] = (AWAY, 0.0, AWAY + k)
 
-    # stopping and going on ---------------------------------------------------------------------------
+    # checkpoints
 
     def checkpoint(self) -> dict[str, Array]:
         out = {"tool_p": self._position.copy(), "tool_r": self._rotation.copy(), "still": np.array(self._still),
@@ -273,7 +278,7 @@ class MujocoCloth:
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         if saved["place"].shape != self._flat.shape:
-            raise InternalError("a checkpoint of another mesh", shape=tuple(saved["place"].shape))
+            raise InternalError("the checkpoint belongs to another mesh", shape=tuple(saved["place"].shape))
         self._holds = []
         for hand in range(HANDS):
             part = {k.split(".")[1]: v.copy() for k, v in saved.items() if k.startswith(f"hold{hand}.")}
@@ -287,7 +292,7 @@ class MujocoCloth:
 
 
 def _within(x: Array, low: Array, high: Array, radius: Array, margin: float) -> bool:
-    """Whether a point of x (n, 3) is within `margin` of a capsule at the start or the end of a frame."""
+    """Whether a point of x (n, 3) is within `margin` [m] of a capsule at the start or the end of a frame."""
     for p0, p1, r in zip(low.reshape(-1, 3), high.reshape(-1, 3), np.tile(radius, len(low)), strict=True):
         axis = p1 - p0
         s = np.clip((x - p0) @ axis / (axis @ axis), 0.0, 1.0)
@@ -299,7 +304,7 @@ def _within(x: Array, low: Array, high: Array, radius: Array, margin: float) -> 
 def _compile(
     xml: str, material: Material, mesh: ClothMesh, free: NDArray[np.bool_], flat: Array, holds: Sequence[_Hold]
 ) -> mujoco.MjModel:
-    """The model: each vertex with the mass of its share of the cloth, and the equalities of the holds."""
+    """Compile the model: each vertex has the mass of its area, and each hold has its equalities."""
     spec = mujoco.MjSpec.from_string(xml)
     mass = material.areal_mass * mesh.vertex_area
     bodies = {v: spec.body(f"c_{v}") for v in np.flatnonzero(free)}

@@ -1,4 +1,4 @@
-"""The true outline of a garment: outlines.yaml, drawn once a world with its own size and its own errors."""
+"""The true outline of a garment: an outline of outlines.yaml with random errors of size and shape."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EDGE_POINTS = 5
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """contour: (k, 2) counter-clockwise [m], garment frame. keypoints: name -> (2,), on the contour."""
+    """contour: (k, 2) counter-clockwise. keypoints: name -> (2,), on the contour. Garment frame [m]."""
 
     contour: Array
     keypoints: Mapping[str, Array]
@@ -37,7 +37,7 @@ def _file() -> Mapping[str, Any]:
 
 
 def draw_outline(garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool = False) -> Outline:
-    """One piece of `garment`: `ideal` leaves size and shape as nominal."""
+    """Draw the outline of one piece of `garment`. ideal: nominal size and shape."""
     points = _points(garment)
     share = 0.0 if ideal else 1.0
     scale = 1.0 + share * noise.size * rng.uniform(-1.0, 1.0, 2)
@@ -68,13 +68,13 @@ def _points(garment: Garment) -> list[dict[str, Any]]:
 
 
 def _ships(garment: Garment) -> bool:
-    """Whether it is the garment that ships under its name: a file of one's own may be called alike."""
+    """Whether this is the shipped garment of its name: a user's file may have the same name."""
     shipped = load_garment(garment.name)
     return garment.keypoints == shipped.keypoints and np.array_equal(garment.template, shipped.template)
 
 
 def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
-    """(ARC_POINTS, 2): an arc of `radius` [m] that touches both edges, smaller where they are too short."""
+    """(ARC_POINTS, 2): an arc of `radius` [m] that touches both edges; smaller if they are too short."""
     a, b = before - corner, after - corner
     la, lb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     a, b = a / la, b / lb
@@ -90,7 +90,7 @@ def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
 
 
 def _bowed(start: Array, end: Array, bow: float) -> Array:
-    """(EDGE_POINTS, 2) between the ends, on a parabola `bow` [m] outside the chord (outside: to the right)."""
+    """(EDGE_POINTS, 2) between the ends, on a parabola whose middle is `bow` [m] to the right of the chord."""
     s = np.linspace(0.0, 1.0, EDGE_POINTS + 2)[1:-1, None]
     chord = end - start
     outwards = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)

@@ -1,8 +1,8 @@
-"""The simulated arms: the robot's own controller, its tracking error and its sensors, over the PyBullet body.
+"""The simulated arms: the robot's controller, its tracking errors and its sensors, on top of the PyBullet body.
 
-Set-points arrive late (lag), are followed between commands by their velocity, and give way to a hold when
-none comes for the command timeout. Jitter and sudden drops move the arm off its set-point; the encoders'
-bias makes it stand where it does not know. A stop brakes both arms at a bounded deceleration.
+Set-points arrive with a lag and are extrapolated by their velocity between commands. Without a command for the
+command timeout the arms hold. Jitter and sudden drops move an arm off its set-point, and encoder bias shifts its
+true position from the measured one. A stop brakes both arms with a bounded deceleration.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from robots.setpoint import clip_setpoint
 __all__ = ["SimulatedRobot"]
 
 EXTRAPOLATION = 0.02
-"""A set-point's velocity is followed for this long when the next one is late [s]."""
+"""A set-point is extrapolated for this time at most [s]."""
 MOVING = 0.05
 """Joint speed at which jitter has its full size [rad/s]."""
 HEAD_SPEED = 0.6  # [rad/s]
 SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
-"""Index of S1 in a joint vector: its positive turn lowers the arm."""
+"""Index of S1 in a joint vector; positive rotation lowers the arm."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class _Setpoint:
 
 @dataclass(frozen=True)
 class _Drop:
-    """A sudden drop under way: `angle` [rad] of S1 at its deepest, from `start` for `duration` [s]."""
+    """An active sudden drop: largest angle [rad] of S1, start and duration [s]."""
 
     start: float
     duration: float
@@ -54,7 +54,7 @@ class _Drop:
 
 
 class SimulatedRobot:
-    """Both arms and the head. `step` moves the controller by one physics step; the rest is asked between."""
+    """Both arms and the head. `step` advances the controller by one physics step."""
 
     def __init__(
         self,
@@ -87,22 +87,25 @@ class SimulatedRobot:
         self._t = 0.0
         body.place(q_start - self._bias, 0.0, dict.fromkeys(Side, 0.0))
 
-    # what the executive asks -------------------------------------------------------------------------
+    # called by the ports
 
     def enable(self) -> None:
         if self._stop_reason is not None:
             raise DriverError(
                 FailureKind.STOPPED,
-                f"the arms stay disabled: stopped ({self._stop_reason})",
+                f"the arms cannot be enabled: stopped ({self._stop_reason})",
                 "reset the stop first",
             )
         self._enabled = True
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Raises DriverError when stopped, not enabled, or given what is no joint vector."""
+        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped one. Raises DriverError if the arms
+        are stopped or not enabled, or for invalid vectors."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
-            raise DriverError(FailureKind.HARDWARE_FAULT, f"no joint vectors of 14: shapes {q.shape}, {qd.shape}")
+            raise DriverError(
+                FailureKind.HARDWARE_FAULT, f"not two finite vectors of 14: shapes {q.shape}, {qd.shape}"
+            )
         if self._stop_reason is not None:
             raise DriverError(
                 FailureKind.STOPPED, f"stopped: {self._stop_reason}", "reset the stop, then enable the arms"
@@ -115,7 +118,7 @@ class SimulatedRobot:
         return last_command
 
     def state(self) -> JointState:
-        """Reading it changes nothing: the noise belongs to the physics step, not to the call."""
+        """The measured state. Its noise depends on the physics step only, so that a reading changes nothing."""
         q, qd, _, pan = self._body.read()
         q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
         if not self._ideal:
@@ -129,7 +132,7 @@ class SimulatedRobot:
         self._head_goal = float(np.clip(angle, -1.39, 1.39))
 
     def trigger_stop(self, reason: str) -> None:
-        """Callable from any thread and from a signal handler: sets one attribute, looked at each step."""
+        """Set the stop, which the next physics step reads. Safe from any thread and from a signal handler."""
         if self._stop_reason is None:
             self._stop_stamp = self._t
             self._stop_reason = reason or "no reason given"
@@ -143,14 +146,14 @@ class SimulatedRobot:
         self._enabled = False
 
     def snapshot(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """What decides how it goes on from rest: arrays, and the generator's state with the plain figures."""
+        """The state from which the arms continue at rest: arrays, and plain values with the generator's state."""
         q, _, _, pan = self._body.read()
         arrays = {"q": q, "target": self._target, "jitter": self._jitter}
         plain = {"pan": pan, "head": self._head, "goal": self._head_goal, "step": self._step, "t": self._t}
         return arrays, {**plain, "rng": self._rng.bit_generator.state}
 
     def resume(self, arrays: Mapping[str, Array], plain: Mapping[str, Any], opening: Mapping[Side, float]) -> None:
-        """Stand at rest where the snapshot was taken, motors off, no stop."""
+        """Restore a snapshot: arms at rest, motors off, no stop. opening: of each gripper [m]."""
         self._target, self._jitter = arrays["target"].copy(), arrays["jitter"].copy()
         self._sent, self._velocity = self._target.copy(), np.zeros(14)
         self._head, self._head_goal = plain["head"], plain["goal"]
@@ -161,10 +164,10 @@ class SimulatedRobot:
         self._drops.clear()
         self._body.place(arrays["q"], plain["pan"], opening)
 
-    # the world's side --------------------------------------------------------------------------------
+    # called by the world
 
     def step(self, t: float, dt: float, opening: Mapping[Side, float]) -> None:
-        """Set the motors for the step that ends at time t [s]; the caller then steps the physics."""
+        """Set the motor targets for the physics step that ends at time t [s]; the caller performs the step."""
         self._t, self._step = t, self._step + 1
         follow = 1.0 - np.exp(-dt / self._noise.effort_time)
         self._effort += follow * (self._body.read()[2] - self._effort)
@@ -190,14 +193,14 @@ class SimulatedRobot:
         return np.asarray(np.minimum(np.maximum(q, self._limits.lower), self._limits.upper))
 
     def _hold(self, dt: float) -> None:
-        """Brake to rest and stay there."""
+        """Brake to rest and hold."""
         v = self._velocity
         self._velocity = np.sign(v) * np.maximum(np.abs(v) - self._brake * dt, 0.0)
         self._target = self._within(self._target + 0.5 * (v + self._velocity) * dt)
         self._sent = self._target
 
     def _disturbance(self, t: float, dt: float) -> Array:
-        """(14,) [rad] off the set-point: jitter (Ornstein-Uhlenbeck) and drops."""
+        """(14,) offset from the set-point [rad]: jitter (Ornstein-Uhlenbeck process) and drops."""
         speed = np.abs(self._velocity)
         if self._ideal:
             offset = np.zeros(14)
@@ -216,7 +219,7 @@ class SimulatedRobot:
         return offset
 
     def drop(self, side: Side, depth: float, duration: float) -> None:
-        """Let an arm drop by `depth` [m] at the tool and come back within `duration` [s]."""
+        """Begin a drop of an arm by `depth` [m] at the tool, which ends after `duration` [s]."""
         position, _ = self._body.tool_pose(side)
         shoulder = np.array([0.12, 0.28 if side is Side.LEFT else -0.28])
         reach = max(float(np.linalg.norm(position[:2] - shoulder)), 0.3)

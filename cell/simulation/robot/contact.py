@@ -1,4 +1,4 @@
-"""Fingertips on the table and on the cloth: how hard, and how far the arm gives way."""
+"""Contact of the fingertips with the table and the cloth: forces, and deflection of the arm."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FINGER_RADIUS = 0.008
 FINGER_LENGTH = 0.085
 HAND_RADIUS = 0.040
 HAND_FROM, HAND_TO = 0.110, 0.200
-"""The gripper's body behind the fingers, along the tool's -z [m]."""
+"""Ends of the gripper's body behind the fingers, along the tool's -z [m]."""
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Of the arm at the tool along z, of a rubber tip on the table, of a tip in cloth [N/m]."""
+    """Stiffness of the arm at the tool along z, of a rubber tip on the table, of a tip in cloth [N/m]."""
 
     arm: float
     tip: float
@@ -29,24 +29,23 @@ class Stiffness:
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """force: (2,) along the tool's z on each tip [N]; lift: how far the table pushes the hand up [m]."""
+    """force: (2,) on each tip along the tool's z [N]; lift: distance by which the table pushes the hand up [m]."""
 
     force: Array
     lift: float
 
 
 def fingertips(position: Array, rotation: Array, opening: float) -> Array:
-    """(2, 3) the middles of the tips of fingers 0 and 1 (the tool's +y and -y), pads `opening` [m] apart."""
+    """(2, 3) centres of the tips of fingers 0 and 1 (at the tool's +y and -y). opening: between the pads [m]."""
     side = 0.5 * (opening + PAD_THICKNESS) * rotation[:, 1]
     return np.stack((position + side, position - side))
 
 
 def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
-    """tips: (2, 3) where the arm would have them, table frame; stack: (2,) thickness of the
-    cloth there [m].
+    """Forces and lift. tips: (2, 3) commanded positions, table frame [m]; stack: (2,) thickness of the cloth [m].
 
-    Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift).
-    Cloth is a softer spring on top of it, pressed flat at the table's height; it does not lift the arm.
+    Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift). Cloth is a
+    softer spring above the table, which is flat at the table's height and does not lift the arm.
     """
     depth = np.maximum(-tips[:, 2], 0.0)
     both = stiffness.tip * depth.sum() / (stiffness.arm + 2.0 * stiffness.tip)
@@ -61,8 +60,9 @@ def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
 def finger_axes(
     position: Array, rotation: Array, opening: float, floor: Array, raised: float
 ) -> tuple[Array, Array]:
-    """Ends (2, 3), (2, 3) of the two fingers' capsules. floor: (2,) lowest height of their undersides [m]: soft
-    tips do not press the cloth through the table. raised: how far above the tips they begin [m]."""
+    """Lower and upper ends (2, 3), (2, 3) of the fingers' capsules. floor: (2,) least height of their undersides
+    [m], because soft tips do not press the cloth through the table. raised: height above the tips at which the
+    capsules begin [m]."""
     back = -rotation[:, 2]
     tips = fingertips(position, rotation, opening)
     low = tips + (FINGER_RADIUS + raised) * back
@@ -71,6 +71,6 @@ def finger_axes(
 
 
 def hand_axis(position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Ends (3,), (3,) of the capsule of the gripper's body."""
+    """Ends (3,), (3,) of the gripper body's capsule."""
     back = -rotation[:, 2]
     return position + HAND_FROM * back, position + HAND_TO * back

@@ -1,4 +1,4 @@
-"""The simulated electric gripper: fingers that close until something is between the pads."""
+"""The simulated electric gripper: the fingers close until the pads meet cloth or each other."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ __all__ = ["SimulatedGripper"]
 
 _SNAPSHOT = ("opening", "pressing", "_goal", "_force", "_between", "_stroke", "_calibrated", "_t", "_step")
 MOVING = 5e-4
-"""Further from its goal than this the gripper says that it moves [m]."""
+"""The gripper reports that it moves while it is further than this from its goal [m]."""
 
 
 class SimulatedGripper:
-    """One gripper. Closed on nothing the pads just meet at opening 0 and press on no one.
+    """One gripper. Without cloth the pads meet at opening 0 and do not press.
 
-    caught(stroke, force): called when the pads come together on whatever lies between them, having stood
-    `stroke` [m] apart; returns the thickness that keeps them open [m], 0 for nothing. opened(): called when
-    they let go of it.
+    caught(stroke, force): called when the pads, having closed from `stroke` [m], reach the opening at which cloth
+    is caught; returns the thickness between them [m], 0 for nothing. opened(): called when they release the cloth.
     """
 
     def __init__(
@@ -40,7 +39,7 @@ class SimulatedGripper:
         self._caught, self._opened = caught, opened
         self.opening = 0.0
         self.pressing = 0.0
-        """Force on each pad now [N]."""
+        """Present force on each pad [N]."""
         self.stuck = False
         self._goal, self._force = 0.0, 0.0
         self._between = 0.0
@@ -57,18 +56,20 @@ class SimulatedGripper:
 
     @property
     def force(self) -> float:
-        """What it is told to squeeze with [N]."""
+        """Commanded force [N]."""
         return self._force
 
     def calibrate(self) -> None:
-        """Close and open once; takes a moment of cell time. What is commanded meanwhile follows after it."""
+        """Close and open once, which takes cell time. A command given meanwhile is carried out after it."""
         self._calibrating = self._noise.calibration_time
-        self._let_go()
+        self._release()
 
     def command(self, opening: float, force: float) -> None:
-        """Raises DriverError before calibration, and for what is no opening or force."""
+        """Move to `opening` [m] with `force` [N]. Raises DriverError before calibration and for invalid values."""
         if not (np.isfinite(opening) and np.isfinite(force)):
-            raise DriverError(FailureKind.GRIPPER_FAULT, f"no command: opening {opening} m, force {force} N")
+            raise DriverError(
+                FailureKind.GRIPPER_FAULT, f"the command is not finite: opening {opening} m, force {force} N"
+            )
         goal = float(np.clip(opening, 0.0, MAX_OPENING)), float(np.clip(force, 0.0, self._noise.max_force))
         if self._calibrating is not None:
             self._after = goal
@@ -97,7 +98,7 @@ class SimulatedGripper:
         return GripperState(self._t, self.side, opening, force, moving, self._calibrated)
 
     def snapshot(self) -> dict[str, float]:
-        """What decides how it goes on, a calibration under way left out."""
+        """The state, without a calibration in progress."""
         return {name: getattr(self, name) for name in _SNAPSHOT}
 
     def resume(self, saved: Mapping[str, float]) -> None:
@@ -107,7 +108,7 @@ class SimulatedGripper:
         self._calibrating = self._after = None
 
     def lost(self) -> None:
-        """What was between the pads has slipped out: they go on closing."""
+        """The cloth has slipped out from between the pads, which continue to close."""
         self._between = 0.0
 
     def step(self, t: float, dt: float) -> None:
@@ -138,9 +139,9 @@ class SimulatedGripper:
         if self._calibrating is None and before > contact >= self.opening:
             self._between = min(self._caught(self._stroke, self._force), contact)
         elif self.holding and before < self.opening > self._between + MOVING:
-            self._let_go()
+            self._release()
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         if self.holding:
             self._between = 0.0
             self._opened()

@@ -1,4 +1,4 @@
-"""The simulated pressure cells of one gripper: four rows of three on each pad, and the force on the tips."""
+"""The simulated tactile sensors of one gripper: pressure cells on each pad, and the force on each fingertip."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from robots.ports import Array, Side, TactileReading, frozen
 __all__ = ["SimulatedTactile"]
 
 DRIFT_PERIOD = 120.0  # [s]
-SPREAD = 0.006  # of the pressure along the pad about the held line [m]
-HELD_DEPTH = 0.006  # of the held line above the tips [m]
+SPREAD = 0.006  # width of the pressure about the held line, along the pad [m]
+HELD_DEPTH = 0.006  # height of the held line above the tips [m]
 
 
 class SimulatedTactile:
-    """Sampled at its own rate: two readings within a sample are the same reading.
+    """Samples at its own rate: readings within one sample period are identical.
 
-    pressing() is the force on each pad [N], tips() that on the two fingertips (2,) [N].
+    pressing(): force on each pad [N]; tips(): forces on the two fingertips (2,) [N].
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class SimulatedTactile:
         self._last: TactileReading | None = None
 
     def _pattern(self) -> Array:
-        """(rows, columns) share of the grip's force on each cell."""
+        """(rows, columns) share of the grip force on each cell."""
         z = (np.arange(self._noise.rows) + 0.5) * self._noise.spacing
         rows = np.exp(-(((z - HELD_DEPTH) / SPREAD) ** 2))
         columns = np.ones(self._noise.columns)
@@ -66,5 +66,5 @@ class SimulatedTactile:
         return self._last
 
     def forget(self) -> None:
-        """For restoring a world: the last sample is not of its time."""
+        """Used to restore a world: the last sample belongs to another time."""
         self._last = None

@@ -1,4 +1,4 @@
-"""A flat mesh cut along fold lines and folded as a perfect isometry: what a plan wants of a garment.
+"""The target of a plan: a flat mesh, cut along the fold lines and folded as a perfect isometry.
 
 Lengths in metres, table frame.
 """
@@ -15,16 +15,16 @@ from skills.vocabulary import Array, FoldLine, frozen
 
 __all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
 
-ON_LINE = 1e-7  # a vertex this near a fold line lies on it: no slivers [m]
+ON_LINE = 1e-7  # a vertex this near a fold line counts as on it, which avoids slivers [m]
 
 
 @dataclass(frozen=True, eq=False)
 class FoldedMesh:
     """A mesh cut along the fold lines and folded flat.
 
-    attributes: (n', k) of the cut mesh's vertices, interpolated from what was given. triangles: (m', 3).
-    target: (n', 2) where the fold takes each vertex. area: (m',) of the triangles in the rest shape.
-    creases: (c, 2, 2) end points of the creases' pieces where they lie in the target.
+    attributes: (n', k) of the cut mesh's vertices, interpolated from the given ones. triangles: (m', 3). target:
+    (n', 2) folded positions of the vertices. area: (m',) of the triangles in the rest shape [m2]. creases:
+    (c, 2, 2) end points of the creases' segments in the target.
     """
 
     attributes: Array
@@ -37,10 +37,10 @@ class FoldedMesh:
 def fold_mesh(
     material: Array, triangles: NDArray[np.int32], lines: Sequence[FoldLine], attributes: Array
 ) -> FoldedMesh:
-    """Cut a flat mesh (n, 2) along fold lines and fold it; `attributes` (n, k) are interpolated along.
+    """Cut a flat mesh (n, 2) along fold lines, fold it, and interpolate `attributes` (n, k).
 
-    Each line is stated where the garment lies at that step, so a later line also cuts through what an
-    earlier one has laid over.
+    Each line is given for the garment as it lies at that step, so a later line also cuts cloth that an earlier
+    line has folded over.
     """
     rest_and_more = np.column_stack([material, attributes])
     y = np.array(material, dtype=float)
@@ -52,7 +52,7 @@ def fold_mesh(
         rest_and_more, y = columns[:, :-2], columns[:, -2:]
         distance = _distance(line, y)
         y = np.where((distance > 0.0)[:, None], line.reflect(y), y)
-    # Edges are looked up in the finished mesh: later lines have cut earlier creases too.
+    # creases are found in the finished mesh, because later lines cut the creases of earlier ones
     before = rest_and_more[:, :2]
     for line in lines:
         distance = _distance(line, before)
@@ -74,7 +74,7 @@ def _distance(line: FoldLine, xy: Array) -> Array:
 
 
 def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[Array, NDArray[np.int32]]:
-    """Split the triangles that `line` crosses; the last two columns say where the vertices lie."""
+    """Split the triangles that `line` crosses; the last two columns are the vertices' present positions."""
     d = _distance(line, columns[:, -2:])
     side = np.sign(d[triangles])
     crossed = (side.min(axis=1) < 0) & (side.max(axis=1) > 0)
@@ -111,7 +111,7 @@ def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[
 
 
 def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]:
-    """(c, 2) edges on a fold line with cloth that moves on one side and cloth that stays on the other."""
+    """(c, 2) edges on a fold line with moving cloth on one side and staying cloth on the other."""
     side = np.sign(distance[triangles].sum(axis=1))
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     on_line = (distance[edges] == 0.0).all(axis=1)
@@ -122,6 +122,6 @@ def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]
 
 
 def doubled_area(xy: Array, triangles: NDArray[np.int32]) -> Array:
-    """Twice the triangles' areas (m,) [m2], of vertices xy (n, 2): negative for those that lie upside down."""
+    """Twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2); negative if upside down."""
     a, b = xy[triangles[:, 1]] - xy[triangles[:, 0]], xy[triangles[:, 2]] - xy[triangles[:, 0]]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

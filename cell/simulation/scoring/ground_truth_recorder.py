@@ -1,4 +1,4 @@
-"""Records what is really so in a simulated cell, and scores it at the end. Nothing waits for it."""
+"""Records the ground truth of a simulated cell and scores it at the end."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from robots.ports import Array, Side
 
 __all__ = ["GroundTruthRecorder"]
 
-KEPT = 2000
+MAX_KEY_FRAMES = 2000
 
 
 class GroundTruthRecorder:
-    """Watches one simulated cell from its opening on."""
+    """Records one simulated cell from its opening on."""
 
     def __init__(self, truth: TruthSource, recorder: Recorder, request: FoldRequest) -> None:
         self._truth, self._recorder, self._request = truth, recorder, request
         self.key_frames: list[tuple[float, Array, dict[Side, Array]]] = []
-        """(cell time, vertices, tool positions) while a hand holds cloth, for the report's pictures."""
+        """(cell time [s], vertices (n, 3), tool positions (3,)) while a hand holds cloth, for the report."""
         self.triangles: NDArray[np.int32] | None = None
-        truth.watch(self._saw)
+        truth.watch(self._record)
 
     def score(self) -> dict[str, Any] | None:
-        """The final figures (design: the score), None when no garment was laid."""
+        """The figures of the final garment; None if no garment was laid."""
         self._truth.watch(None)
         garment = self._truth.now().garment
         if garment is None:
             return None
         named = garment.name if self._request.garment == "auto" else self._request.garment
-        nominal = load_garment(named, self._request.settings.surface)  # a file of one's own is judged by its plan
+        nominal = load_garment(named, self._request.settings.surface)  # a user's file is judged by its own plan
         figures = score_plan(
             garment.vertices, garment.triangles, garment.material, garment.keypoints, nominal, garment.thickness
         )
         return {"simulated": True, **figures.to_json()}
 
-    def _saw(self, seen: Truth) -> None:
-        if seen.garment is None:
+    def _record(self, truth: Truth) -> None:
+        if truth.garment is None:
             return
-        self.triangles = seen.garment.triangles
-        self._recorder.garment_truth(seen.stamp, seen.garment.vertices, seen.garment.triangles)
-        if any(seen.held.values()) and len(self.key_frames) < KEPT:
-            self.key_frames.append((seen.stamp, seen.garment.vertices, dict(seen.tools)))
+        self.triangles = truth.garment.triangles
+        self._recorder.garment_truth(truth.stamp, truth.garment.vertices, truth.garment.triangles)
+        if any(truth.held.values()) and len(self.key_frames) < MAX_KEY_FRAMES:
+            self.key_frames.append((truth.stamp, truth.garment.vertices, dict(truth.tools)))

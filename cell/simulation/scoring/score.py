@@ -1,12 +1,12 @@
-"""How well the simulated garment was folded, against what the plan wanted of it.
+"""The score of a simulated run: the final garment compared with the target of its plan.
 
-The only judge of a simulated run. It reads the world's truth (final vertices, flat rest shape), which
-neither the executive nor any skill can see; it decides nothing and nothing waits for it.
+The scorer reads the world's truth (final vertices, flat rest shape), which neither the executive nor any skill can
+see. Its result affects no decision of a run.
 
-The target is the plan applied to the world's true rest shape: the mesh is cut along the fold lines, so
-that every triangle lies on one side of each, and folded as a perfect isometry. One rigid alignment in the
-table plane (area-weighted least squares over corresponding triangles, no reflection, no scale: Kabsch 1976)
-takes the final shape onto the target. All shape figures are taken after it; the alignment is the drift.
+The target is the plan applied to the world's true rest shape: the mesh is cut along the fold lines, so that every
+triangle lies on one side of each, and folded as a perfect isometry. One rigid alignment in the table plane
+(area-weighted least squares over corresponding triangles, no reflection, no scale: Kabsch 1976) moves the final
+shape onto the target. All shape figures are taken after it; the alignment is the drift.
 
 Lengths in metres, angles in radians, table frame.
 """
@@ -45,17 +45,17 @@ __all__ = [
 ]
 
 EDGE_SPACING = 0.005  # between samples along a pair of edges [m]
-LARGEST_EXTENT = 5.0  # a garment wider than this has exploded: a bug of the world [m]
+LARGEST_EXTENT = 5.0  # a wider garment is an error of the simulation [m]
 
 
 @dataclass(frozen=True, eq=False)
 class FinalGarment:
-    """The world's truth after a run.
+    """The world's truth after a run. Lengths [m], table frame.
 
-    vertices: (n, 3) final positions, table frame. triangles: (m, 3). material: (n, 2) the flat rest shape
-    in the pose in which it was laid, table frame. lines: the plan's fold lines in order, computed from the
-    true key points of that rest shape. thickness: of one layer. edge_pairs: pairs of polylines
-    (k, 2), (l, 2) in material coordinates whose corresponding points shall meet.
+    vertices: (n, 3) final positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in which
+    it was laid. lines: the plan's fold lines in order, computed from the true key points of that rest shape.
+    thickness: of one layer. edge_pairs: pairs of polylines (k, 2), (l, 2) in material coordinates whose
+    corresponding points should meet.
     """
 
     vertices: Array
@@ -68,7 +68,8 @@ class FinalGarment:
 
 @dataclass(frozen=True)
 class ScoreLimits:
-    """What passes. correspondence: as a fraction of the garment's diagonal; height: above the flat stack."""
+    """Limits to pass. correspondence: fraction of the garment's diagonal; height: above the flat stack [m]; edges,
+    drift [m]; drift_angle [rad]."""
 
     iou: float = 0.90
     correspondence: float = 0.025
@@ -77,7 +78,7 @@ class ScoreLimits:
     drift: float = 0.050
     drift_angle: float = math.radians(10.0)
     crease_margin: float = 0.040
-    """The height is not judged this near a fold line: cloth that nobody presses bulges there."""
+    """The height is not measured within this distance of a fold line, where unpressed cloth bulges [m]."""
 
 
 DEFAULT_LIMITS = ScoreLimits()
@@ -85,7 +86,7 @@ DEFAULT_LIMITS = ScoreLimits()
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure and its threshold; `at_least`: larger is better."""
+    """One figure and its limit; `at_least`: larger is better."""
 
     value: float
     limit: float
@@ -98,7 +99,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures by name, each with its threshold, and the verdict. `layers`: of the flat target's stack."""
+    """The figures by name, and the verdict. layers: of the stack of the flat target."""
 
     figures: Mapping[str, Figure]
     layers: int
@@ -109,7 +110,7 @@ class Score:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Names of the figures beyond their threshold."""
+        """Names of the figures beyond their limit."""
         return tuple(name for name, f in self.figures.items() if not f.passed)
 
     @property
@@ -137,7 +138,7 @@ class Score:
         return self.figures["drift_rad"].value
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values: `passed`, each figure, and `limits` with each threshold."""
+        """Plain values: `passed`, each figure, `limits` with each limit, `layers`."""
         return {
             "passed": self.passed,
             **{name: f.value for name, f in self.figures.items()},
@@ -147,7 +148,7 @@ class Score:
 
 
 def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
-    """Judge a folded garment. Raises InternalError when the world's state is not a garment (NaN, exploded)."""
+    """Score a folded garment. Raises InternalError if its vertices are not finite or too far apart."""
     _check(garment)
     folded = fold_mesh(garment.material, garment.triangles, garment.lines, garment.vertices)
     final, corners = folded.attributes, folded.triangles
@@ -155,10 +156,10 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     align, drift, turn = _align(centres, target_centres, folded.area)
     error = np.linalg.norm(align(centres) - target_centres, axis=1)
 
-    seen = np.column_stack([align(final[:, :2]), final[:, 2]])
-    grid = TableRaster.around(np.vstack([seen[:, :2], folded.target]))
-    top, _ = grid.render(seen, corners)
-    _, count = grid.render(np.column_stack([folded.target, np.zeros(len(seen))]), corners)
+    aligned = np.column_stack([align(final[:, :2]), final[:, 2]])
+    grid = TableRaster.around(np.vstack([aligned[:, :2], folded.target]))
+    top, _ = grid.render(aligned, corners)
+    _, count = grid.render(np.column_stack([folded.target, np.zeros(len(aligned))]), corners)
     silhouette, wanted = np.isfinite(top), count > 0
     flat = grid.away_from(folded.creases, limits.crease_margin)
     layers = _percentile(count, wanted, flat)
@@ -185,10 +186,10 @@ def score_plan(
     thickness: float,
     limits: ScoreLimits = DEFAULT_LIMITS,
 ) -> Score:
-    """Judge a folded garment against its plan on its true key points, name -> (2,) material coordinates.
+    """Score a folded garment against its plan. keypoints: the true ones, name -> (2,) material coordinates.
 
-    A plan's step may be done in several ways (either half onto the other): the garment is judged by the way
-    to which its final shape, where it lies, comes nearest.
+    A step of a plan may have several variants (either half onto the other). The garment is scored against the
+    variants to which its final shape is nearest, without alignment. Raises InternalError like `score`.
     """
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     finals = [
@@ -199,7 +200,7 @@ def score_plan(
 
 
 def ways_to_fold(garment: Garment, keypoints: Mapping[str, Array]) -> tuple[tuple[FoldLine, ...], ...]:
-    """The fold lines of every way through the plan, the preferred one first."""
+    """The fold lines for each combination of variants of the plan's steps, the preferred one first."""
     outline = np.array([keypoints[name] for name in garment.keypoints])
     state = GarmentState(garment.category, outline, keypoints, confidence=1.0)
     choices = [[(step.name, v.name) for v in step.variants] for step in garment.plan]
@@ -214,7 +215,7 @@ def _mean_distance(garment: FinalGarment) -> float:
 def named_edge_pairs(
     pairs: Sequence[tuple[Sequence[str], Sequence[str]]], keypoints: Mapping[str, Array]
 ) -> tuple[tuple[Array, Array], ...]:
-    """Edge pairs as a garment file names them, as polylines between the garment's true key points."""
+    """The edge pairs of a garment file as polylines between the garment's true key points."""
     return tuple(
         (np.array([keypoints[n] for n in a], dtype=float), np.array([keypoints[n] for n in b], dtype=float))
         for a, b in pairs
@@ -222,7 +223,7 @@ def named_edge_pairs(
 
 
 def diagonal(material: Array) -> float:
-    """Largest distance between two points of the rest shape (n, 2): a rectangle's diagonal, in any pose."""
+    """Largest distance between two points of the rest shape (n, 2) [m]; for a rectangle its diagonal."""
     return float(pdist(material[ConvexHull(material).vertices]).max())
 
 
@@ -230,14 +231,14 @@ def _check(garment: FinalGarment) -> None:
     x = garment.vertices
     bad = int((~np.isfinite(x)).any(axis=1).sum())
     if bad:
-        raise InternalError("the world's garment has vertices that are no numbers", vertices=bad)
+        raise InternalError("the world's garment has vertices that are not finite", vertices=bad)
     extent = float(np.ptp(x, axis=0).max())
     if extent > LARGEST_EXTENT:
         raise InternalError("the world's garment has exploded", extent_m=extent, largest_m=LARGEST_EXTENT)
 
 
 class _Align:
-    """p -> R (p - from) + to, in the plane."""
+    """The rigid motion p -> R (p - source) + target in the plane."""
 
     def __init__(self, source: Array, target: Array, angle: float) -> None:
         c, s = math.cos(angle), math.sin(angle)
@@ -248,7 +249,7 @@ class _Align:
 
 
 def _align(xy: Array, target: Array, weight: Array) -> tuple[_Align, Array, float]:
-    """The rigid motion onto the target; how far the centroid drifted (2,) and how far the shape turned."""
+    """The rigid motion onto the target, the drift of the centroid (2,) [m] and the turn of the shape [rad]."""
     a, b = np.average(xy, axis=0, weights=weight), np.average(target, axis=0, weights=weight)
     p, q = xy - a, target - b
     dot = float(weight @ (p * q).sum(axis=1))
@@ -271,16 +272,15 @@ def _length(polyline: Array) -> float:
 
 
 def _resample(polyline: Array, n: int) -> Array:
-    """n points evenly along a polyline."""
+    """n evenly spaced points on a polyline."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
     at = np.linspace(0.0, s[-1], n)
     return np.column_stack([np.interp(at, s, polyline[:, 0]), np.interp(at, s, polyline[:, 1])])
 
 
 def _where_now(garment: FinalGarment, material: Array) -> Array:
-    """(k, 2) material points -> (k, 2) where they lie now; a point off the cloth counts as its nearest one.
-
-    True outlines round the corners at which the key points stand, so points just off the cloth are usual.
+    """Present positions (k, 2) of material points (k, 2). For a point off the cloth the nearest one is used: true
+    outlines have round corners, so key points are often just off the cloth.
     """
     return np.array([_interpolate(garment, p) for p in material])
 
@@ -306,6 +306,6 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], flat: NDArray[np.bool_]) -> float:
-    """95th percentile over the silhouette away from the creases; over all of it when nothing lies away."""
+    """95th percentile over the silhouette away from the creases, or over all of it if every pixel is near one."""
     where = silhouette & flat
     return float(np.percentile(image[where if where.any() else silhouette], 95.0))

@@ -1,4 +1,4 @@
-"""Cloth seen from above, pixel by pixel: its upper surface, and how many layers lie there.
+"""A raster of cloth seen from above: height of the upper surface and number of layers at each pixel.
 
 Lengths in metres, table frame.
 """
@@ -30,14 +30,14 @@ class TableRaster:
     def around(cls, xy: Array) -> TableRaster:
         low, high = xy.min(axis=0), xy.max(axis=0)
         columns, rows = np.ceil((high - low) / PIXEL).astype(int) + 3
-        # Half a pixel off: cloth edges that run along the axes do not fall onto pixel centres.
+        # the shift by half a pixel keeps axis-parallel cloth edges off pixel centres
         return cls(low - 0.5 * PIXEL, (int(rows), int(columns)))
 
     def pixels(self, xy: Array) -> Array:
         return (xy - self.origin) / PIXEL
 
     def render(self, xyz: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-        """At each pixel: height of the upper surface (-inf where there is none), number of triangles."""
+        """Height of the upper surface (-inf where there is none) and number of triangles at each pixel."""
         return rasterise(self.pixels(xyz[:, :2]), xyz[:, 2].copy(), triangles, *self.shape)
 
     def away_from(self, segments: Array, margin: float) -> NDArray[np.bool_]:
@@ -54,7 +54,7 @@ class TableRaster:
 def rasterise(
     xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
 ) -> tuple[Array, NDArray[np.int32]]:
-    """Highest z and number of triangles at each pixel centre; xy in pixels. A shared edge is one triangle's."""
+    """Highest z and number of triangles at each pixel centre; xy in pixels. Shared edges count once."""
     top = np.full((rows, columns), -np.inf)
     count = np.zeros((rows, columns), dtype=np.int32)
     for t in range(len(triangles)):
@@ -89,7 +89,7 @@ def _edge(xy: Array, a: int, b: int, x: float, y: float) -> float:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _covers(w: float, xy: Array, a: int, b: int) -> bool:
-    """A pixel on an edge belongs to the triangle on one side of it only (the rule of rasterisers)."""
+    """Whether the edge function w covers the pixel. A pixel on an edge belongs to one triangle (top-left rule)."""
     if w != 0.0:
         return w > 0.0
     dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]

@@ -1,4 +1,4 @@
-"""Arrays as a compressed .npz file, quickly: what is put down while arms wait."""
+"""Fast compression of arrays as an .npz file, for data that is written while the arms wait."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["packed"]
 
 
 def packed(**arrays: NDArray[Any]) -> bytes:
-    """As numpy's savez_compressed, in half to a third of the time and up to a fifth larger."""
+    """Like numpy's savez_compressed, but two to three times faster and up to a fifth larger."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, array in arrays.items():

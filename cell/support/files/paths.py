@@ -1,4 +1,4 @@
-"""Where logs go, and whether they can be written: found out before anything moves."""
+"""Folders of logs and caches, and a check before anything moves that the logs can be written."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ __all__ = [
 ]
 
 LEDGER = "journal.db"
-MOST_ALIKE = 10_000
-"""Folders of one name and second."""
+MAX_SAME_NAME = 10_000
+"""Largest number that is appended to a folder's name to make it unique."""
 LEAST_FREE_BYTES = 200 * 2**20
-"""A run's recording and report take about a third of this."""
+"""Free space that a run requires; its recording and report take about a third of this."""
 
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
     """The folder of journal and runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`, else the
-    user's data folder. Nothing is made."""
+    user's data folder. It is not created."""
     environment = os.environ if environment is None else environment
     if option is not None:
         return option.expanduser().absolute()
-    if named := environment.get("FOLDCELL_LOGS"):
-        return Path(named).expanduser().absolute()
+    if from_environment := environment.get("FOLDCELL_LOGS"):
+        return Path(from_environment).expanduser().absolute()
     if (root := repository_root()) is not None:
         return root / "logs"
     import platformdirs
@@ -48,13 +48,13 @@ def logs_directory(option: Path | None = None, environment: Mapping[str, str] | 
 
 
 def command_for(words: str, logs: Path) -> str:
-    """`foldcell WORDS`, to be typed: it names the logs unless they are where a command looks by itself."""
-    where = "" if logs == logs_directory() else f" --logs {shlex.quote(str(logs))}"
-    return f"foldcell {words}{where}"
+    """The command line `foldcell WORDS`, with --logs unless `logs` is the default folder."""
+    option = "" if logs == logs_directory() else f" --logs {shlex.quote(str(logs))}"
+    return f"foldcell {words}{option}"
 
 
 def repository_root() -> Path | None:
-    """The checkout that this program runs from; None when it is installed as a package."""
+    """The checkout that this program runs from; None if it is installed as a package."""
     root = Path(__file__).resolve().parents[3]
     checkout = (root / "pyproject.toml").is_file() and (root / "logs" / "README.md").is_file()
     return root if checkout else None
@@ -65,23 +65,27 @@ def journal_path(logs: Path) -> Path:
 
 
 def user_cache() -> Path:
-    """The user's cache folder of this program; what is in it can always be made again."""
+    """The user's cache folder of this program; its content can always be created again."""
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("foldcell", appauthor=False))
 
 
 def free_bytes(path: Path) -> int:
-    """Free space on the file system that holds `path` (or the nearest folder above that exists)."""
+    """Free space on the file system of `path`, or of the nearest existing folder above it."""
     while not path.exists() and path != path.parent:
         path = path.parent
     return shutil.disk_usage(path).free
 
 
 def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
-    """Make the folder and prove that it can be written. Raises StorageError; leaves nothing behind then."""
+    """Create the folder, check that it can be written, and return it.
+
+    Raises StorageError if it cannot be written or has less than `least_free` bytes; created folders are then
+    removed.
+    """
     elsewhere = "or choose another folder with --logs DIR or FOLDCELL_LOGS"
-    made = _missing_folders(logs)
+    created = _missing_folders(logs)
     try:
         logs.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=logs, prefix=".probe-") as probe:
@@ -89,16 +93,16 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
             probe.flush()
             os.fsync(probe.fileno())
     except OSError as e:
-        _remove(made)
+        _remove(created)
         raise StorageError(
             f"the logs folder {logs} cannot be written: {e.strerror}",
-            f"make room or make it writable, {elsewhere}",
+            f"free some disk space or make it writable, {elsewhere}",
             path=str(logs),
             errno=e.errno,
         ) from e
     free = free_bytes(logs)
     if free < least_free:
-        _remove(made)
+        _remove(created)
         raise StorageError(
             f"the logs folder {logs} has {free / 2**20:.0f} MiB left; a run needs {least_free / 2**20:.0f} MiB",
             f"free some space, {elsewhere}",
@@ -109,13 +113,14 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
 
 
 def campaign_folder(logs: Path, kind: str) -> Path:
-    """A new folder `KIND-time` in the logs, for many runs that belong together. Raises StorageError."""
+    """Create a folder `KIND-time` in the logs for the runs of a campaign. Raises StorageError."""
     return new_folder(logs, f"{kind}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
 
 
 def new_folder(logs: Path, name: str) -> Path:
-    """The folder `name` in the logs, or `name-2` and so on: `mkdir` decides who gets it. Raises StorageError."""
-    for i in range(1, MOST_ALIKE):
+    """Create the folder `name` in the logs, or `name-2` and so on. `mkdir` makes this safe between processes.
+    Raises StorageError."""
+    for i in range(1, MAX_SAME_NAME):
         folder = logs / (name if i == 1 else f"{name}-{i}")
         try:
             folder.mkdir()
@@ -124,15 +129,15 @@ def new_folder(logs: Path, name: str) -> Path:
             continue
         except OSError as e:
             raise StorageError(
-                f"cannot make the folder {folder}: {e.strerror}",
+                f"cannot create the folder {folder}: {e.strerror}",
                 "choose another folder with --logs DIR or FOLDCELL_LOGS",
                 path=str(folder),
             ) from e
-    raise StorageError(f"too many folders called {name} in {logs}", "choose another --logs DIR", path=str(logs))
+    raise StorageError(f"too many folders named {name} in {logs}", "choose another --logs DIR", path=str(logs))
 
 
 def _missing_folders(path: Path) -> list[Path]:
-    """The folders that `mkdir(parents=True)` would make, deepest first."""
+    """The folders that `mkdir(parents=True)` would create, deepest first."""
     missing = []
     while not path.exists() and path != path.parent:
         missing.append(path)

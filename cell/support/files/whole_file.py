@@ -13,9 +13,11 @@ __all__ = ["write_whole"]
 
 
 def write_whole(
-    path: Path, data: bytes | str, hint: str = "make room or make its folder writable, or choose another place"
+    path: Path,
+    data: bytes | str,
+    hint: str = "free some disk space, make its folder writable, or choose another one",
 ) -> None:
-    """Write the whole file or none of it; what stood there before stays until then. Raises StorageError."""
+    """Replace the file in one step: a reader finds the old content or the new one. Raises StorageError."""
     content = data.encode() if isinstance(data, str) else data
     try:
         with tempfile.NamedTemporaryFile(
@@ -29,7 +31,7 @@ def write_whole(
                 os.replace(file.name, path)
                 _sync(path.absolute().parent)
             except BaseException:
-                with suppress(FileNotFoundError):  # it has its name, and what failed came after
+                with suppress(FileNotFoundError):  # already renamed: the failure came after that
                     os.unlink(file.name)
                 raise
     except OSError as e:
@@ -37,7 +39,7 @@ def write_whole(
 
 
 def _sync(folder: Path) -> None:
-    """Put the name on disk too: else power that fails may leave the old file."""
+    """Flush the folder: without this, a power failure may leave the old file."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

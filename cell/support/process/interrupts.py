@@ -1,4 +1,4 @@
-"""Signals while a cell is open: they trigger the stop circuit, and the run then ends by its own rules."""
+"""Signals while a cell is open: they trigger the stop circuit, and the run then ends as after any stop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Interrupts", "taking_signals"]
 
 
 class Interrupts:
-    """received: the signals that asked for an end, in order."""
+    """received: the signals that requested an end, in order."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -23,17 +23,20 @@ class Interrupts:
 
     @contextmanager
     def stop(self, ports: Ports, asked: bool) -> Iterator[None]:
-        """From now on SIGINT and SIGTERM trigger the stop of `ports`, and what ends a run is not cut short by them
-        either. A terminal that hangs up stops the cell too, unless somebody is asked there or elsewhere (`asked`),
-        whose leaving ends the run. A program that was suspended stops a robot: who knows who has come near
-        meanwhile. Off the main thread it does nothing."""
+        """Within the context SIGINT and SIGTERM trigger the stop of `ports`. After it they still do not interrupt
+        the end of the run, until `leave`.
+
+        SIGHUP stops the cell too, unless an operator is asked during the run (`asked`): then the closed terminal
+        ends the run. SIGCONT stops a robot, because someone may have come near while the program was suspended.
+        Off the main thread this does nothing.
+        """
         self._ports = ports
-        self._take(signal.SIGINT, self._heed)
-        self._take(signal.SIGTERM, self._heed)
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
-            self._take(signal.SIGHUP, signal.SIG_IGN if asked else self._heed)
+        self._install(signal.SIGINT, self._on_signal)
+        self._install(signal.SIGTERM, self._on_signal)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it
+            self._install(signal.SIGHUP, signal.SIG_IGN if asked else self._on_signal)
         if ports.driver != "sim":
-            self._take(signal.SIGCONT, lambda *_: ports.stop.trigger("the program had been suspended"))
+            self._install(signal.SIGCONT, lambda *_: ports.stop.trigger("the program had been suspended"))
         try:
             yield
         finally:
@@ -41,20 +44,20 @@ class Interrupts:
             if signal.SIGCONT in self._before:
                 signal.signal(signal.SIGCONT, self._before.pop(signal.SIGCONT))
 
-    def _heed(self, number: int, _: Any) -> None:
+    def _on_signal(self, number: int, _: Any) -> None:
         self.received.append(number)
         if self._ports is not None:
             self._ports.stop.trigger(signal.Signals(number).name)
             return
-        with suppress(OSError, ValueError, RuntimeError):  # the terminal is gone, or in the middle of a line
-            print("the run is being written to its end: a moment", file=sys.stderr, flush=True)
+        with suppress(OSError, ValueError, RuntimeError):  # the terminal is closed, or a line is being printed
+            print("please wait: the end of the run is being written", file=sys.stderr, flush=True)
 
-    def _take(self, number: int, handler: Any) -> None:
+    def _install(self, number: int, handler: Any) -> None:
         with suppress(ValueError):
             self._before[number] = signal.signal(number, handler)
 
     def leave(self) -> None:
-        """Signals do again what they did before."""
+        """Restore the previous signal handlers."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._before.clear()
@@ -62,7 +65,7 @@ class Interrupts:
 
 @contextmanager
 def taking_signals() -> Iterator[Interrupts]:
-    """Around all that has to be done once a cell is opened, to the last line of the journal and the report."""
+    """A context around a whole run, from opening the cell to the last line of the journal and the report."""
     interrupts = Interrupts()
     try:
         yield interrupts

@@ -1,8 +1,8 @@
-"""One owner at a time, by a lock file: who drives a cell, and which run is still alive.
+"""Lock files: a cell has one owner at a time, and a run's lock shows that its process is alive.
 
-The lock is the kernel's (`flock`): it ends with the process that holds it, however that process ends, so no
-stale file ever keeps a cell shut. A forked child gives its copy up at once: a renderer that outlives a killed
-executive does not hold the cell. The file's text, the owner's pid, is for messages only.
+The lock is a kernel lock (`flock`). It ends with the process that holds it, however that process ends, so a stale
+file never blocks a cell. A forked child releases its copy at once, so that a renderer which outlives a killed
+executive does not hold the cell. The file contains the owner's pid, which is used in messages only.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from robots.errors import ConfigurationError, StorageError
 __all__ = ["CellBusyError", "OwnerLock", "is_held"]
 
 _PATIENCE_S = 0.2
-"""`is_held` takes the lock for an instant to look: that must not refuse an owner."""
+"""`acquire` retries for this time, because `is_held` takes the lock for an instant [s]."""
 
 
 class CellBusyError(ConfigurationError):
-    """Another process owns what was asked for. Nothing moved; nothing was written. `values["pid"]` says who."""
+    """Another process holds the lock; `values["pid"]` is its pid. Nothing moved and nothing was written."""
 
 
 class OwnerLock:
     """An exclusive lock on `path`, held from `acquire` to `release` or to the end of the process.
 
-    Raises CellBusyError when another owner holds it, StorageError when the file cannot be made.
+    `acquire` raises CellBusyError if another owner holds it, StorageError if the file cannot be created.
     """
 
     def __init__(
         self, path: Path, what: str = "the cell", otherwise: str = ", or give this run another --logs DIR"
     ) -> None:
-        """otherwise: what else a refused owner can do."""
+        """what: the locked thing, for messages; otherwise: an alternative for the hint."""
         self.path = path
         self.what, self.otherwise = what, otherwise
         self._file: int | None = None
@@ -53,7 +53,7 @@ class OwnerLock:
             file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as e:
             raise StorageError(
-                f"cannot make the lock file {self.path}: {e.strerror}",
+                f"cannot create the lock file {self.path}: {e.strerror}",
                 "choose another folder with --logs DIR or FOLDCELL_LOGS",
                 path=str(self.path),
             ) from e
@@ -69,7 +69,7 @@ class OwnerLock:
         return self
 
     def release(self) -> None:
-        """Give the lock up. The file stays: removing it would let two owners in."""
+        """Release the lock. The file stays: removing it would allow two owners."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -104,7 +104,7 @@ class OwnerLock:
 
 
 def is_held(path: Path) -> bool:
-    """Whether some process holds the lock now. False where there is no such file."""
+    """Whether a process holds the lock now; False if there is no such file."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -126,9 +126,9 @@ def _pid(file: int) -> int | None:
 _HELD: weakref.WeakSet[OwnerLock] = weakref.WeakSet()
 
 
-def _give_up_in_child() -> None:
+def _release_in_child() -> None:
     for lock in list(_HELD):
         lock.release()
 
 
-os.register_at_fork(after_in_child=_give_up_in_child)
+os.register_at_fork(after_in_child=_release_in_child)

@@ -1,5 +1,5 @@
-"""Standard output and error that may go away: a pipe that nobody reads, a full disk, a stream that was closed.
-What a command does, and its exit code, do not hang on who reads along.
+"""Standard output and error that may fail: a closed pipe, a full disk, a closed stream. Such a failure changes
+neither the actions of a command nor its exit code.
 """
 
 from __future__ import annotations
@@ -19,36 +19,39 @@ T = TypeVar("T")
 
 
 class LastingStream:
-    """A text stream that takes what it is given also when it can no longer be written. lost: why it cannot; an
-    interruption while a reader was waited for counts, too: whoever ends the program would wait for him again."""
+    """A text stream that accepts text even if it can no longer be written.
+
+    lost: why it can no longer be written. A KeyboardInterrupt while waiting for the reader counts too: otherwise
+    the end of the program would wait for the same reader again.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self.lost: OSError | KeyboardInterrupt | None = None
 
     def write(self, text: str) -> int:
-        return self._last(lambda: self._stream.write(text), len(text))
+        return self._try(lambda: self._stream.write(text), len(text))
 
     def flush(self) -> None:
-        self._last(self._stream.flush, None)
+        self._try(self._stream.flush, None)
 
-    def _last(self, act: Callable[[], T], when_lost: T) -> T:
+    def _try(self, act: Callable[[], T], when_lost: T) -> T:
         if self.lost is None:
             try:
                 return act()
             except OSError as e:
                 self._lose(e)
             except KeyboardInterrupt as e:
-                if not self._is_taken():
+                if not self._is_writable():
                     self._lose(e)
                 raise
         return when_lost
 
-    def _is_taken(self) -> bool:
-        """Whether what is written would be taken at once."""
+    def _is_writable(self) -> bool:
+        """Whether a write would not block."""
         try:
             return bool(select.select([], [self._stream.fileno()], [], 0.0)[1])
-        except (OSError, ValueError):  # no file
+        except (OSError, ValueError):  # the stream is no file
             return True
 
     def __getattr__(self, name: str) -> Any:
@@ -56,7 +59,7 @@ class LastingStream:
 
     def _lose(self, error: OSError | KeyboardInterrupt) -> None:
         self.lost = error
-        with suppress(OSError, ValueError):  # what is still buffered would be tried again as Python ends
+        with suppress(OSError, ValueError):  # else Python writes the buffer again at its end
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
@@ -64,23 +67,26 @@ class LastingStream:
 
 @contextmanager
 def lasting_streams() -> Iterator[LastingStream]:
-    """Within it sys.stdout, which is given, and sys.stderr last, and hold any letters: as escapes, where they have
-    no code for them. Numbers 0 to 2 that are closed lead nowhere: a file that is opened later would get one of
-    them, and what C libraries print with it, in a child too."""
+    """Replace sys.stdout and sys.stderr by lasting streams within the context; yields that of standard output.
+
+    Characters that the encoding lacks are written as escapes. Closed file descriptors 0 to 2 are opened on the
+    null device: otherwise a file that is opened later would get such a number, and with it the output of C
+    libraries, in child processes too.
+    """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the lowest number that is free
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # open takes the lowest free number
     before = sys.stdout, sys.stderr
-    kept = [LastingStream(stream or open(os.devnull, "w", encoding="utf-8")) for stream in before]  # noqa: SIM115
+    lasting = [LastingStream(stream or open(os.devnull, "w", encoding="utf-8")) for stream in before]  # noqa: SIM115
     for stream in before:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    sys.stdout, sys.stderr = cast(TextIO, kept[0]), cast(TextIO, kept[1])
+    sys.stdout, sys.stderr = cast(TextIO, lasting[0]), cast(TextIO, lasting[1])
     try:
-        yield kept[0]
+        yield lasting[0]
     finally:
-        for stream in kept:
+        for stream in lasting:
             stream.flush()
         sys.stdout, sys.stderr = before

@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end a command as Ctrl-C does: what is open is closed on the way out, workers end too."""
+"""SIGTERM and SIGHUP end a command like Ctrl-C: resources are closed and worker processes end."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 __all__ = ["BY_SIGNAL", "Terminated", "unwinding"]
 
 BY_SIGNAL = 128
-"""And the signal's number is the exit code of what it ended: SIGHUP 129, SIGINT 130, SIGTERM 143."""
+"""The exit code after a signal is this plus the signal's number: SIGHUP 129, SIGINT 130, SIGTERM 143."""
 
 
 class Terminated(KeyboardInterrupt):
-    """A termination signal came; whoever heeds Ctrl-C heeds it. number: the signal's."""
+    """A termination signal arrived. Handlers of KeyboardInterrupt handle it too. number: the signal's number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -23,9 +23,11 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """Within it these signals raise Terminated, the first of each kind; a second one kills. A signal that is
-    ignored (nohup) stays so. While a cell is open they are its own (cell/support/process/interrupts.py). Off the
-    main thread it does nothing."""
+    """Within the context the first SIGTERM and SIGHUP raise Terminated; a second one kills the process.
+
+    A signal that is ignored (nohup) stays ignored. While a cell is open, cell/support/process/interrupts.py
+    handles these signals. Off the main thread this does nothing.
+    """
 
     def end(number: int, _: Any) -> None:
         signal.signal(number, signal.SIG_DFL)
@@ -41,5 +43,5 @@ def unwinding() -> Iterator[None]:
     try:
         yield
     finally:
-        for taken, handler in before.items():
-            signal.signal(taken, handler)
+        for replaced, handler in before.items():
+            signal.signal(replaced, handler)

@@ -1,4 +1,4 @@
-"""Processes for work beside this one's. They end with it, however it ends: none goes on folding for nobody."""
+"""Worker processes. They end with their parent process, however it ends."""
 
 from __future__ import annotations
 
@@ -28,8 +28,11 @@ T = TypeVar("T")
 
 @contextmanager
 def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executor]:
-    """So many processes. tasks_each: after so many tasks a process is replaced. What is raised within, an
-    interruption too, ends the work under way (a run is stopped and written to its end) and the processes."""
+    """A pool of `workers` processes. tasks_each: a process is replaced after this number of tasks.
+
+    An exception within the context, KeyboardInterrupt included, ends the running tasks (a run is stopped and its
+    end is written) and the processes.
+    """
     with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
             yield pool
@@ -40,11 +43,11 @@ def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executo
 
 
 class RenewedWorkers(Executor):
-    """Some processes side by side, each replaced after so many tasks; one that dies fails its own task only
-    (BrokenExecutor), and the next task has a new one.
+    """Parallel processes, each replaced after `tasks_each` tasks. A process that dies fails its own task only
+    (BrokenExecutor), and the next task gets a new process.
 
-    `max_tasks_per_child` of the standard library does not do it: with more tasks waiting than processes it stops
-    replacing them, and waits for ever (CPython, issue 115634).
+    `max_tasks_per_child` of the standard library cannot be used: with more waiting tasks than processes it stops
+    replacing them and waits for ever (CPython issue 115634).
     """
 
     def __init__(self, workers: int, tasks_each: int) -> None:
@@ -52,14 +55,14 @@ class RenewedWorkers(Executor):
         self._threads = ThreadPoolExecutor(workers, "worker")
         self._lock = Lock()
         self._idle: list[tuple[ProcessPoolExecutor, int]] = []
-        """Processes that wait for a task, and how many tasks each has left."""
+        """Processes without a task, and the number of tasks that each may still perform."""
         self._closed = False
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **options: Any) -> Future[T]:
         return self._threads.submit(self._perform, fn, *args, **options)
 
     def _perform(self, fn: Callable[..., T], *args: Any, **options: Any) -> T:
-        with self._lock:  # whoever closes finds every process that was begun
+        with self._lock:  # shutdown must find every process that was started
             if self._closed:
                 raise CancelledError
             process, left = self._idle.pop() if self._idle else (_processes(1), self._tasks_each)
@@ -87,13 +90,13 @@ class RenewedWorkers(Executor):
 
 
 def _processes(number: int) -> ProcessPoolExecutor:
-    # spawn: a forked child would share the parent's threads' locks, numba's state and the renderer
-    return ProcessPoolExecutor(number, mp_context=get_context("spawn"), initializer=_follow)
+    # spawn: a forked child would share locks of the parent's threads, numba's state and the renderer
+    return ProcessPoolExecutor(number, mp_context=get_context("spawn"), initializer=_initialise)
 
 
 def _end_children() -> None:
-    """The first signal may stop a run, which is then written to its end; the next ones end the tasks that were
-    handed over already, as they begin."""
+    """Terminate the children, repeatedly: the first signal may stop a run, whose end is then written; later ones
+    end tasks that were already handed over, as soon as they begin."""
     while children := active_children():
         for child in children:
             child.terminate()
@@ -102,9 +105,9 @@ def _end_children() -> None:
             child.join(max(0.0, until - time.monotonic()))
 
 
-def _follow() -> None:
-    """Ctrl-C reaches every process of a terminal: the one that asked for the work ends it. Where that one is gone,
-    the worker ends itself: nothing else would."""
+def _initialise() -> None:
+    """Ignore Ctrl-C, which reaches every process of a terminal: the parent ends the work. If the parent is gone,
+    the worker ends itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, name="follow-parent", daemon=True).start()
 
@@ -114,6 +117,6 @@ def _end_with_parent() -> None:
     if parent is None:
         return
     wait([parent.sentinel])
-    while True:  # the first may stop a run, which is then written to its end
+    while True:  # the first signal may stop a run, whose end is then written
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(AGAIN_S)

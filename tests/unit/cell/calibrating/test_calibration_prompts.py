@@ -24,6 +24,6 @@ def test_a_pause_is_not_called_noted() -> None:
     answers, commands, asking = io.StringIO(), CommandQueue(), CalibrationPrompts(lambda _: None)
     terminal = TerminalOperator(commands, io.StringIO(), answers, may=asking.may)
     terminal.take("pause")
-    assert "cannot be said now" in answers.getvalue() and "noted" not in answers.getvalue()
+    assert "not possible now" in answers.getvalue() and "accepted" not in answers.getvalue()
     terminal.take("abort")
-    assert answers.getvalue().endswith("abort: noted\n")
+    assert answers.getvalue().endswith("abort: accepted\n")

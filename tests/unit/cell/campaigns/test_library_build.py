@@ -302,7 +302,7 @@ def test_the_build_command_writes_the_library_and_reports(
     part.keep(from_json(first)[0].entries[0])
     assert main(line) == 0
     out = capsys.readouterr().out
-    assert "goes on from the 1 folds" in out and "half" in out.split("kept")[0]
+    assert "continues from the 1 folds" in out and "half" in out.split("kept")[0]
     assert path.read_text() == first and not part.path.exists()
 
 

@@ -228,11 +228,11 @@ def test_the_summary_names_gaps_of_the_recording(
     """And where it is only if there is one."""
     if there:
         (tmp_path / "run.rrd").touch()
-    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7, "live_dropped": 0}
+    lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7, "live_dropped": 0}
     fake.answer = Result({**FIGURES, "recording": lost, "run_dir": str(tmp_path)})
     main(["fold", "medium_towel"])
     text = capsys.readouterr().out
-    assert "not kept   the run cannot be decided again from here on: disk full" in text
+    assert "not kept   the transcript ends early: disk full" in text
     assert "not kept   7 entries of the recording" in text
     assert ("run.rrd   (incomplete; foldcell replay last --logs" in text) is there and ("run.rrd" in text) is there
 
@@ -243,7 +243,7 @@ def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: py
     fake.answer = Result({**FIGURES, "score": score})
     main(["fold", "vest"])
     assert (
-        "not passed (height 24.1 mm, passes to 19.5; turn 11.5 degrees, passes to 10.0), IoU 0.950"
+        "not passed (height 24.1 mm, limit 19.5; turn 11.5 degrees, limit 10.0), IoU 0.950"
         in capsys.readouterr().out
     )
 
@@ -438,8 +438,8 @@ def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.Capture
 
 @pytest.mark.parametrize(
     ("name", "says", "not_says"),
-    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "cut off"),
-     ("2004", ["none: the run was cut off", "without ending the run", "replay 2004"], "has not ended")],
+    [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "was interrupted"),
+     ("2004", ["none: the run was interrupted", "without ending the run", "replay 2004"], "has not ended")],
 )  # fmt: skip
 def test_report_says_why_a_run_has_no_page(
     journal_file: Path, capsys: pytest.CaptureFixture[str], name: str, says: list[str], not_says: str

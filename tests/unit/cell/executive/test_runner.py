@@ -487,9 +487,9 @@ def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -
     remarks = RunEvents()
     rig.observers = (remarks,)
     rig.run()
-    assert [(r.kind, r.title, r.text) for r in remarks.list] == [
-        ("command", "paused", "on the way, while folding")
-    ], "those who look on are told, too"
+    assert [(r.kind, r.title, r.text) for r in remarks.list] == [("command", "paused", "while folding")], (
+        "those who look on are told, too"
+    )
     entries = list(rig.journal.entries(rig.journal_file.id))
     k = next(k for k, e in enumerate(entries) if e.name == "paused")
     assert entries[k].state == State.FOLDING.value and entries[k].payload["path_s"] == 1.25

@@ -45,11 +45,11 @@ def test_a_command_that_is_not_allowed_now_is_refused() -> None:
     may = {Event.PAUSE, Event.ABORT}
     operator = TerminalOperator(commands, io.StringIO(), answers, may=lambda: frozenset(may))
     operator.take("s")
-    assert "skip: that cannot be said now" in answers.getvalue() and "noted" not in answers.getvalue()
+    assert "skip: this command is not possible now" in answers.getvalue() and "accepted" not in answers.getvalue()
     assert commands.take(OPERATOR_EVENTS) is None
     may.add(Event.SKIP)
     operator.take("s")
-    assert "skip: noted" in answers.getvalue() and commands.take(OPERATOR_EVENTS) is Event.SKIP
+    assert "skip: accepted" in answers.getvalue() and commands.take(OPERATOR_EVENTS) is Event.SKIP
 
 
 def test_a_terminal_that_is_gone_ends_the_run() -> None:

@@ -65,5 +65,5 @@ def test_a_run_whose_cell_could_not_be_opened_names_the_reason(
     assert capsys.readouterr().out.rstrip().endswith("not_begun: no ROS master answers")
     assert main(["report", "last", "--logs", str(tmp_path)]) == 0
     told = capsys.readouterr().out
-    assert "nothing was begun: no ROS master answers" in told and "switch the robot on" in told
+    assert "the run did not begin: no ROS master answers" in told and "switch the robot on" in told
     assert "killed" not in told

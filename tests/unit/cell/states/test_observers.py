@@ -26,7 +26,7 @@ def test_a_pause_during_a_motion_is_announced_before_the_end_of_the_motion() -> 
         (7.5, "command", "resumed"),
         (9.0, "failure", "slipped while folding"),
     ]
-    assert said[0].text == "on the way, while folding"
+    assert said[0].text == "while folding"
 
 
 def test_begin_and_end_of_a_pause_between_effects_are_announced() -> None:

@@ -156,7 +156,7 @@ def test_an_answer_belongs_to_its_question(address: str, board: RunStatus, comma
         first = told(link, "run_status")["question"]["number"]
         enter(board, State.APPROACHING)
         enter(board, State.AWAITING_APPROVAL)
-        assert say(link, say="approve", question=first) == {"refused": "this question is no longer asked"}
+        assert say(link, say="approve", question=first) == {"refused": "this question is no longer open"}
         assert "refused" in say(link, say="approve") and "refused" in say(link, say="pause")
         assert commands.take(ALL) is None
         assert say(link, say="approve", question=first + 1) == {"noted": "approve"}
@@ -167,7 +167,7 @@ def test_pressing_is_asked_about_and_answered(address: str, board: RunStatus, co
     enter(board, State.AWAITING_PRESSING)
     with linked(address) as link:
         question = told(link, "run_status")["question"]
-        assert "press it flat" in question["text"]
+        assert "Press it flat" in question["text"]
         assert "refused" in say(link, say="pause"), "it stands still"
         assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
         assert commands.take(ALL) is Event.SKIP

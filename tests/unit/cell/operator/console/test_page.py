@@ -34,8 +34,8 @@ TELL_PLACES = """
 let told = null;
 const middle = (r) => [r.x + r.width / 2, r.y + r.height / 2];
 setInterval(() => {
-  if (board === null || board.state === told) return;
-  told = board.state;
+  if (runStatus === null || runStatus.state === told) return;
+  told = runStatus.state;
   const all = [...Object.keys(WORDS), "stop"];
   say(Object.fromEntries(all.map((id) => [id, middle(at(id).getBoundingClientRect())])));
 }, 50);

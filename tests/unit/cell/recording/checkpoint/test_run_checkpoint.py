@@ -136,7 +136,7 @@ def test_another_version_is_refused(kept: Path) -> None:
     head, _, body = (kept / "context").read_bytes().partition(b"\n")
     older = json.loads(head) | {"foldcell": "0.0.1"}
     (kept / "context").write_bytes(json.dumps(older).encode() + b"\n" + body)
-    with pytest.raises(ConfigurationError, match=r"written by another foldcell \(that was 0\.0\.1"):
+    with pytest.raises(ConfigurationError, match=r"written by another foldcell \(version 0\.0\.1"):
         read(kept)
 
 

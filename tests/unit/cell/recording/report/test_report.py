@@ -274,14 +274,14 @@ def test_the_frames_shown_are_of_the_hold_that_made_the_fold():
 
 def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
     request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, tmp_path)
-    lost = {"errors": ["the run cannot be decided again from here on: disk full"], "dropped": 7}
+    lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7}
     result = FoldResult(
         "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, None, (), 1.0, 1.0, {},
         str(tmp_path), recording=lost,
     )  # fmt: skip
     end = RunEnd(State.NOT_FOLDED, RunContext(), 0.0, 1.0, {})
     text = Page(report_of(tmp_path, request, end, result, [], [], None).read_text(encoding="utf-8")).text
-    assert "not kept: the run cannot be decided again from here on: disk full; not kept: 7 entries" in text
+    assert "not kept: the transcript ends early: disk full; not kept: 7 entries" in text
     whole = replace(result, recording={"errors": [], "dropped": 0})
     assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
 
@@ -297,4 +297,4 @@ def test_times_of_stages_in_which_an_operator_is_waited_for_are_not_called_the_r
     """They are the cell's: an answer that took ten minutes is none of the robot time above."""
     text = Page(render(replace(run, robot_time_s=18.6, stage_times_s={"asking": 582.2}))).text
     assert text.count("Robot time") == 1 and "Cell time" in text and "9 min 42 s" in text
-    assert "waiting for an operator counts" in text
+    assert "include waiting for the operator" in text
