@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     bar = ProgressBar(out)
     results: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
-    with compiling_results(bar.line):
+    with compiling_told(bar.line):
         for fold in optimise_plan(
             garment, settings, options.step, method, options.budget, bar.restart, partial(_show, bar)
         ):
