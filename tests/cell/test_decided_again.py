@@ -28,8 +28,8 @@ from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
+from tests.builders.transcripts import write_transcript
 from tests.runs import decided_again, fold_request
-from tests.transcripts import write_transcript
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -16,6 +16,7 @@ from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
+from cell.operator.progress.compiling import compiling_told
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError

@@ -16,8 +16,8 @@ from skills.motion.timing.timing import free_motion, peaks, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
+from tests.builders.stops import stop_profile
 from tests.pandas import load_pandas
-from tests.stops import stop_profile
 from tests.tool_paths import path_deviation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

@@ -23,7 +23,7 @@ from cell.states.transition_table import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from robots.ports import Side
 from skills.vocabulary import FoldLine, FoldStep
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.workcells import fake_workcell

@@ -23,7 +23,7 @@ from robots.ports import Side
 from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import PredictedShape
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.runs import fold_request
 
 S, E = State, Event

@@ -11,7 +11,7 @@ import pytest
 
 from cell.states.run_context import RunContext
 from robots.errors import FailureKind
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 
 STEPS: Any = tuple(SimpleNamespace(name=name) for name in ("half", "quarter"))
 PREDICTED: Any = SimpleNamespace(vertices=np.zeros((4, 3)))

@@ -27,7 +27,7 @@ from skills.motion.timing.timing import (
     warp_clock,
     warped,
 )
-from tests.stops import stop_profile
+from tests.builders.stops import stop_profile
 
 MODEL = load_model()
 LIMITS = MODEL.planning

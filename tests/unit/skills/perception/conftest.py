@@ -4,8 +4,8 @@ import functools
 
 import pytest
 
+from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES, Scene, camera, empty, render, towel_scene
-from tests.silhouettes import Silhouette
 
 
 @functools.cache

@@ -9,8 +9,8 @@ from skills.perception.classify import Match
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.perceive import PerceptionSettings, perceive
 from skills.perception.template import polygon_area
+from tests.builders.silhouettes import Silhouette
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
-from tests.silhouettes import Silhouette
 
 TRIANGLE = Silhouette("pennant", "pennant", ("a", "b", "c"), np.array([[0.3, 0.0], [-0.2, 0.25], [-0.2, -0.25]]))
 

@@ -22,7 +22,7 @@ from skills.cloth.predict import predict_fold
 from skills.planning.plan import plan_folds
 from skills.trajectory.paths import LIFT_HEIGHT, fold_paths
 from skills.vocabulary import Material, PredictedShape
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -20,7 +20,7 @@ from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

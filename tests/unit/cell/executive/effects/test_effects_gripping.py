@@ -24,7 +24,7 @@ from skills.motion.moves.grasp import Descent
 from skills.motion.moves.retreat import Retreat
 from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -20,7 +20,7 @@ from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
 from skills.perception.inspection.result import Inspection
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.workcells import fake_workcell

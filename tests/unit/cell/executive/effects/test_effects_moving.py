@@ -23,7 +23,7 @@ from skills.motion.moves.retreat import Retreat
 from skills.motion.timing.timing import free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Outcome
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -28,7 +28,7 @@ from skills.trajectory.bezier import two_parameter_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.library import Library, entry_from
 from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -30,7 +30,7 @@ from skills.perception.inspection.inspect import Inspection, InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.planning.pressing import OPENING, Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.scenes import TABLE, camera

@@ -22,7 +22,7 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.vocabulary import Outcome
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

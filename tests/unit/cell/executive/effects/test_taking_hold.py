@@ -25,7 +25,7 @@ from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
 from skills.vocabulary import GraspId, Outcome
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -22,7 +22,7 @@ from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind, StorageError
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 
 ALL = frozenset(Event)

@@ -24,7 +24,7 @@ from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import GraspId
-from tests.contexts import context_with
+from tests.builders.contexts import context_with
 
 SQUARE = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3], [0.0, 0.3]])
 

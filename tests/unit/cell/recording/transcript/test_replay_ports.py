@@ -32,8 +32,8 @@ from robots.errors import DriverError, FailureKind, StorageError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Ports, Side
 from skills.vocabulary import Outcome
+from tests.builders.transcripts import write_transcript
 from tests.fakes import FakeCell
-from tests.transcripts import write_transcript
 from tests.workcells import fake_workcell
 
 LIMITS = JointLimits(

@@ -20,8 +20,8 @@ from cell.recording.transcript.transcript import (
 from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from robots.errors import StorageError
 from robots.ports import CameraFrame, Intrinsics
+from tests.builders.transcripts import write_transcript
 from tests.fakes import FakeCell
-from tests.transcripts import write_transcript
 
 CONSTANTS = CellConstants.of(FakeCell().ports())
 

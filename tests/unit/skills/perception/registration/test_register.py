@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from skills.perception.registration.energy import EnergyWeights, resample_closed
 from skills.perception.registration.register import RegistrationSettings, register
 from skills.perception.template import polygon_area, symmetries
+from tests.builders.silhouettes import Silhouette
 from tests.scenes import (
     SHIRT_NAMES,
     TOWEL,
@@ -18,7 +19,6 @@ from tests.scenes import (
     shirt,
     trousers,
 )
-from tests.silhouettes import Silhouette
 
 TOWEL_TEMPLATE = Silhouette("medium_towel", "towel", TOWEL_NAMES, TOWEL)
 TROUSERS = Silhouette(
