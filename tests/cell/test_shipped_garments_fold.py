@@ -15,9 +15,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 
 
-@pytest.mark.parametrize(
-    "name", ["t_shirt", "long_sleeve_shirt_small", "pants"]
-)  # the medium towel: test_fold_run
+# the medium towel: tests/cell/test_fold_run.py
+@pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small", "pants"])
 def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
     script = read_script(RUNS / f"{name}.yaml")
     result = fold_once(fold_request(tmp_path, {}, garment=script.garment_named, seed=script.seed))
