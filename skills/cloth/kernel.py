@@ -93,9 +93,9 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources."""
+    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources. They are part of its
+    name, too: the index of another version's cache may name classes that are gone, and cannot be read."""
 
-    @njit(cache=True, nogil=True)
     def run_frames(
         body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
     ):
@@ -278,7 +278,8 @@ def _compile(sources: str) -> Callable[..., int]:
         count[FRAME] = 0
         return DONE
 
-    return run_frames
+    run_frames.__qualname__ = f"run_frames_{sources[:12]}"
+    return njit(cache=True, nogil=True)(run_frames)
 
 
 SOURCES = _fingerprint()

@@ -71,7 +71,7 @@ OPERATIONS = [
 def test_operations_agree_with_numpy(k):
     """Told by limits just above and below what is expected in each place, and by equal ones."""
     given = np.zeros((2, 2, LANES), np.float32)
-    given[0] = np.random.default_rng(k).normal(vabs=(2, LANES))
+    given[0] = np.random.default_rng(k).normal(size=(2, LANES))
     expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
     above = np.random.default_rng(10 + k).random(LANES) < 0.5
     given[1, 0] = expected + np.where(above, 1e-5, -1e-5) * (1.0 + np.abs(expected))
@@ -99,7 +99,7 @@ def choose(given, which, bits, out):
 @pytest.mark.parametrize("bits", [0, 1, 0b1010011100101, 2**LANES - 1])
 def test_permute_and_select_agree_with_numpy(bits):
     rng = np.random.default_rng(bits)
-    given, out = rng.normal(vabs=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
+    given, out = rng.normal(size=(1, 2, LANES)).astype(np.float32), np.zeros((2, 3, LANES), np.float32)
     which = rng.integers(0, 3 * LANES, (1, 1, LANES)).astype(np.int32)
     choose(given, which, np.int32(bits), out)
     np.testing.assert_array_equal(out[1, 0], given[0, 0, which[0, 0] % LANES])
