@@ -93,8 +93,8 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources. They are part of its
-    name, too: the index of another version's cache may name classes that are gone, and cannot be read."""
+    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources. Its name has
+    their hash, too: the index of another version's cache may name classes that are gone, and cannot be read."""
 
     def run_frames(
         body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames

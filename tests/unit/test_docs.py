@@ -175,7 +175,7 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "`motion.max_state_age_s`, 0.1 s": shipped.motion.max_state_age_s == 0.1,
         "0.002 rad off": checks.ExecutionLimits().altered == 0.002,
         "no further from the last one than the joints go in 40 ms at full speed": setpoint.JUMP_TIME == 0.040,
-        "after one of more than 50 ms it runs up from rest": ticks.STALL_S == 0.050,
+        "After a stall of more than 50 ms it accelerates from rest": ticks.STALL_S == 0.050,
         "One of more than 2 s in the middle of a motion": ticks.LOST_S == 2.0,
         "`grasp.press_force` (25 N as shipped)": shipped.grasp.press_force == 25.0,
         "`pressing.force` (20 N)": shipped.pressing.force == 20.0,

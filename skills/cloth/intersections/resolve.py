@@ -26,7 +26,7 @@ from robots.ports import Array
 from skills.cloth.intersections.crossings import crosses
 from skills.cloth.simd.vec3 import cross, dot, load
 
-STEP = 0.1  # x thickness an examination: how far each crossing moves its edge and triangle
+STEP = 0.1  # in cloth thicknesses per examination: how far each crossing moves its edge and triangle
 PATIENCE = 3  # examinations for which a crossing is left to the contacts
 SLANT = 0.2  # lower bound of the sine of an edge's angle with its triangle, in the gradient
 GLANCE = 4  # frames between examinations while nothing crosses; else every frame
