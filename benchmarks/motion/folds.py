@@ -41,7 +41,7 @@ MEASURED = 12
 
 @dataclass
 class _Findings:
-    """What is gathered over the folds; lists hold one figure a fold, or a path."""
+    """Results collected over all folds: each list has one number per fold or per path."""
 
     planned: int = 0
     refused: int = 0

@@ -188,7 +188,7 @@ class _PyBullet:
 
 
 class _Pink:
-    """Pink's differential inverse kinematics, iterated, from each start until one is good."""
+    """Pink's differential inverse kinematics from each start in turn, until one gives a good solution."""
 
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
         import pink

@@ -1,4 +1,4 @@
-"""Contexts of a fold or calibration run: exclusive ownership of the cell, and the run's entry in the journal."""
+"""Context managers of a fold or calibration run: they reserve the cell and record the run in the journal."""
 
 from __future__ import annotations
 

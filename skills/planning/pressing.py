@@ -84,7 +84,7 @@ def crease_dabs(
 
 
 def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
-    """The dabs that one hand can make together with the highest one."""
+    """The highest dab, and the other dabs that the same hand can make with it."""
     highest = max(dabs, key=lambda dab: dab.high)
     return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
 

@@ -45,7 +45,7 @@ class Descent:
 
 @dataclass(frozen=True, eq=False)
 class GraspMotion:
-    """approach: of both arms, to above the grasps. descend: by arm, for the arms in use."""
+    """approach: motion of both arms to poses above the grasps. descend: the descent of each arm in use, by arm."""
 
     approach: ArmTrajectory
     descend: Mapping[Side, Descent]

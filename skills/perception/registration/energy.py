@@ -143,7 +143,8 @@ class ContourTerms:
 
 
 def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: EnergyWeights) -> ContourTerms:
-    """Terms of the energy for the vertices X (n, 2) [m]. reference: (n, 2), with the rest lengths and angles."""
+    """Terms of the energy for the vertices X (n, 2) [m]. reference: (n, 2) vertices that
+    define the rest lengths and rest angles."""
     lengths, angles = segment_lengths(reference), interior_angles(reference)
     n, cover = len(X), weights.cover > 0
     q = boundary.samples if cover else boundary.samples[:0]
