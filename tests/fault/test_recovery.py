@@ -69,7 +69,7 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
     result = onlooker.fold(request)
     monkeypatch.undo()
     assert (result.result, result.state, result.exit_code) == ("fault", "fault", 3)
-    assert result.failure["kind"] == "unrecorded" and "free by hand" in result.failure["hint"]
+    assert result.failure["kind"] == "unrecorded" and "free the garment from the hands" in result.failure["hint"]
     assert [effect for effect, _ in onlooker.performed[-2:]] == [Effect.FOLD, Effect.HOLD]
     held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
     assert len(held) == 1 and not np.any(held[0].qd)

@@ -50,7 +50,7 @@ def context() -> RunContext:
         index=1,
         adjustments=(Adjustment.LOWER,),
         attempts={(0, "drift"): 2},
-        zeros={Side.LEFT: TactileBias(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
+        biases={Side.LEFT: TactileBias(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
         failure=Failure(FailureKind.DRIFT, "it moved", "look", {"drift_m": 0.03}),
         reentry=Event.LOOK_AGAIN,
     )
