@@ -246,6 +246,7 @@ def bent_edges(sim, x):
     return bent
 
 
+@pytest.mark.timeout(600)
 def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
     """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
     near = missing = 0
