@@ -250,7 +250,7 @@ def bent_edges(sim, x):
 def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
     """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
     near = missing = 0
-    for seed in range(3, 7):
+    for seed in range(3, 5):
         mesh, x = two_sheets()
         x[:, 2] = 3.0 * x[:, 2] + np.where(mesh.layer == 1, 0.035, 0.012)
         sim = ClothSimulation(mesh, MATERIAL, x, SolverSettings(frame_rate=240, substeps=PHASE, drag=0.0))
@@ -270,7 +270,7 @@ def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
             )
             near += sum(bent[e] and bent[f] for e, f in every)
             missing += sum(bent[e] and bent[f] for e, f in lost)
-    assert near > 300 and missing <= 0.02 * near
+    assert near > 150 and missing <= 0.02 * near
 
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
