@@ -24,16 +24,16 @@ PAYLOAD = {"step": 1, "attempt": 0, "event": "done", "figures": [0.123456789] * 
 def measure(tell: Callable[[str], None], lines: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         took = {
-            "journal_file": _timed(_ledger(Path(folder) / "journal.db"), lines),
+            "journal": _timed(_journal(Path(folder) / "journal.db"), lines),
             "synced_text_file": _timed(_text_file(Path(folder) / "lines.json"), lines),
             "unsynced_database": _timed(_unsynced(Path(folder) / "unsynced.db"), lines),
         }
-    figures: dict[str, Any] = {"ledger_lines": lines}
+    figures: dict[str, Any] = {"journal_lines": lines}
     for name, seconds in took.items():
         figures[f"{name}_line_ms_median"] = 1e3 * float(np.median(seconds))
         figures[f"{name}_line_ms_p99"] = 1e3 * float(np.quantile(seconds, 0.99))
-    figures["ledger_over_text_file"] = float(np.median(took["journal_file"]) / np.median(took["synced_text_file"]))
-    tell(f"a line of the journal: {figures['ledger_line_ms_median']:.2f} ms")
+    figures["journal_over_text_file"] = float(np.median(took["journal"]) / np.median(took["synced_text_file"]))
+    tell(f"a line of the journal: {figures['journal_line_ms_median']:.2f} ms")
     return figures
 
 
@@ -46,7 +46,7 @@ def _timed(append: Callable[[int], object], lines: int) -> list[float]:
     return took
 
 
-def _ledger(path: Path) -> Callable[[int], object]:
+def _journal(path: Path) -> Callable[[int], object]:
     run = Journal.open(path).begin_run(garment="towel", seed=1, driver="sim")
     return lambda n: run.event(0.01 * n, "folding", "done", PAYLOAD)
 

@@ -191,9 +191,9 @@ def _logs(logs: Path) -> Iterable[Check]:
     with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()
         runs = journal.runs()
-    hint = "" if state == "ok" else f"keep a copy of {journal} and move it aside"
+    hint = "" if state == "ok" else f"keep a copy of {journal_file} and move it aside"
     verdict = Verdict.GOOD if state == "ok" else Verdict.BAD
-    yield Check("journal_file", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
+    yield Check("journal", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
 
 
 def _write_problem(folder: Path) -> str | None:

@@ -133,14 +133,14 @@ def test_a_run_without_failures_ends_folded(rig: Rig) -> None:
 def test_the_intent_is_on_disk_before_the_effect_and_its_result_after_it(rig: Rig) -> None:
     seen = []
 
-    def look_at_the_ledger(cell: Any, context: RunContext) -> Result:
+    def read_the_journal(cell: Any, context: RunContext) -> Result:
         with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
             intent = reader.last_intent(rig.journal_file.id)
         assert intent is not None
         seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
         return Result(Event.DONE, context, {"force_n": 3.5})
 
-    rig.special[Effect.GRASP] = look_at_the_ledger
+    rig.special[Effect.GRASP] = read_the_journal
     rig.run()
     started = STRAIGHT.index(Effect.GRASP)
     assert seen == [("grasp", "grasping", float(started), None)]
